@@ -1,0 +1,10 @@
+"""GRS: a photo with depth goes in, a validated MuJoCo robot task comes out."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+try:
+    __version__ = version("grs-agents")
+except PackageNotFoundError:  # a source tree that was never installed
+    __version__ = "0.0.0"
+
+__all__ = ["__version__"]

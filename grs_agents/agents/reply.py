@@ -1,0 +1,88 @@
+"""Strict parsers of replies: a fenced block, JSON by schema, Python that compiles, a verdict."""
+
+import ast
+import json
+import re
+from typing import Any, TypeVar, cast
+
+from pydantic import BaseModel, ValidationError
+
+from grs_agents.agents.types import RouterReply, Verdict
+
+Model = TypeVar("Model", bound=BaseModel)
+_FENCE = re.compile(r"^```[ \t]*([\w+-]*)[ \t]*\r?\n(.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
+_VERDICTS: dict[str, Verdict] = {"fix_code": "fix_code", "fix_test": "fix_test", "fix_tests": "fix_test"}
+
+
+class ReplyError(ValueError):
+    """A reply that does not have the form asked for; the message tells the model what to mend."""
+
+
+def fenced(text: str, language: str) -> str:
+    """The last fenced block in ``language`` (or without a language) of a reply.
+
+    Raises:
+        ReplyError: no such block, or an unclosed one.
+    """
+    blocks = [body for tag, body in _FENCE.findall(text) if tag.lower() in (language, "", language[:2])]
+    if blocks:
+        return cast(str, blocks[-1])
+    if "```" in text:
+        raise ReplyError(f"found no closed block fenced with ```{language}")
+    raise ReplyError(f"the reply has no block fenced with ```{language}")
+
+
+def parse_json(text: str, model: type[Model]) -> Model:
+    """The JSON object in the reply's fenced block (or the whole reply), checked by ``model``'s schema.
+
+    Raises:
+        ReplyError: not JSON, or not by the schema.
+    """
+    body = text if text.lstrip().startswith("{") else fenced(text, "json")
+    try:
+        value: Any = json.loads(body)
+    except json.JSONDecodeError as error:
+        raise ReplyError(f"the block is not JSON: {error}") from error
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the object"
+        raise ReplyError(f"{where}: {first['msg']}") from error
+
+
+def parse_python(text: str) -> str:
+    """The Python program in the reply's fenced block. Its syntax is left to the tests: a broken program is a
+    version like any other, with a traceback that the router reads.
+
+    Raises:
+        ReplyError: no block, or an empty one.
+    """
+    body = text if _is_program(text) else fenced(text, "python")
+    if not body.strip():
+        raise ReplyError("the python block is empty")
+    return body.rstrip() + "\n"
+
+
+def parse_verdict(text: str) -> RouterReply:
+    """The router's verdict: the last fenced block that holds exactly one of the two values (paper, Listing 3).
+
+    Raises:
+        ReplyError: none or another value.
+    """
+    blocks = [cast(str, body).strip().strip("\"'`") for _, body in _FENCE.findall(text)]
+    verdicts = [block for block in blocks if block in _VERDICTS]
+    if not verdicts:
+        raise ReplyError("end with a fenced block that holds exactly fix_code or fix_test")
+    explanation = _FENCE.sub("", text).strip()
+    return RouterReply(verdict=_VERDICTS[verdicts[-1]], explanation=explanation)
+
+
+def _is_program(text: str) -> bool:
+    if "```" in text or "import" not in text:
+        return False
+    try:
+        ast.parse(text)
+    except (SyntaxError, ValueError):
+        return False
+    return True

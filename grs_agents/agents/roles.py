@@ -1,0 +1,116 @@
+"""The eight agents of the paper: what each is told, shown and asked for.
+
+Following the paper, the scene image goes to the describer, matcher, task author, simulation author and code fixer
+(vision-language models), not to the test author and test fixer (language models).
+"""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from grs_agents.agents.agent import Agents
+from grs_agents.agents.reply import ReplyError, parse_json, parse_python, parse_verdict
+from grs_agents.agents.types import Description, Match, NoReply, RouterReply, TaskDefinition
+
+Json = dict[str, Any]
+
+
+def describe(agents: Agents, measurements: Json, images: Sequence[str]) -> Description | NoReply:
+    """Describe one crop. ``images``: the crop, then the scene."""
+    values = {"measurements": _json(measurements)}
+    return agents.ask("describe", values, lambda text: parse_json(text, Description), images)
+
+
+def match(agents: Agents, candidate: Json, assets: Sequence[Json], images: Sequence[str]) -> Match | NoReply:
+    """Match one candidate with an asset. ``assets`` hold name, description, color and size."""
+    names = {str(asset["name"]) for asset in assets}
+
+    def parse(text: str) -> Match:
+        found = parse_json(text, Match)
+        if found.match == "asset" and found.asset not in names:
+            raise ReplyError(f"asset {found.asset!r} is not in the list of assets")
+        return found
+
+    lines = "\n".join(json.dumps(asset, ensure_ascii=False) for asset in assets)
+    return agents.ask("match", {"candidate": _json(candidate), "assets": lines}, parse, images)
+
+
+def author_task(
+    agents: Agents, scene: Json, fixtures: Sequence[Json], images: Sequence[str]
+) -> TaskDefinition | NoReply:
+    """Define a task for the scene. ``fixtures``: library assets that may be added to what the photo shows."""
+    known = {str(thing["asset"]) for thing in scene["objects"]} | {str(thing["name"]) for thing in fixtures}
+
+    def parse(text: str) -> TaskDefinition:
+        task = parse_json(text, TaskDefinition)
+        unknown = sorted(set(task.assets) - known)
+        if unknown:
+            raise ReplyError(f"assets-used names {unknown}, which are neither in the scene nor fixtures")
+        return task
+
+    lines = "\n".join(json.dumps(fixture, ensure_ascii=False) for fixture in fixtures)
+    return agents.ask("task", {"scene": _json(scene), "fixtures": lines}, parse, images)
+
+
+def author_simulation(
+    agents: Agents, task: TaskDefinition, scene: Json, api: str, examples: str, images: Sequence[str]
+) -> str | NoReply:
+    """Write the simulation program."""
+    values = {"task": _json(task.as_json()), "scene": _json(scene), "api": api, "examples": examples}
+    return agents.ask("simulation", values, parse_python, images)
+
+
+def author_tests(agents: Agents, task: TaskDefinition, code: str, api: str) -> str | NoReply:
+    """Write the tests, from the task and the program alone."""
+    values = {"task": _json(task.as_json()), "code": code, "api": api}
+    return agents.ask("tests", values, parse_python)
+
+
+def route(agents: Agents, task: TaskDefinition, results: str, history: Sequence[str]) -> RouterReply | NoReply:
+    """Decide between fixing the program and fixing the tests."""
+    values = {
+        "task": _json(task.as_json()),
+        "test_results": results,
+        "history": "\n".join(history) or "(no fixes yet)",
+    }
+    return agents.ask("route", values, parse_verdict)
+
+
+def fix_code(
+    agents: Agents,
+    task: TaskDefinition,
+    scene: Json,
+    code: str,
+    results: str,
+    explanation: str,
+    api: str,
+    images: Sequence[str],
+) -> str | NoReply:
+    """Write the next version of the simulation program."""
+    values = {
+        "task": _json(task.as_json()),
+        "scene": _json(scene),
+        "code": code,
+        "test_results": results,
+        "explanation": explanation,
+        "api": api,
+    }
+    return agents.ask("fix_code", values, parse_python, images)
+
+
+def fix_tests(
+    agents: Agents, task: TaskDefinition, code: str, tests: str, results: str, explanation: str
+) -> str | NoReply:
+    """Write the next version of the tests."""
+    values = {
+        "task": _json(task.as_json()),
+        "code": code,
+        "tests": tests,
+        "test_results": results,
+        "explanation": explanation,
+    }
+    return agents.ask("fix_tests", values, parse_python)
+
+
+def _json(value: Json) -> str:
+    return json.dumps(value, indent=1, ensure_ascii=False)

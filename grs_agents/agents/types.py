@@ -1,0 +1,84 @@
+"""What the agents say, as frozen types."""
+
+import re
+from typing import Any, Literal
+
+from pydantic import ConfigDict, Field, field_validator
+
+from grs_agents.base import Frozen
+
+Verdict = Literal["fix_code", "fix_test"]
+"""The router's two answers, spelt as in the paper."""
+
+
+class Description(Frozen):
+    """What the describer says of one segmented crop (paper, Scene Comprehension, step 2)."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    is_object: bool
+    description: str = Field(min_length=1)
+    color: str
+    shape: str
+    category: str
+
+
+class Match(Frozen):
+    """What the matcher says of one candidate (paper, Scene Comprehension, step 3).
+
+    ``asset`` names a library asset; ``no_asset`` is a real object that the library lacks; ``no_object`` is a
+    segment that is not an object at all.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    match: Literal["asset", "no_asset", "no_object"]
+    asset: str | None = None
+    reason: str = ""
+
+
+class TaskDefinition(Frozen):
+    """The paper's three fields, with its spelling in JSON."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
+
+    name: str = Field(alias="task-name", min_length=1, max_length=100)
+    description: str = Field(alias="task-description", min_length=1)
+    assets: tuple[str, ...] = Field(alias="assets-used", min_length=1)
+
+    @field_validator("name")
+    @classmethod
+    def kebab_case(cls, name: str) -> str:
+        """Task names become file and class names: letters, digits and dashes."""
+        slug = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+        if not slug:
+            raise ValueError("task-name needs letters or digits")
+        return slug
+
+    def as_json(self) -> dict[str, Any]:
+        """The definition as the paper prints it."""
+        return self.model_dump(mode="json", by_alias=True)
+
+
+class RouterReply(Frozen):
+    """The router's explanation and verdict."""
+
+    verdict: Verdict
+    explanation: str
+
+
+class NoReply(Frozen):
+    """A role whose model gave no usable reply: an outcome, not an exception.
+
+    Attributes:
+        role: who was asked.
+        tries: how many replies were refused.
+        problem: what was wrong with the last one.
+    """
+
+    role: str
+    tries: int
+    problem: str
+
+    def __str__(self) -> str:
+        return f"the {self.role} model gave no usable reply in {self.tries} tries: {self.problem}"

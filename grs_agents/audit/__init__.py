@@ -1,0 +1,6 @@
+"""What makes a result trustworthy: checks on task instances, measured by trusted code."""
+
+from grs_agents.audit.checks import audit, changes
+from grs_agents.audit.types import AuditReport, Change, Finding
+
+__all__ = ["AuditReport", "Change", "Finding", "audit", "changes"]

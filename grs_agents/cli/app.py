@@ -1,0 +1,145 @@
+"""The verbs. Each imports what it needs when it is called, so that ``grs --help`` is quick."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from grs_agents import __version__, content
+from grs_agents.cli.options import ConfigFile, Json, Out, Resume, Seed, Settings, effective, refuse_changes
+
+app = typer.Typer(
+    name="grs",
+    help="From a photo with depth to a validated MuJoCo robot task.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+SceneFolder = Annotated[Path, typer.Argument(help="A folder with rgb.png, depth.png (uint16) and camera.json.")]
+RunFolder = Annotated[Path, typer.Argument(help="A run folder.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _common(  # pyright: ignore[reportUnusedFunction]
+    content_folder: Annotated[
+        Path | None,
+        typer.Option("--content", help="Your own graphs, tools, prompts and assets; their code is executed."),
+    ] = None,
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True)] = False,
+) -> None:
+    if content_folder is not None:
+        content.add_overlay(content_folder)
+
+
+@app.command()
+def run(
+    scene: SceneFolder,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    seed: Seed = None,
+    out: Out = None,
+    resume: Resume = False,
+    json: Json = False,
+) -> None:
+    """Make a validated simulated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 input, 3 our error."""
+    from grs_agents.cli.running import run_graph
+
+    refuse_changes(resume, config, settings, seed)
+    sys.exit(run_graph("run", scene, effective(config, settings, seed).config, out, resume, json))
+
+
+@app.command()
+def scene(
+    scene: SceneFolder,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    seed: Seed = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Comprehend a photo alone: its objects, their boxes and assets."""
+    from grs_agents.cli.running import run_graph
+
+    chosen = effective(config, [*(settings or []), "graph=scene"], seed).config
+    sys.exit(run_graph("scene", scene, chosen, out, False, json))
+
+
+@app.command()
+def check(
+    simulation: Annotated[Path, typer.Argument(help="A simulation program: a Python file with a Task subclass.")],
+    tests: Annotated[Path | None, typer.Option("--tests", help="Its unittest file.", metavar="TESTS.py")] = None,
+    seeds: Annotated[int, typer.Option("--seeds", help="How many task instances to solve.", min=1, max=100)] = 3,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    json: Json = False,
+) -> None:
+    """Check a simulation program of your own through sandbox, tests, oracle and audit. Exit status as for run."""
+    from grs_agents.cli.checking import check_program
+
+    chosen = effective(config, [*(settings or []), f"audit.seeds={seeds}"]).config
+    sys.exit(check_program(simulation, tests, chosen, json))
+
+
+@app.command()
+def show(run: RunFolder, json: Json = False) -> None:
+    """Show the steps of a run as a table."""
+    from grs_agents.cli.looking import show_run
+
+    show_run(run, json)
+
+
+@app.command()
+def replay(
+    run: RunFolder,
+    web: Annotated[bool, typer.Option("--web", help="Open the viewer in a browser.")] = False,
+) -> None:
+    """Open a run's trace in the rerun viewer, on 127.0.0.1."""
+    from grs_agents.cli.looking import replay_run
+
+    sys.exit(replay_run(run, web))
+
+
+@app.command()
+def graph(name: Annotated[str, typer.Argument(help="A graph's name; see grs list.")]) -> None:
+    """Print a graph as a mermaid diagram."""
+    print(content.load_module("graphs", name).build().compile().get_graph().draw_mermaid())
+
+
+@app.command()
+def doctor(json: Json = False) -> None:
+    """Say what works on this machine, and how to get what does not."""
+    from grs_agents.cli.doctor import diagnose
+
+    sys.exit(diagnose(json))
+
+
+@app.command("list")
+def list_names(json: Json = False) -> None:
+    """List the graphs, tools, prompts, assets, evals and policies there are."""
+    from grs_agents.cli.listing import list_content
+
+    list_content(json)
+
+
+@app.command("config")
+def show_config(config: ConfigFile = None, settings: Settings = None, seed: Seed = None, json: Json = False) -> None:
+    """Show the effective configuration with the source of each value."""
+    from grs_agents.cli.listing import list_config
+
+    list_config(effective(config, settings, seed), json)
+
+
+@app.command("eval", context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def evaluate(
+    context: typer.Context, name: Annotated[str, typer.Argument(help="An experiment's name; see grs list.")]
+) -> None:
+    """Run an experiment; what follows its name is passed on to it (try --help)."""
+    sys.exit(content.load_module("evals", name).main(context.args))

@@ -1,0 +1,94 @@
+"""``grs doctor``: what works here, and how to get what does not."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+from rich.console import Console
+from rich.table import Table
+
+from grs_agents.run import versions
+from grs_agents.run.execute import PRELOAD
+from grs_agents.sandbox import Limits, Sandbox
+
+PROVIDERS = {
+    "openai": ("langchain_openai", "OPENAI_API_KEY"),
+    "anthropic": ("langchain_anthropic", "ANTHROPIC_API_KEY"),
+    "google": ("langchain_google_genai", "GOOGLE_API_KEY"),
+    "ollama": ("langchain_ollama", None),
+}
+GL_BACKENDS = {"egl": "libegl1", "osmesa": "libosmesa6"}
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """One thing that was looked at.
+
+    Attributes:
+        subject: what.
+        state: ``works``, ``absent`` (optional) or ``broken`` (needed).
+        detail: what was found.
+        remedy: how to get it.
+    """
+
+    subject: str
+    state: Literal["works", "absent", "broken"]
+    detail: str
+    remedy: str = ""
+
+
+def diagnose(as_json: bool) -> int:
+    """Look at the sandbox, GL, the models and the versions.
+
+    Returns:
+        0 if everything that GRS needs works, 3 if not.
+    """
+    found = [_sandbox(), *(_gl(name) for name in GL_BACKENDS), *(_provider(name) for name in PROVIDERS)]
+    found.insert(1, Diagnosis("model offline", "works", "embedded, no key"))
+    found += [Diagnosis(name, "works", value) for name, value in versions().items()]
+    if as_json:
+        print(json.dumps([asdict(one) for one in found], indent=2))
+    else:
+        table = Table("what", "state", "found", "how to get it")
+        for one in found:
+            table.add_row(one.subject, one.state, one.detail, one.remedy)
+        Console().print(table)
+    return 3 if any(one.state == "broken" for one in found) else 0
+
+
+def _sandbox() -> Diagnosis:
+    """Run an endless program and see it end."""
+    limits = Limits(wall_seconds=5, cpu_seconds=1)
+    endless = {"simulation": "while True:\n    pass\n", "tests": _TESTS, "library_roots": [], "seed": 0}
+    with Sandbox(preload=PRELOAD) as sandbox:
+        result = sandbox.call("run_tests", endless, limits)
+    stopped = result.outcome in ("timeout", "cpu_limit")
+    detail = f"{result.backend}: an endless program was stopped after {result.seconds:.1f} s ({result.outcome})"
+    return Diagnosis("sandbox", "works" if stopped else "broken", detail)
+
+
+_TESTS = "import unittest\nclass T(unittest.TestCase):\n    def test_a(self):\n        import task_code\n"
+
+
+def _gl(name: str) -> Diagnosis:
+    """Make a renderer in a process of its own: a wrong ``MUJOCO_GL`` breaks the import of mujoco itself."""
+    probe = "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 8, 8)"
+    done = subprocess.run(
+        [sys.executable, "-c", probe], env={**os.environ, "MUJOCO_GL": name}, capture_output=True, check=False
+    )
+    if done.returncode == 0:
+        return Diagnosis(f"GL {name}", "works", "renders (optional: GRS itself never needs GL)")
+    return Diagnosis(f"GL {name}", "absent", "optional: pictures are ray-cast without it", f"apt install {GL_BACKENDS[name]}")
+
+
+def _provider(name: str) -> Diagnosis:
+    module, key = PROVIDERS[name]
+    if importlib.util.find_spec(module) is None:
+        return Diagnosis(f"models {name}", "absent", "extra not installed", f'pip install "grs-agents[{name}]"')
+    if key is not None and not os.environ.get(key):
+        return Diagnosis(f"models {name}", "absent", "installed, no key", f"export {key}=...")
+    return Diagnosis(f"models {name}", "works", "installed" + (f", {key} is set" if key else ""))

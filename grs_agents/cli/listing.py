@@ -1,0 +1,72 @@
+"""``grs list`` and ``grs config``."""
+
+import ast
+import json
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from grs_agents import content
+from grs_agents.config import Effective
+
+
+def list_content(as_json: bool) -> None:
+    """Print every name a configuration may hold, with its first line of documentation."""
+    from grs_agents.library import Library
+    from grs_agents.policies import POLICIES
+
+    found: dict[str, dict[str, str]] = {
+        kind: {name: _headline(content.path(kind, name)) for name in content.names(kind)}
+        for kind in content.KINDS
+        if kind != "assets"
+    }
+    found["assets"] = {asset.name: asset.description for asset in Library().assets()}
+    scenes = content.path("assets", "scenes")
+    found["scenes"] = {str(folder): "sample scene" for folder in sorted(scenes.iterdir()) if folder.is_dir()}
+    found["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
+    found["policies"].update({entry.name: entry.value for entry in entry_points(group="grs_agents.policies")})
+    if as_json:
+        print(json.dumps(found, indent=2))
+        return
+    console = Console()
+    for kind, things in found.items():
+        table = Table("name", "what it is", title=kind, title_justify="left", expand=False)
+        for name, text in things.items():
+            table.add_row(name, text)
+        console.print(table)
+
+
+def list_config(effective: Effective, as_json: bool) -> None:
+    """Print each key with its value and where the value came from."""
+    rows = list(_flat(effective.config.model_dump(mode="json")))
+    sources = {key: effective.sources.get(key, "default") for key, _ in rows}
+    if as_json:
+        print(json.dumps({key: {"value": value, "source": sources[key]} for key, value in rows}, indent=2))
+        return
+    table = Table("key", "value", "source")
+    for key, value in rows:
+        table.add_row(key, json.dumps(value), sources[key])
+    Console().print(table)
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    rows: list[tuple[str, Any]] = []
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        rows.extend(_flat(value, f"{name}.") if isinstance(value, dict) else [(name, value)])
+    return rows
+
+
+def _headline(file: Path) -> str:
+    """The first line of a module's docstring, or of a Markdown file, without importing anything."""
+    text = file.read_text(encoding="utf-8")
+    if file.suffix != ".py":
+        return _first_line(text).lstrip("# ")
+    return _first_line(ast.get_docstring(ast.parse(text)))
+
+
+def _first_line(text: str | None) -> str:
+    return (text or "").strip().split("\n", 1)[0]

@@ -1,0 +1,37 @@
+"""Options that several verbs share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from grs_agents.config import Effective, load_config
+from grs_agents.errors import ConfigError
+
+ConfigFile = Annotated[Path | None, typer.Option("--config", help="A TOML configuration file.", metavar="FILE")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Override one key, e.g. --set max_fixes=5. Repeatable.", metavar="KEY=VALUE"),
+]
+Seed = Annotated[int | None, typer.Option("--seed", help="The seed of everything random.", metavar="N")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON alone on stdout.")]
+Out = Annotated[Path | None, typer.Option("--out", help="The run folder; runs/<id> by default.", metavar="DIR")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with the run in --out where it stopped.")]
+
+
+def effective(file: Path | None, settings: list[str] | None, seed: int | None = None) -> Effective:
+    """The configuration that these options make; ``--seed N`` is ``--set seed=N``."""
+    extra = [] if seed is None else [f"seed={seed}"]
+    return load_config(file, [*(settings or []), *extra])
+
+
+def refuse_changes(resume: bool, file: Path | None, settings: list[str] | None, seed: int | None) -> None:
+    """A resumed run keeps the configuration it was started with.
+
+    Raises:
+        ConfigError: a configuration is given together with ``--resume``.
+    """
+    if resume and (file is not None or settings or seed is not None):
+        raise ConfigError(
+            "--resume goes on with the configuration in run.json", "leave --config, --set and --seed out"
+        )

@@ -1,0 +1,138 @@
+"""Merge defaults, environment, file and ``--set`` into one validated ``Config`` that knows where each value came from."""
+
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from pydantic import ValidationError
+
+from grs_agents.config.model import ROLE_ALIASES, ROLES, Config
+from grs_agents.errors import ConfigError, UnknownNameError
+
+Tree = dict[str, Any]
+ENVIRONMENT_PREFIX = "GRS_"
+
+
+@dataclass(frozen=True)
+class Effective:
+    """A configuration with the source of each value.
+
+    Attributes:
+        config: the validated values.
+        sources: dotted key -> ``default``, ``environment NAME``, ``file PATH`` or ``--set``.
+    """
+
+    config: Config
+    sources: Mapping[str, str]
+
+
+def load_config(
+    file: Path | None = None,
+    settings: Sequence[str] = (),
+    environment: Mapping[str, str] | None = None,
+) -> Effective:
+    """Read the configuration; explicit beats implicit: ``--set`` > file > ``GRS_*`` environment > defaults.
+
+    Args:
+        file: a TOML file.
+        settings: ``key.sub=value`` strings; values are TOML, a bare word is a string.
+        environment: where ``GRS_KEY__SUB`` variables are looked up; the process's own by default.
+
+    Raises:
+        ConfigError: a file that cannot be read, a malformed setting, an unknown key or a value out of bounds.
+    """
+    layers: list[tuple[str, Tree]] = []
+    for name, value in sorted((os.environ if environment is None else environment).items()):
+        if name.startswith(ENVIRONMENT_PREFIX) and name != ENVIRONMENT_PREFIX:
+            dotted = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
+            layers.append((f"environment {name}", _nest(dotted, _value(value))))
+    if file is not None:
+        layers.append((f"file {file}", _read(file)))
+    layers.extend(("--set", _setting(text)) for text in settings)
+    tree: Tree = Config().model_dump()
+    sources = {key: "default" for key in _leaves(tree)}
+    for source, layer in layers:
+        expanded = _expand(layer)
+        for role, model in cast(Tree, expanded.get("models", {})).items():
+            if "model" in model:  # another model never inherits the old one's endpoint or key
+                tree["models"][role] = {}
+                sources = {key: value for key, value in sources.items() if not key.startswith(f"models.{role}.")}
+        tree = _merge(tree, expanded)
+        sources.update({key: source for key in _leaves(expanded)})
+    return Effective(_validate(tree), sources)
+
+
+def _read(file: Path) -> Tree:
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read {file}: {error.strerror}", "name an existing TOML file with --config") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{file} is not TOML: {error}", "mend the line it names") from error
+
+
+def _setting(text: str) -> Tree:
+    key, equals, value = text.partition("=")
+    if not equals or not all(part.strip() for part in key.split(".")):
+        raise ConfigError(f"--set wants key.sub=value, got {text!r}", "e.g. --set max_fixes=5")
+    return _nest([part.strip() for part in key.split(".")], _value(value))
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text.strip()
+
+
+def _nest(keys: Sequence[str], value: Any) -> Tree:
+    for key in reversed(keys):
+        value = {key: value}
+    return cast(Tree, value)
+
+
+def _expand(layer: Tree) -> Tree:
+    """Spell shorthands out: ``models.default = "offline"`` and the model keys beside the roles."""
+    if not isinstance(layer.get("models"), dict):
+        return layer
+    models: Tree = {}
+    for key, value in cast(Tree, layer["models"]).items():
+        if key in ("base_url", "key_variable", "temperature", "timeout", "max_tokens"):
+            models.setdefault("default", {})[key] = value
+            continue
+        role = ROLE_ALIASES.get(key, key)
+        if role not in ROLES:
+            raise UnknownNameError("model role", key, ROLES)
+        models.setdefault(role, {}).update({"model": value} if isinstance(value, str) else value)
+    return {**layer, "models": models}
+
+
+def _merge(below: Tree, above: Tree) -> Tree:
+    merged = dict(below)
+    for key, value in above.items():
+        old = merged.get(key)
+        both = isinstance(old, dict) and isinstance(value, dict)
+        merged[key] = _merge(cast(Tree, old), cast(Tree, value)) if both else value
+    return merged
+
+
+def _leaves(tree: Tree, prefix: str = "") -> list[str]:
+    keys: list[str] = []
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        keys.extend(_leaves(cast(Tree, value), f"{name}.") if isinstance(value, dict) else [name])
+    return keys
+
+
+def _validate(tree: Tree) -> Config:
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            raise UnknownNameError("config key", where, _leaves(Config().model_dump())) from error
+        raise ConfigError(f"config {where} = {first['input']!r}: {first['msg']}", "see `grs config`") from error

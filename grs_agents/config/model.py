@@ -1,0 +1,101 @@
+"""The configuration's types: frozen, every key known, every bound stated."""
+
+from pydantic import Field
+
+from grs_agents.base import Frozen
+
+ROLES = ("default", "describe", "match", "task", "simulation", "tests", "route", "fix_code", "fix_tests")
+"""The agent roles a model may be named for; ``default`` serves every role that has none of its own."""
+ROLE_ALIASES = {"router": "route", "describer": "describe", "matcher": "match", "task_author": "task"}
+
+
+class ModelConfig(Frozen):
+    """Which chat model serves a role.
+
+    Attributes:
+        model: ``offline`` or ``provider:name`` (providers: openai, anthropic, google, ollama).
+        base_url: another endpoint that speaks the provider's protocol.
+        key_variable: the NAME of the environment variable that holds the key, never the key.
+        temperature: passed on where given.
+        timeout: seconds for one call.
+        max_tokens: the longest reply.
+    """
+
+    model: str
+    base_url: str | None = None
+    key_variable: str | None = None
+    temperature: float | None = Field(default=None, ge=0, le=2)
+    timeout: float = Field(default=120.0, gt=0)
+    max_tokens: int | None = Field(default=None, gt=0)
+
+
+class ToolsConfig(Frozen):
+    """Which tool file does each exchangeable job."""
+
+    segment: str = "segment_rgbd"
+
+
+class PromptsConfig(Frozen):
+    """Which prompt file each role uses."""
+
+    describe: str = "describe"
+    match: str = "match"
+    task: str = "task"
+    simulation: str = "simulation"
+    tests: str = "tests"
+    route: str = "route"
+    fix_code: str = "fix_code"
+    fix_tests: str = "fix_tests"
+
+
+class LimitsConfig(Frozen):
+    """What one sandbox call may cost."""
+
+    wall_seconds: float = Field(default=60, gt=0, le=3600)
+    cpu_seconds: float = Field(default=50, gt=0, le=3600)
+    memory_mib: int = Field(default=1024, ge=256, le=65536)
+    file_mib: int = Field(default=64, ge=1, le=4096)
+    output_mib: int = Field(default=8, ge=1, le=256)
+
+
+class AuditConfig(Frozen):
+    """What a task must show to be accepted.
+
+    Attributes:
+        seeds: how many task instances are solved.
+        reward: the least reward the oracle must reach on each.
+        idle_seconds: simulated seconds of doing nothing that must not solve the task.
+    """
+
+    seeds: int = Field(default=3, ge=1, le=100)
+    reward: float = Field(default=0.99, gt=0, le=1)
+    idle_seconds: float = Field(default=2.0, gt=0, le=60)
+
+
+class Config(Frozen):
+    """Everything a run can be told.
+
+    Attributes:
+        graph: the topology to run, by its name in ``graphs/``.
+        policy: who decides between fixing code and tests: ``llm``, ``rules``, ``always_code``, a dotted path
+            (``package.module:Policy``) or an entry point in the group ``grs_agents.policies``.
+        seed: the seed of everything random, the offline model's choices included.
+        max_fixes: code and test fixes together.
+        reply_retries: how often a reply that does not parse is asked for again, with the error.
+        models: chat model by role.
+    """
+
+    graph: str = "grs"
+    policy: str = "llm"
+    seed: int = Field(default=0, ge=0, lt=2**31)
+    max_fixes: int = Field(default=10, ge=0, le=1000)
+    reply_retries: int = Field(default=2, ge=0, le=20)
+    models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
+    tools: ToolsConfig = ToolsConfig()
+    prompts: PromptsConfig = PromptsConfig()
+    limits: LimitsConfig = LimitsConfig()
+    audit: AuditConfig = AuditConfig()
+
+    def model_for(self, role: str) -> ModelConfig:
+        """The model that serves ``role``."""
+        return self.models.get(role, self.models["default"])

@@ -1,0 +1,91 @@
+"""Content found by name: graphs, tools, prompts, assets and evals, one file for each thing a user may swap.
+
+The content lies beside the package in a source tree and inside it (``_bundled``) in a wheel. A folder of the
+user's own, laid over it with ``--content DIR``, wins where it has a file of the same name.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Literal
+
+from grs_agents.errors import InputError, UnknownNameError
+
+Kind = Literal["graphs", "tools", "prompts", "assets", "evals"]
+KINDS: tuple[Kind, ...] = ("graphs", "tools", "prompts", "assets", "evals")
+_SUFFIX: dict[Kind, str] = {"graphs": ".py", "tools": ".py", "prompts": ".md", "evals": ".py", "assets": ""}
+_overlays: list[Path] = []
+
+
+def content_root() -> Path:
+    """The folder that holds the content folders shipped with GRS."""
+    bundled = Path(__file__).parent / "_bundled"
+    return bundled if bundled.is_dir() else Path(__file__).parent.parent
+
+
+def add_overlay(folder: Path) -> None:
+    """Lay ``folder`` (with any of graphs/, tools/, prompts/, assets/, evals/) over the shipped content.
+
+    Its Python files are executed when they are used, hence never added by default.
+
+    Raises:
+        InputError: the folder does not exist.
+    """
+    if not folder.is_dir():
+        raise InputError(f"content folder {folder} does not exist", "name an existing folder with --content")
+    if folder.resolve() not in _overlays:
+        _overlays.insert(0, folder.resolve())
+
+
+def roots() -> list[Path]:
+    """The content roots, first match wins."""
+    return [*_overlays, content_root()]
+
+
+def names(kind: Kind) -> list[str]:
+    """Every name of ``kind``, sorted. Names that start with an underscore are private."""
+    found: set[str] = set()
+    for root in roots():
+        for entry in (root / kind).glob(f"*{_SUFFIX[kind]}") if (root / kind).is_dir() else ():
+            if not entry.name.startswith(("_", ".")):
+                found.add(entry.stem if _SUFFIX[kind] else entry.name)
+    return sorted(found)
+
+
+def path(kind: Kind, name: str) -> Path:
+    """The file (or, for assets, the file or folder) called ``name``.
+
+    Raises:
+        UnknownNameError: nothing has that name; the message lists the names there are.
+    """
+    if name in names(kind):
+        for root in roots():
+            candidate = root / kind / f"{name}{_SUFFIX[kind]}"
+            if candidate.exists():
+                return candidate
+    raise UnknownNameError(kind.removesuffix("s"), name, names(kind))
+
+
+def load_module(kind: Kind, name: str) -> ModuleType:
+    """Import the content file ``name`` once; a second call returns the same module.
+
+    Raises:
+        UnknownNameError: nothing has that name.
+    """
+    file = path(kind, name)
+    qualified = f"grs_content.{kind}.{name}"
+    loaded = sys.modules.get(qualified)
+    if loaded is not None and loaded.__file__ == str(file):
+        return loaded
+    spec = importlib.util.spec_from_file_location(qualified, file)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{file} is not a Python file", "name a .py file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[qualified] = module  # before exec: dataclasses and pydantic look their module up by name
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[qualified]
+        raise
+    return module

@@ -1,0 +1,48 @@
+"""The errors a user sees: each names the value, the bound or the valid choices, and the remedy."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class GrsError(Exception):
+    """Something went wrong that a person should read about.
+
+    Args:
+        message: what is wrong, with the value and the bound it broke.
+        remedy: what to do about it, as an imperative phrase.
+    """
+
+    exit_status = 3
+
+    def __init__(self, message: str, remedy: str = "") -> None:
+        self.message = " ".join(message.split())
+        self.remedy = " ".join(remedy.split())
+        super().__init__(f"{self.message}; {self.remedy}" if self.remedy else self.message)
+
+
+class InputError(GrsError):
+    """The user's files, folders or arguments are at fault."""
+
+    exit_status = 2
+
+
+class ConfigError(InputError):
+    """The user's configuration is at fault."""
+
+
+class UnknownNameError(ConfigError):
+    """A name that nothing has; the message lists the names that exist, nearest first.
+
+    Args:
+        kind: what was looked for, e.g. ``"tool"``.
+        name: the name that was asked for.
+        valid: the names there are.
+    """
+
+    def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+        names = sorted(set(valid))
+        near = get_close_matches(name, names, n=3, cutoff=0.5)
+        shown = (near + [other for other in names if other not in near])[:30]
+        more = f" and {len(names) - len(shown)} more" if len(names) > len(shown) else ""
+        super().__init__(f"unknown {kind} {name!r}", f"use one of: {', '.join(shown) or '(none)'}{more}")
+        self.kind, self.name, self.valid = kind, name, tuple(names)

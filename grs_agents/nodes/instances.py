@@ -1,0 +1,63 @@
+"""Task instances and the trusted oracle's rollouts of them."""
+
+from dataclasses import dataclass
+
+from grs_agents.files import write_json
+from grs_agents.nodes.services import Services
+from grs_agents.sim import Rollout, TaskInstance
+from grs_agents.trace import Rollout as RolloutEvent
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What trusted code measured of a program.
+
+    Attributes:
+        instances: one validated task instance for each seed that gave one.
+        failures: one line for each seed that did not, or whose rollout failed.
+        rollouts: the oracle's run of each instance.
+    """
+
+    instances: tuple[TaskInstance, ...]
+    failures: tuple[str, ...]
+    rollouts: tuple[Rollout, ...]
+
+
+def measure(simulation: str, services: Services) -> Measured:
+    """Instantiate ``simulation`` for each audit seed in the sandbox, then solve each instance in a process that has
+    never imported it."""
+    roots = [str(root) for root in services.library.roots]
+    seeds = [services.config.seed + step for step in range(services.config.audit.seeds)]
+    result = services.tool("instantiate", simulation=simulation, seeds=seeds, library_roots=roots)
+    failures = [f"seed {failure.seed}: {failure.outcome}: {failure.message}" for failure in result.failures]
+    instances = [TaskInstance.model_validate(instance) for instance in result.instances]
+    rollouts: list[Rollout] = []
+    for instance in instances:
+        name = f"instances/seed_{instance.seed}.json"
+        recording = f"instances/seed_{instance.seed}.npz"
+        write_json(services.folder / name, instance.model_dump(mode="json"))
+        outcome = services.tool(
+            "rollout",
+            instance=instance.model_dump(mode="json"),
+            library_roots=roots,
+            recording=recording,
+            idle_seconds=services.config.audit.idle_seconds,
+        )
+        if outcome.rollout is None:
+            failures.append(f"seed {instance.seed}: rollout {outcome.failure}")
+            continue
+        rollout = Rollout.model_validate(outcome.rollout)
+        rollouts.append(rollout)
+        services.log.append(
+            RolloutEvent(
+                seed=instance.seed,
+                reward=rollout.episode.reward,
+                outcome=rollout.episode.outcome,
+                steps=rollout.episode.steps,
+                moved=rollout.moved,
+                idle_reward=rollout.idle_reward,
+                recording=recording if outcome.recording else None,
+                instance=name,
+            )
+        )
+    return Measured(tuple(instances), tuple(failures), tuple(rollouts))

@@ -1,0 +1,90 @@
+"""What the nodes work with; it is given to a graph as its context and never checkpointed."""
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import wraps
+from pathlib import Path
+from typing import Any, cast
+
+from langgraph.runtime import Runtime
+
+from grs_agents import content
+from grs_agents.agents import Agents
+from grs_agents.config import Config
+from grs_agents.library import Library
+from grs_agents.policies import Policy
+from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.state import RunState
+from grs_agents.toolkit import Tool, ToolContext
+from grs_agents.trace import EventLog, NodeEnded, NodeStarted
+
+Update = dict[str, Any]
+Node = Callable[[RunState, Runtime["Services"]], Update]
+Body = Callable[[RunState, "Services"], Update]
+
+
+@dataclass(frozen=True)
+class Services:
+    """The services of one run.
+
+    Attributes:
+        config: the effective configuration.
+        log: the event log.
+        agents: the models.
+        policy: the routing policy.
+        sandbox: where generated code runs.
+        folder: the run folder.
+        visits: how often each node was entered.
+    """
+
+    config: Config
+    log: EventLog
+    agents: Agents
+    policy: Policy
+    sandbox: Sandbox
+    folder: Path
+    visits: Counter[str] = field(default_factory=Counter[str])
+
+    @property
+    def library(self) -> Library:
+        """The shipped assets with the run's own proxies laid over."""
+        proxies = self.folder / "assets"
+        return Library().overlay(proxies) if proxies.is_dir() else Library()
+
+    def tool(self, name: str, **request: Any) -> Any:
+        """Run the tool called ``name`` with a request made of ``request``."""
+        tool = cast(Tool, content.load_module("tools", name))
+        limits = Limits(**self.config.limits.model_dump())
+        context = ToolContext(sandbox=self.sandbox, library=self.library, limits=limits)
+        return tool.run(tool.Request(**request), context)
+
+
+def node(body: Body) -> Node:
+    """Wrap a node's body: its start, end, seconds and errors become events."""
+
+    @wraps(body)
+    def run(state: RunState, runtime: Runtime[Services]) -> Update:
+        services = runtime.context
+        name = body.__name__
+        services.visits[name] += 1
+        services.log.attempt = state.get("fixes", 0)
+        services.log.append(NodeStarted(node=name, visit=services.visits[name]))
+        begin = time.perf_counter()
+        update: Update = {}
+        error = ""
+        try:
+            update = body(state, services)
+        except BaseException as problem:
+            error = f"{type(problem).__name__}: {problem}"
+            raise
+        finally:
+            seconds = time.perf_counter() - begin
+            services.log.append(NodeEnded(node=name, seconds=seconds, changed=tuple(update), error=error or None))
+        return update
+
+    # LangGraph reads the annotations of what it is given, and ``wraps`` has put the body's there.
+    run.__annotations__ = {"state": RunState, "runtime": Runtime[Services], "return": Update}
+    del run.__wrapped__
+    return run

@@ -1,0 +1,7 @@
+"""One run: its folder, its record, its checkpoints."""
+
+from grs_agents.run.check import CheckOrder, check
+from grs_agents.run.execute import Order, Views, execute
+from grs_agents.run.record import RunRecord, read_record, versions
+
+__all__ = ["CheckOrder", "Order", "RunRecord", "Views", "check", "execute", "read_record", "versions"]

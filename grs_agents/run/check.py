@@ -1,0 +1,74 @@
+"""Check a simulation program of the user's: the same sandbox, tests, instances, oracle and audit, without a model."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from grs_agents.agents import Agents
+from grs_agents.audit import AuditReport, audit
+from grs_agents.config import Config
+from grs_agents.errors import InputError
+from grs_agents.nodes import Services
+from grs_agents.nodes.instances import measure
+from grs_agents.policies import load_policy
+from grs_agents.run.execute import PRELOAD
+from grs_agents.sandbox import Sandbox, TestReport
+from grs_agents.trace import EventLog
+
+
+@dataclass(frozen=True)
+class CheckOrder:
+    """What to check.
+
+    Attributes:
+        simulation: the program.
+        tests: its tests, if there are any.
+        config: bounds, seeds and limits.
+        folder: where instances and recordings are written.
+    """
+
+    simulation: Path
+    tests: Path | None
+    config: Config
+    folder: Path
+
+
+def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
+    """Run the tests, if any, and audit the program's task instances.
+
+    Raises:
+        InputError: a file cannot be read.
+    """
+    simulation, tests = _read(order.simulation), _read(order.tests) if order.tests else None
+    log = EventLog(order.folder / "events.jsonl")
+    with Sandbox(preload=PRELOAD) as sandbox:
+        services = Services(
+            config=order.config,
+            log=log,
+            agents=Agents(config=order.config, log=log, folder=order.folder),
+            policy=load_policy(order.config.policy),
+            sandbox=sandbox,
+            folder=order.folder,
+        )
+        report: TestReport | None = None
+        if tests is not None:
+            report = services.tool(
+                "run_tests",
+                simulation=simulation,
+                tests=tests,
+                simulation_name=order.simulation.stem,
+                library_roots=[str(root) for root in services.library.roots],
+                seed=order.config.seed,
+            ).report
+        measured = measure(simulation, services)
+    return report, audit(
+        measured.instances, measured.failures, measured.rollouts, order.config.audit, services.library
+    )
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror}", "name an existing Python file") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file} is not UTF-8 text: {error}", "name a Python file") from error

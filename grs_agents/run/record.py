@@ -1,0 +1,125 @@
+"""``run.json``: what a run was, how it went and what it cost."""
+
+import platform
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, ValidationError
+
+from grs_agents import __version__
+from grs_agents.base import Frozen
+from grs_agents.errors import InputError
+from grs_agents.files import write_json
+from grs_agents.trace import Event
+
+Status = Literal["running", "accepted", "rejected", "failed", "interrupted"]
+PACKAGES = ("mujoco", "langgraph", "langchain-core", "rerun-sdk", "numpy", "opencv-python-headless", "pydantic", "trimesh")
+FILE = "run.json"
+
+
+class RunRecord(Frozen):
+    """The record of one run.
+
+    Attributes:
+        id: the run's name.
+        status: where it stands.
+        reason: why, in one line.
+        exit_status: what the command returned; ``None`` while running.
+        command: ``run``, ``scene`` or ``check``.
+        source: the scene folder or the program.
+        graph: the topology.
+        config: the effective configuration.
+        versions: of GRS, Python and the packages that matter.
+        seeds: the seeds of the audit.
+        sandbox: the backend that isolated generated code.
+        counts: objects, fixes, model calls, tokens.
+        rewards: the trusted oracle's reward for each seed.
+        seconds: wall seconds by stage, and ``total``.
+        attempts: how often the run was started or resumed.
+    """
+
+    id: str
+    status: Status
+    reason: str = ""
+    exit_status: int | None = None
+    command: str
+    source: str
+    graph: str
+    config: dict[str, Any]
+    versions: dict[str, str]
+    seeds: tuple[int, ...]
+    sandbox: str = ""
+    counts: dict[str, int] = Field(default_factory=dict)
+    rewards: tuple[float, ...] = ()
+    seconds: dict[str, float] = Field(default_factory=dict)
+    attempts: int = 1
+
+    def write(self, folder: Path) -> "RunRecord":
+        """Write ``run.json`` whole; on a full disk, over the old record, so that it never goes on saying ``running``."""
+        try:
+            write_json(folder / FILE, self.model_dump(mode="json"))
+        except InputError:
+            if not (folder / FILE).is_file():
+                raise
+            (folder / FILE).write_text(self.model_dump_json(), encoding="utf-8")
+        return self
+
+
+def read_record(folder: Path) -> RunRecord:
+    """Read ``run.json``.
+
+    Raises:
+        InputError: the folder holds no run, or its record is damaged.
+    """
+    file = folder / FILE
+    try:
+        return RunRecord.model_validate_json(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{folder} holds no run: {FILE}: {error.strerror}", "name a folder that `grs run` wrote") from error
+    except ValidationError as error:
+        raise InputError(f"{file} is not a run record: {error.errors()[0]['msg']}", "name a folder that `grs run` wrote") from error
+
+
+def versions() -> dict[str, str]:
+    """The versions that a result depends on."""
+    found = {"grs-agents": __version__, "python": platform.python_version(), "platform": platform.platform()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def seconds_by_stage(events: Sequence[Event]) -> dict[str, float]:
+    """Wall seconds of each node, summed over its visits, with their total."""
+    seconds: Counter[str] = Counter()
+    for event in events:
+        if event.kind == "node_ended":
+            seconds[event.node] += event.seconds
+    rounded = {name: round(value, 3) for name, value in seconds.items()}
+    return {**rounded, "total": round(sum(seconds.values()), 3)}
+
+
+def counts(events: Sequence[Event], state: Mapping[str, Any]) -> dict[str, int]:
+    """What was seen, kept, made and spent."""
+    replies = [event for event in events if event.kind == "reply"]
+    kinds = Counter(event.node for event in events if event.kind == "node_ended")
+    scene = state.get("scene") or {}
+    rollouts = (state.get("audit") or {}).get("rollouts", [])
+    return {
+        "candidates": len(state.get("candidates") or []),
+        "objects": len(scene.get("objects", [])),
+        "objects_matched": sum(bool(thing["matched"]) for thing in scene.get("objects", [])),
+        "objects_reachable": sum(bool(thing["reachable"]) for thing in scene.get("objects", [])),
+        "assets_used": len((state.get("task") or {}).get("assets-used", [])),
+        "objects_moved": min((len(rollout["moved"]) for rollout in rollouts), default=0),
+        "code_fixes": kinds["fix_code"],
+        "test_fixes": kinds["fix_tests"],
+        "model_calls": len(replies),
+        "input_tokens": sum(event.input_tokens or 0 for event in replies),
+        "output_tokens": sum(event.output_tokens or 0 for event in replies),
+    }

@@ -1,0 +1,49 @@
+"""The state that the graphs pass from node to node: plain data, checkpointed after each step."""
+
+import operator
+from typing import Annotated, Any, TypedDict
+
+
+class RunState(TypedDict, total=False):
+    """Pictures and recordings stay in files; only their paths (relative to the run folder) are kept here.
+
+    Attributes:
+        scene_path: the folder of the photo.
+        max_fixes: how many code and test fixes together.
+        image: the scene image that vision agents see; empty for graphs without one.
+        candidates: one record for each segmented candidate, with the paths of its mask and crop.
+        scene: ``SceneDescription`` as JSON.
+        task: the task definition, in the paper's spelling.
+        simulation: the present simulation program.
+        tests: the present tests.
+        simulation_version: how many versions of the program there were.
+        tests_version: how many versions of the tests there were.
+        report: the latest ``TestReport`` as JSON.
+        decision: the latest ``RoutingDecision`` as JSON.
+        audit: the latest ``AuditReport`` as JSON.
+        fixes: fixes made so far.
+        history: one line for each decision.
+        problem: why the run cannot go on, if it cannot.
+        status: ``accepted`` or ``rejected`` once it is known.
+        reason: why.
+    """
+
+    scene_path: str
+    max_fixes: int
+    image: str
+    frame: dict[str, Any]
+    candidates: list[dict[str, Any]]
+    scene: dict[str, Any]
+    task: dict[str, Any]
+    simulation: str
+    tests: str
+    simulation_version: int
+    tests_version: int
+    report: dict[str, Any]
+    decision: dict[str, Any]
+    audit: dict[str, Any]
+    fixes: Annotated[int, operator.add]
+    history: Annotated[list[str], operator.add]
+    problem: str
+    status: str
+    reason: str

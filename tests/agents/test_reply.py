@@ -1,0 +1,85 @@
+"""Replies are parsed strictly, whatever a model says around its answer."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grs_agents.agents.reply import ReplyError, fenced, parse_json, parse_python, parse_verdict
+from grs_agents.agents.types import Match, TaskDefinition
+
+
+def test_the_last_block_in_the_language_counts() -> None:
+    text = "First try:\n```python\nold = 1\n```\nBetter:\n```python\nnew = 2\n```\nDone."
+    assert fenced(text, "python") == "new = 2\n"
+
+
+def test_an_unclosed_block_is_refused() -> None:
+    with pytest.raises(ReplyError, match="closed"):
+        fenced("```python\nnew = 2\n", "python")
+
+
+def test_prose_alone_is_refused() -> None:
+    with pytest.raises(ReplyError, match="no block"):
+        parse_python("I would rather import nothing.")
+
+
+def test_a_bare_program_is_a_program() -> None:
+    assert parse_python("import math\nx = math.pi") == "import math\nx = math.pi\n"
+
+
+def test_a_broken_program_is_a_version_like_any_other() -> None:
+    assert parse_python("```python\ndef f(:\n```") == "def f(:\n"
+
+
+def test_json_by_schema() -> None:
+    task = parse_json('```json\n{"task-name": "Pack It!", "task-description": "d", "assets-used": ["a"]}\n```', TaskDefinition)
+    assert task.name == "pack-it"
+    assert task.as_json() == {"task-name": "pack-it", "task-description": "d", "assets-used": ["a"]}
+
+
+@pytest.mark.parametrize("body", ["[]", "{}", '{"match": "perhaps"}', "{'match': 'asset'}", "nonsense"])
+def test_json_off_schema_is_refused(body: str) -> None:
+    with pytest.raises(ReplyError):
+        parse_json(f"```json\n{body}\n```", Match)
+
+
+@pytest.mark.parametrize(
+    ("text", "verdict"),
+    [
+        ("The test is wrong.\n```\nfix_test\n```", "fix_test"),
+        ('Code.\n```\n"fix_code"\n```', "fix_code"),
+        ("Not this:\n```\nfix_code\n```\nbut this:\n```text\nfix_tests\n```", "fix_test"),
+    ],
+)
+def test_verdicts(text: str, verdict: str) -> None:
+    assert parse_verdict(text).verdict == verdict
+
+
+@pytest.mark.parametrize("text", ["fix_code", "```\nmaybe\n```", "```\nfix_code or fix_test\n```", ""])
+def test_no_verdict(text: str) -> None:
+    with pytest.raises(ReplyError, match="fix_code or fix_test"):
+        parse_verdict(text)
+
+
+def test_the_explanation_is_what_stands_around_the_verdict() -> None:
+    assert parse_verdict("The import fails.\n\n```\nfix_test\n```").explanation == "The import fails."
+
+
+@given(st.text())
+def test_any_text_is_parsed_or_refused(text: str) -> None:
+    for parse in (parse_python, parse_verdict, lambda reply: parse_json(reply, Match)):
+        try:
+            parse(text)
+        except ReplyError as error:
+            assert str(error)
+
+
+@given(st.dictionaries(st.sampled_from(["match", "asset", "reason", "more"]), st.none() | st.text() | st.integers()))
+def test_any_object_is_parsed_or_refused(value: dict[str, object]) -> None:
+    try:
+        found = parse_json(f"```json\n{json.dumps(value)}\n```", Match)
+    except ReplyError:
+        return
+    assert found.match in ("asset", "no_asset", "no_object")

@@ -1,0 +1,86 @@
+"""The built-in routing policies, and how one's own is found."""
+
+from typing import Any
+
+import pytest
+
+from grs_agents.agents import TaskDefinition
+from grs_agents.errors import ConfigError, UnknownNameError
+from grs_agents.policies import POLICIES, RoutingContext, RoutingDecision, load_policy
+from grs_agents.sandbox import TestCase, TestReport
+
+TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
+
+
+def case(outcome: str, raised_in: str | None, episode: dict[str, Any] | None = None) -> TestCase:
+    return TestCase.model_validate(
+        {
+            "id": "T.test_a",
+            "outcome": outcome,
+            "seconds": 0.1,
+            "message": "m",
+            "traceback": "t",
+            "output": "",
+            "raised_in": raised_in,
+            "episode": episode,
+        }
+    )
+
+
+def context(outcome: str, cases: list[TestCase], raised_in: str | None = None, audit_failed: bool = False) -> RoutingContext:
+    report = TestReport.model_validate(
+        {"outcome": outcome, "cases": cases, "message": "m", "raised_in": raised_in, "seconds": 1.0, "backend": "process"}
+    )
+    return RoutingContext(TASK, report, report.text(), audit_failed, (), None)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("given", "verdict"),
+    [
+        (context("failed", [case("error", "simulation")]), "fix_code"),
+        (context("failed", [case("error", "tests")]), "fix_test"),
+        (context("failed", [case("failed", "tests", {"outcome": "step_limit", "reward": 0.5})]), "fix_code"),
+        (context("failed", [case("failed", "tests", {"outcome": "success", "reward": 1.0})]), "fix_test"),
+        (context("failed", [case("no_assertion", None)]), "fix_test"),
+        (context("failed", [case("timeout", "simulation")]), "fix_code"),
+        (context("error", [], "tests"), "fix_test"),
+        (context("error", [], "simulation"), "fix_code"),
+        (context("no_tests", []), "fix_test"),
+        (context("passed", [case("passed", None)], audit_failed=True), "fix_code"),
+    ],
+)
+def test_rules_judge_by_where_the_error_was_raised(given: RoutingContext, verdict: str) -> None:
+    decision = load_policy("rules").decide(given)
+    assert (decision.verdict, decision.policy) == (verdict, "rules")
+    assert decision.explanation
+
+
+def test_always_code_never_blames_the_tests() -> None:
+    given = context("failed", [case("error", "tests")])
+    assert load_policy("always_code").decide(given).verdict == "fix_code"
+
+
+class Own:
+    def decide(self, context: RoutingContext) -> RoutingDecision:
+        return RoutingDecision(verdict="fix_test", explanation="why not", policy="own")
+
+
+class NoPolicy:
+    pass
+
+
+def test_a_dotted_path_adds_ones_own() -> None:
+    assert type(load_policy(f"{__name__}:Own")).__name__ == "Own"
+
+
+@pytest.mark.parametrize("name", ["nowhere:Policy", f"{__name__}:Absent", f"{__name__}:NoPolicy"])
+def test_a_path_that_is_no_policy_is_refused(name: str) -> None:
+    with pytest.raises(ConfigError):
+        load_policy(name)
+
+
+def test_an_unknown_name_lists_the_valid_ones() -> None:
+    with pytest.raises(UnknownNameError) as caught:
+        load_policy("rule")
+    assert set(POLICIES) <= set(caught.value.valid)
+    assert str(caught.value).index("rules") < str(caught.value).index("llm")
