@@ -1,10 +1,26 @@
 """GRS: a photo with depth goes in, a validated MuJoCo robot task comes out."""
 
-from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
 
-try:
-    __version__ = version("grs-agents")
-except PackageNotFoundError:  # a source tree that was never installed
-    __version__ = "0.0.0"
+if TYPE_CHECKING:
+    from grs_agents.toolkit import tools_for
 
-__all__ = ["__version__"]
+    __version__: str
+
+__all__ = ["__version__", "tools_for"]
+
+
+def __getattr__(name: str) -> Any:
+    """Find out only when asked: ``import grs_agents`` stays free."""
+    if name == "tools_for":
+        from grs_agents.toolkit import tools_for
+
+        return tools_for
+    if name == "__version__":
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            return version("grs-agents")
+        except PackageNotFoundError:  # a source tree that was never installed
+            return "0.0.0"
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,12 +4,15 @@ import operator
 from typing import Annotated, Any, TypedDict
 
 
-class RunState(TypedDict, total=False):
+class RunState(TypedDict):
     """Pictures and recordings stay in files; only their paths (relative to the run folder) are kept here.
+
+    A run begins with ``scene_path`` and ``max_fixes``; the graph's edges see to it that a node finds what it needs.
 
     Attributes:
         scene_path: the folder of the photo.
         max_fixes: how many code and test fixes together.
+        frame: the table and the robot frame laid on it, ``TableFrame`` as JSON.
         image: the scene image that vision agents see; empty for graphs without one.
         candidates: one record for each segmented candidate, with the paths of its mask and crop.
         scene: ``SceneDescription`` as JSON.

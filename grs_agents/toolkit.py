@@ -1,10 +1,21 @@
 """What a tool file is given and what it must offer; each tool is also a LangChain ``StructuredTool``."""
 
-from dataclasses import dataclass
-from typing import Any, Protocol
+from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+from pydantic import BaseModel
+
+from grs_agents import content
+from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.sandbox import Limits, Sandbox
+
+if TYPE_CHECKING:
+    from langchain_core.tools import StructuredTool
 
 
 @dataclass(frozen=True)
@@ -32,3 +43,67 @@ class Tool(Protocol):
     def run(self, request: Any, context: ToolContext) -> Any:
         """Do the work; failures of generated code are values in the result."""
         ...
+
+
+def load_tool(name: str) -> Tool:
+    """The tool file ``name``.
+
+    Raises:
+        UnknownNameError: nothing has that name.
+        InputError: the file offers no ``Request``, ``Result`` and ``run``.
+    """
+    module = content.load_module("tools", name)
+    missing = [part for part in ("Request", "Result", "run") if not hasattr(module, part)]
+    if missing:
+        raise InputError(f"tool {name!r} ({module.__file__}) has no {', '.join(missing)}", "define what is missing")
+    return cast(Tool, module)
+
+
+def tool_names() -> list[str]:
+    """The tools whose requests are plain JSON, which any agent framework can therefore call."""
+    return [name for name in content.names("tools") if _speaks_json(load_tool(name))]
+
+
+def tools_for(context: ToolContext, names: Sequence[str] | None = None) -> list[StructuredTool]:
+    """The tools as LangChain ``StructuredTool``s: the tool's request is the schema, its result comes back as JSON.
+
+    Args:
+        context: the services they run with.
+        names: which tools; every tool of `tool_names` otherwise.
+
+    Raises:
+        UnknownNameError: a name that no tool has.
+        InputError: a tool whose request is not plain JSON.
+    """
+    from langchain_core.tools import StructuredTool
+
+    structured: list[StructuredTool] = []
+    for name in tool_names() if names is None else names:
+        tool = load_tool(name)
+        if not _speaks_json(tool):
+            raise InputError(f"tool {name!r} takes arrays, not JSON", f"use one of: {', '.join(tool_names())}")
+        structured.append(
+            StructuredTool.from_function(
+                func=_caller(tool, context),
+                name=name,
+                description=(tool.__doc__ or name).strip().splitlines()[0],
+                args_schema=tool.Request,
+            )
+        )
+    return structured
+
+
+def open_library(roots: Sequence[str]) -> Library:
+    """The library of the folders ``roots``; the shipped one if there are none."""
+    return Library(*(Path(root) for root in roots))
+
+
+def _speaks_json(tool: Tool) -> bool:
+    return isinstance(tool.Request, type) and issubclass(tool.Request, BaseModel)
+
+
+def _caller(tool: Tool, context: ToolContext) -> Callable[..., dict[str, Any]]:
+    def call(**arguments: Any) -> dict[str, Any]:
+        return cast(BaseModel, tool.run(tool.Request(**arguments), context)).model_dump(mode="json")
+
+    return call

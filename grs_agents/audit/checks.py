@@ -7,7 +7,8 @@ from grs_agents.audit.types import AuditReport, Change, Finding
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.scene import SceneDescription
-from grs_agents.sim import Rollout, TaskInstance
+from grs_agents.sim import InstanceObject, Rollout, TaskInstance
+from grs_agents.sim.rollout import IDLE_SECONDS
 
 SAME_PLACE = 0.03
 """An object within this many metres (in the table plane) of its place in the photo has kept it."""
@@ -52,13 +53,18 @@ def audit(
     )
 
 
+def library_name(thing: InstanceObject) -> str:
+    """The library's name of an instance's object; a filled template is named ``template#values``."""
+    return thing.asset.partition("#")[0]
+
+
 def changes(instances: Sequence[TaskInstance], scene: SceneDescription) -> list[Change]:
     """Every object position that was not taken from the photo."""
     found: list[Change] = []
     for instance in instances:
         for thing in instance.objects:
             x, y, _ = thing.pose[0]
-            places = [place.position for place in scene.objects if place.asset == thing.asset]
+            places = [place.position for place in scene.objects if place.asset == library_name(thing)]
             distances = [((x - place[0]) ** 2 + (y - place[1]) ** 2) ** 0.5 for place in places]
             nearest = min(range(len(places)), key=distances.__getitem__) if places else None
             if nearest is not None and distances[nearest] <= SAME_PLACE:
@@ -92,7 +98,7 @@ def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
 def _not_idle(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
     rewards = [rollout.idle_reward for rollout in rollouts]
     shown = ", ".join(f"{reward:.2f}" for reward in rewards) or "none"
-    detail = f"doing nothing for {config.idle_seconds} s earns {shown}; must stay below {config.reward}"
+    detail = f"doing nothing for {IDLE_SECONDS} s earns {shown}; must stay below {config.reward}"
     return Finding(check="not_idle", passed=bool(rewards) and max(rewards) < config.reward, detail=detail)
 
 
@@ -108,7 +114,7 @@ def _moved(rollouts: Sequence[Rollout], scene: SceneDescription | None) -> Findi
 
 
 def _assets_of_task(instances: Sequence[TaskInstance], task: TaskDefinition) -> Finding:
-    used = {thing.asset for instance in instances for thing in instance.objects}
+    used = {library_name(thing) for instance in instances for thing in instance.objects}
     foreign, unused = sorted(used - set(task.assets)), sorted(set(task.assets) - used)
     detail = f"{len(used)} assets used"
     if foreign:
@@ -125,7 +131,7 @@ def _assets_of_scene(instances: Sequence[TaskInstance], scene: SceneDescription,
     for instance in instances:
         counts: dict[str, int] = {}
         for thing in instance.objects:
-            counts[thing.asset] = counts.get(thing.asset, 0) + 1
+            counts[library_name(thing)] = counts.get(library_name(thing), 0) + 1
         for name, count in counts.items():
             limit = sum(place.asset == name for place in scene.objects)
             if name not in fixtures and count > limit:

@@ -38,7 +38,8 @@ def replay_run(folder: Path, web: bool) -> int:
     Raises:
         InputError: the folder holds no run.
     """
-    from grs_agents.views import open_viewer, rebuild
+    from grs_agents.views import open_viewer
+    from grs_agents.views.rerun_view import rebuild
 
     read_record(folder)
     recording = folder / "trace.rrd"

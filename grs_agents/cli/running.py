@@ -36,7 +36,8 @@ def run_graph(command: str, scene: Path, config: Config, out: Path | None, resum
 @contextmanager
 def follow(folder: Path, log: EventLog) -> Iterator[None]:
     """Let the terminal's progress and the rerun recording follow the log; both are closed whatever happens."""
-    from grs_agents.views import Progress, RerunView
+    from grs_agents.views import Progress
+    from grs_agents.views.rerun_view import RerunView
 
     view = RerunView(folder, Library())
     with Progress() as progress:

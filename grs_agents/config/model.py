@@ -64,12 +64,10 @@ class AuditConfig(Frozen):
     Attributes:
         seeds: how many task instances are solved.
         reward: the least reward the oracle must reach on each.
-        idle_seconds: simulated seconds of doing nothing that must not solve the task.
     """
 
     seeds: int = Field(default=3, ge=1, le=100)
     reward: float = Field(default=0.99, gt=0, le=1)
-    idle_seconds: float = Field(default=2.0, gt=0, le=60)
 
 
 class Config(Frozen):

@@ -102,9 +102,9 @@ def _images(state: RunState) -> list[str]:
 
 
 def _examples(seed: int) -> str:
-    """A few of the example programs, chosen by the seed, as fenced blocks."""
+    """A few of the example programs, chosen by the seed."""
     files = sorted((content.content_root() / "prompts" / "examples").glob("*.py"))
     if not files:
         raise GrsError("prompts/examples holds no program", "reinstall grs-agents")
     chosen = [files[(seed + step * max(1, len(files) // EXAMPLES)) % len(files)] for step in range(EXAMPLES)]
-    return "\n\n".join(f"```python\n{file.read_text(encoding='utf-8').strip()}\n```" for file in dict.fromkeys(chosen))
+    return "\n\n\n".join(file.read_text(encoding="utf-8").strip() for file in dict.fromkeys(chosen))

@@ -40,11 +40,10 @@ def measure(simulation: str, services: Services) -> Measured:
             "rollout",
             instance=instance.model_dump(mode="json"),
             library_roots=roots,
-            recording=recording,
-            idle_seconds=services.config.audit.idle_seconds,
+            recording=str((services.folder / recording).resolve()),
         )
         if outcome.rollout is None:
-            failures.append(f"seed {instance.seed}: rollout {outcome.failure}")
+            failures.append(f"seed {instance.seed}: rollout {outcome.outcome}: {outcome.error}")
             continue
         rollout = Rollout.model_validate(outcome.rollout)
         rollouts.append(rollout)
@@ -56,7 +55,7 @@ def measure(simulation: str, services: Services) -> Measured:
                 steps=rollout.episode.steps,
                 moved=rollout.moved,
                 idle_reward=rollout.idle_reward,
-                recording=recording if outcome.recording else None,
+                recording=recording,
                 instance=name,
             )
         )

@@ -91,7 +91,8 @@ def verdict(state: RunState) -> tuple[Literal["accepted", "rejected"], str]:
         failed = "; ".join(f"{item.check}: {item.detail}" for item in report.findings if not item.passed)
         return "rejected", f"audit failed ({fixes}): {failed}"
     tests = TestReport.model_validate(state["report"])
-    return "rejected", f"tests {tests.outcome} ({fixes}): {tests.summary()}"
+    failing = [f"{case.id}: {case.message or case.outcome}" for case in tests.cases if case.outcome != "passed"]
+    return "rejected", f"tests {tests.outcome} ({fixes}): {'; '.join([*filter(None, [tests.message]), *failing])}"
 
 
 def authored(state: RunState) -> Literal["ok", "stop"]:

@@ -36,7 +36,7 @@ def new_version(state: RunState, services: Services, program: ProgramName, sourc
             path=path,
             diff=diff,
             author_role=author,
-            source=source,
+            source="model",
         )
     )
     return {program: source, f"{program}_version": number}

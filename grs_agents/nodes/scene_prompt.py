@@ -2,10 +2,11 @@
 
 from typing import Any
 
+from grs_agents import workspace
 from grs_agents.library import Library
 from grs_agents.scene import SceneDescription
 
-WORKSPACE = {"x": [0.25, 0.75], "y": [-0.5, 0.5], "radius": 0.85}
+WORKSPACE = {"x": list(workspace.X), "y": list(workspace.Y), "radius": workspace.FARTHEST}
 """Where the arm works: metres in the robot frame, radius from its base."""
 
 

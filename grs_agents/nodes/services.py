@@ -81,7 +81,7 @@ def node(body: Body) -> Node:
             raise
         finally:
             seconds = time.perf_counter() - begin
-            services.log.append(NodeEnded(node=name, seconds=seconds, changed=tuple(update), error=error or None))
+            services.log.append(NodeEnded(node=name, seconds=seconds, changed=tuple(update), error=error))
         return update
 
     # LangGraph reads the annotations of what it is given, and ``wraps`` has put the body's there.

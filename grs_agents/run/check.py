@@ -39,8 +39,7 @@ def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
         InputError: a file cannot be read.
     """
     simulation, tests = _read(order.simulation), _read(order.tests) if order.tests else None
-    log = EventLog(order.folder / "events.jsonl")
-    with Sandbox(preload=PRELOAD) as sandbox:
+    with EventLog(order.folder / "events.jsonl") as log, Sandbox(preload=PRELOAD) as sandbox:
         services = Services(
             config=order.config,
             log=log,

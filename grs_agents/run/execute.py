@@ -19,10 +19,9 @@ from grs_agents.policies import load_policy
 from grs_agents.run.folder import new_folder, old_folder
 from grs_agents.run.record import RunRecord, counts, seconds_by_stage, versions
 from grs_agents.sandbox import Sandbox
-from grs_agents.state import RunState
 from grs_agents.trace import EventLog, Note, RunEnded, RunStarted, read_events
 
-PRELOAD = ("mujoco", "grs_agents.sim")
+PRELOAD = ("grs_agents.sim", "grs_agents.toolkit")
 """What a sandbox worker imports before it sees generated code."""
 EXIT_STATUS = {"accepted": 0, "rejected": 1}
 INTERRUPTED = 130
@@ -68,17 +67,8 @@ def execute(order: Order, views: Views) -> tuple[Path, RunRecord, GrsError | Non
     record.write(folder)
     log = EventLog(folder / "events.jsonl")
     problem: GrsError | None = None
-    state: RunState = {}
-    with views(folder, log):
-        log.append(
-            RunStarted(
-                run_id=record.id,
-                graph=config.graph,
-                seed=config.seed,
-                config=config.model_dump(mode="json"),
-                versions=record.versions,
-            )
-        )
+    state: dict[str, Any] = {}
+    with log, views(folder, log):
         try:
             state = _invoke(order, config, folder, log, record)
             status, reason = state.get("status", "accepted"), state.get("reason", "the scene was comprehended")
@@ -134,7 +124,7 @@ def _open(order: Order) -> tuple[Path, RunRecord, Config]:
     return folder, record, config
 
 
-def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord) -> RunState:
+def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord) -> dict[str, Any]:
     """Compile the graph with its checkpointer and run it, or go on with it."""
     os.environ.setdefault("LANGGRAPH_STRICT_MSGPACK", "true")  # a tampered checkpoint must not call functions on load
     from langgraph.checkpoint.sqlite import SqliteSaver
@@ -143,14 +133,28 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
     agents = Agents(config=config, log=log, folder=folder)
     for role in config.models:
         agents.model(role)
-    with Sandbox(preload=PRELOAD) as sandbox, SqliteSaver.from_conn_string(str(folder / "checkpoint.sqlite")) as saver:
+    sandbox = Sandbox(preload=PRELOAD)
+    sandbox.warm()  # its imports overlap with comprehension
+    with sandbox, SqliteSaver.from_conn_string(str(folder / "checkpoint.sqlite")) as saver:
         services = Services(
-            config=config, log=log, agents=agents, policy=load_policy(config.policy), sandbox=sandbox, folder=folder
+            config=config, log=log, agents=agents, policy=load_policy(config.policy), sandbox=sandbox, folder=folder.resolve()
         )
         for event in read_events(log.path):
             if event.kind == "node_started":
                 services.visits[event.node] += 1
         graph = module.build().compile(checkpointer=saver)
+        drawn = graph.get_graph()
+        log.append(
+            RunStarted(
+                run_id=record.id,
+                graph=config.graph,
+                seed=config.seed,
+                config=record.config,
+                versions=record.versions,
+                nodes=tuple(drawn.nodes),
+                edges=tuple((edge.source, edge.target) for edge in drawn.edges),
+            )
+        )
         settings: dict[str, Any] = {
             "configurable": {"thread_id": record.id},
             "recursion_limit": 25 + 4 * config.max_fixes,
@@ -158,18 +162,18 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
         started = order.resume and graph.get_state(settings).values
         if started:
             log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
-        begin: RunState = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
+        begin = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
         final = graph.invoke(None if started else begin, settings, context=services, durability="sync")
-        return cast(RunState, final)
+        return cast(dict[str, Any], final)
 
 
-def _finished(record: RunRecord, log: EventLog, state: RunState) -> RunRecord:
+def _finished(record: RunRecord, log: EventLog, state: dict[str, Any]) -> RunRecord:
     history = read_events(log.path)
     update = {
         "counts": counts(history, state),
-        "rewards": tuple((state.get("audit") or {}).get("rewards", ())),
+        "rewards": tuple(state.get("audit", {}).get("rewards", ())),
         "seconds": seconds_by_stage(history),
-        "sandbox": str((state.get("report") or {}).get("backend", "")),
+        "sandbox": str(state.get("report", {}).get("backend", "")),
     }
     try:
         log.append(RunEnded(status=record.status, reason=record.reason))

@@ -96,10 +96,10 @@ def versions() -> dict[str, str]:
 
 def seconds_by_stage(events: Sequence[Event]) -> dict[str, float]:
     """Wall seconds of each node, summed over its visits, with their total."""
-    seconds: Counter[str] = Counter()
+    seconds: dict[str, float] = {}
     for event in events:
         if event.kind == "node_ended":
-            seconds[event.node] += event.seconds
+            seconds[event.node] = seconds.get(event.node, 0.0) + event.seconds
     rounded = {name: round(value, 3) for name, value in seconds.items()}
     return {**rounded, "total": round(sum(seconds.values()), 3)}
 
@@ -108,18 +108,21 @@ def counts(events: Sequence[Event], state: Mapping[str, Any]) -> dict[str, int]:
     """What was seen, kept, made and spent."""
     replies = [event for event in events if event.kind == "reply"]
     kinds = Counter(event.node for event in events if event.kind == "node_ended")
-    scene = state.get("scene") or {}
-    rollouts = (state.get("audit") or {}).get("rollouts", [])
+    scene: dict[str, Any] = state.get("scene", {})
+    task: dict[str, Any] = state.get("task", {})
+    audit: dict[str, Any] = state.get("audit", {})
+    objects: list[dict[str, Any]] = scene.get("objects", [])
+    rollouts: list[dict[str, Any]] = audit.get("rollouts", [])
     return {
-        "candidates": len(state.get("candidates") or []),
-        "objects": len(scene.get("objects", [])),
-        "objects_matched": sum(bool(thing["matched"]) for thing in scene.get("objects", [])),
-        "objects_reachable": sum(bool(thing["reachable"]) for thing in scene.get("objects", [])),
-        "assets_used": len((state.get("task") or {}).get("assets-used", [])),
+        "candidates": len(state.get("candidates", [])),
+        "objects": len(objects),
+        "objects_matched": sum(bool(thing["matched"]) for thing in objects),
+        "objects_reachable": sum(bool(thing["reachable"]) for thing in objects),
+        "assets_used": len(task.get("assets-used", [])),
         "objects_moved": min((len(rollout["moved"]) for rollout in rollouts), default=0),
         "code_fixes": kinds["fix_code"],
         "test_fixes": kinds["fix_tests"],
         "model_calls": len(replies),
-        "input_tokens": sum(event.input_tokens or 0 for event in replies),
-        "output_tokens": sum(event.output_tokens or 0 for event in replies),
+        "input_tokens": sum(event.input_tokens for event in replies),
+        "output_tokens": sum(event.output_tokens for event in replies),
     }

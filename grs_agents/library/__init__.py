@@ -1,0 +1,21 @@
+"""The 3D asset library: what an object is, what its URDF says, and where its files lie."""
+
+from grs_agents.library.asset import Asset, read_manifest
+from grs_agents.library.library import Library
+from grs_agents.library.proxy import write_proxy
+from grs_agents.library.shapes import ObjectModel, Shape
+from grs_agents.library.template import fill_template
+from grs_agents.library.urdf import read_urdf
+from grs_agents.library.urdf_text import urdf_text
+
+__all__ = [
+    "Asset",
+    "Library",
+    "ObjectModel",
+    "Shape",
+    "fill_template",
+    "read_manifest",
+    "read_urdf",
+    "urdf_text",
+    "write_proxy",
+]

@@ -1,0 +1,74 @@
+"""An entry of the library's manifest."""
+
+import json
+from pathlib import Path
+
+from pydantic import Field, ValidationError
+
+from grs_agents.base import Frozen, Vec3
+from grs_agents.errors import InputError
+
+MANIFEST = "manifest.json"
+
+
+class Asset(Frozen):
+    """What the library knows of one object, before its URDF is read.
+
+    Attributes:
+        name: library-relative URDF name, e.g. ``"HOPE/Milk.urdf"``; the id everywhere.
+        kind: what it is called, e.g. ``"Milk"``.
+        category: can, box, bottle, jar, carton, tub, canister, cube, container, bowl, mug, plate, zone, proxy
+            or another plain noun.
+        size: extents along x, y, z in m, upright; for a template: with its defaults.
+        mass: kg; 0 for marks on the table.
+        friction: coefficient of sliding friction.
+        color: name of its dominant colour.
+        description: one sentence for people and models.
+        hollow: other things can be put in it or on it.
+        fixture: a task may add it without its being in the photo.
+        template: defaults of its placeholders (``{"DIM": (x, y, z), "COLOR": (r, g, b, a)}``); empty for an
+            ordinary asset.
+    """
+
+    name: str
+    kind: str
+    category: str
+    size: Vec3
+    mass: float = Field(ge=0, allow_inf_nan=False)
+    friction: float = Field(ge=0, allow_inf_nan=False)
+    color: str
+    description: str
+    hollow: bool = False
+    fixture: bool = False
+    template: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+
+
+class Manifest(Frozen):
+    """The assets of one library root."""
+
+    version: int = 1
+    assets: tuple[Asset, ...] = ()
+
+
+def read_manifest(root: Path) -> Manifest:
+    """The manifest of a library root; a folder without ``manifest.json`` holds no assets.
+
+    Raises:
+        InputError: the folder does not exist, or its manifest cannot be read or does not fit the schema.
+    """
+    if not root.is_dir():
+        raise InputError(f"asset library {root} does not exist", "name an existing folder")
+    path = root / MANIFEST
+    if not path.exists():
+        return Manifest()
+    try:
+        return Manifest.model_validate(json.loads(path.read_text("utf-8")))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"cannot read {path}: {_first_line(error)}", "correct the manifest") from error
+
+
+def _first_line(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        return f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}"
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,47 @@
+"""Names for colours: one palette for cubes, proxies and descriptions."""
+
+import colorsys
+
+from grs_agents.base import Vec3
+
+COLORS: dict[str, Vec3] = {
+    "red": (0.85, 0.16, 0.16),
+    "green": (0.20, 0.62, 0.25),
+    "blue": (0.16, 0.36, 0.80),
+    "yellow": (0.95, 0.79, 0.15),
+    "orange": (0.95, 0.50, 0.12),
+    "purple": (0.50, 0.25, 0.65),
+    "cyan": (0.25, 0.75, 0.80),
+    "brown": (0.45, 0.29, 0.18),
+    "pink": (0.95, 0.60, 0.68),
+    "gray": (0.52, 0.52, 0.52),
+    "white": (0.95, 0.95, 0.95),
+    "black": (0.10, 0.10, 0.10),
+}
+"""Red, green, blue in 0..1 by name."""
+
+_HUES = (
+    (15, "red"),
+    (42, "orange"),
+    (68, "yellow"),
+    (165, "green"),
+    (200, "cyan"),
+    (255, "blue"),
+    (315, "purple"),
+)
+
+
+def color_name(rgb: Vec3) -> str:
+    """The name in `COLORS` that a person would give a colour (red, green, blue in 0..1)."""
+    hue, saturation, value = colorsys.rgb_to_hsv(*rgb)
+    if value < 0.18:
+        return "black"
+    if saturation < 0.18:
+        return "white" if value > 0.78 else "gray"
+    degrees = hue * 360
+    name = next((name for limit, name in _HUES if degrees < limit), "red")
+    if name in ("red", "orange") and value < 0.62 and degrees >= 8 and saturation < 0.85:
+        return "brown"
+    if name in ("red", "purple") and value > 0.7 and saturation < 0.5:
+        return "pink"
+    return name

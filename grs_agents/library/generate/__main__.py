@@ -1,0 +1,40 @@
+"""Write ``assets/library`` and the sample scene again: ``python -m grs_agents.library.generate``."""
+
+from pathlib import Path
+
+from grs_agents import content
+from grs_agents.files import write_json
+from grs_agents.library.asset import MANIFEST, Manifest
+from grs_agents.library.generate.groceries import build_groceries
+from grs_agents.library.generate.household import build_household
+from grs_agents.library.generate.scene import write_scene
+from grs_agents.library.generate.templates import build_templates
+from grs_agents.library.library import Library
+
+
+def write_library(root: Path) -> Manifest:
+    """Write every asset and the manifest below ``root`` and remove what else lies there.
+
+    The same code and the same version of OpenCV write the same bytes.
+    """
+    built = [*build_groceries(), *build_household(), *build_templates()]
+    for one in built:
+        one.write(root)
+    manifest = Manifest(assets=tuple(sorted((one.asset for one in built), key=lambda asset: asset.name)))
+    write_json(root / MANIFEST, manifest.model_dump(mode="json"))
+    ours = {root / MANIFEST, *(root / name for one in built for name in one.files())}
+    for stray in {file for file in root.rglob("*") if file.is_file()} - ours:
+        stray.unlink()
+    return manifest
+
+
+def main() -> None:
+    """Replace the shipped library and its sample scene."""
+    assets = content.content_root() / "assets"
+    manifest = write_library(assets / "library")
+    write_scene(assets / "scenes" / "groceries", Library(assets / "library"))
+    print(f"{len(manifest.assets)} assets and a scene in {assets}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+"""The triangles of placed library objects, ready to be drawn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from grs_agents.base import Vec3
+from grs_agents.errors import InputError
+from grs_agents.library.library import Library
+from grs_agents.library.shapes import Shape, rotation_matrix
+
+Floats = npt.NDArray[np.float64]
+_PLAIN = (0.6, 0.6, 0.6, 1.0)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An asset that stands upright on the table.
+
+    Attributes:
+        asset: its name.
+        x, y: of its centre, m, robot frame.
+        yaw: rad.
+    """
+
+    asset: str
+    x: float
+    y: float
+    yaw: float = 0.0
+
+    def pose(self, library: Library) -> tuple[Vec3, float]:
+        """Centre (m, robot frame) and yaw; its lowest point touches z = 0."""
+        return (self.x, self.y, -library.model(self.asset).bounds[0][2]), self.yaw
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """A soup of textured triangles.
+
+    Attributes:
+        corners: (T, 3, 3) m, robot frame.
+        normals: (T, 3, 3) unit normals at the corners.
+        uvs: (T, 3, 2) texture coordinates.
+        colors: (T, 3) red, green, blue in 0..1, used where ``texture`` is -1.
+        texture: (T,) index into ``textures``.
+        owner: (T,) 1 for the first placed object, and so on.
+        textures: (H, W, 3) RGB images.
+    """
+
+    corners: Floats
+    normals: Floats
+    uvs: Floats
+    colors: Floats
+    texture: npt.NDArray[np.int64]
+    owner: npt.NDArray[np.int64]
+    textures: tuple[npt.NDArray[np.uint8], ...]
+
+
+def gather(placed: Sequence[Placed], library: Library) -> Triangles:
+    """All the visible triangles of ``placed``."""
+    parts: list[tuple[Floats, Floats, Floats, Floats, int, int]] = []
+    textures: list[npt.NDArray[np.uint8]] = []
+    for owner, thing in enumerate(placed, start=1):
+        centre, yaw = thing.pose(library)
+        turn = rotation_matrix((0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))))
+        for shape in library.model(thing.asset).visuals:
+            corners, uvs = _corners(shape, library)
+            corners = (corners @ rotation_matrix(shape.quaternion).T + shape.position) @ turn.T + centre
+            index = -1
+            if shape.texture is not None:
+                index = len(textures)
+                textures.append(_texture(library, shape.texture))
+            color = np.array(shape.color or _PLAIN)[:3]
+            parts.append((corners, smooth_normals(corners), uvs, color, index, owner))
+    counts = [len(part[0]) for part in parts]
+    return Triangles(
+        corners=np.concatenate([part[0] for part in parts]),
+        normals=np.concatenate([part[1] for part in parts]),
+        uvs=np.concatenate([part[2] for part in parts]),
+        colors=np.repeat([part[3] for part in parts], counts, axis=0),
+        texture=np.repeat([part[4] for part in parts], counts),
+        owner=np.repeat([part[5] for part in parts], counts),
+        textures=tuple(textures),
+    )
+
+
+def smooth_normals(corners: Floats, limit: float = 0.7) -> Floats:
+    """(T, 3, 3) normals at corners: the mean over the faces there that turn by less than acos(``limit``)."""
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    units = faces / np.maximum(np.linalg.norm(faces, axis=1, keepdims=True), 1e-15)
+    keys = np.round(corners.reshape(-1, 3) * 1e5).astype(np.int64)
+    _, point = np.unique(keys, axis=0, return_inverse=True)
+    sharing: dict[int, list[int]] = {}
+    for corner, key in enumerate(point.ravel().tolist()):
+        sharing.setdefault(key, []).append(corner // 3)
+    normals = np.empty((len(corners) * 3, 3))
+    for corner, key in enumerate(point.ravel().tolist()):
+        around = np.array(sharing[key])
+        near = around[units[around] @ units[corner // 3] > limit]
+        total = faces[near].sum(axis=0) if len(near) else units[corner // 3]
+        normals[corner] = total / max(float(np.linalg.norm(total)), 1e-15)
+    return normals.reshape(-1, 3, 3)
+
+
+def _texture(library: Library, name: str) -> npt.NDArray[np.uint8]:
+    """An RGB image of the library."""
+    image = cv2.imread(str(library.mesh_path(name)))
+    if image is None:
+        raise InputError(f"texture {name} is not an image OpenCV can read", "write the library again")
+    return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
+
+
+def _corners(shape: Shape, library: Library) -> tuple[Floats, Floats]:
+    """(T, 3, 3) corners in the shape's frame and (T, 3, 2) texture coordinates."""
+    if shape.kind == "box":
+        mesh = trimesh.creation.box(shape.size)
+    elif shape.kind == "cylinder":
+        mesh = trimesh.creation.cylinder(shape.size[0], shape.size[1], sections=48)
+    elif shape.kind == "sphere":
+        mesh = trimesh.creation.icosphere(3, shape.size[0])
+    else:
+        mesh = trimesh.load_mesh(library.mesh_path(shape.mesh or ""), process=False)
+    faces = np.asarray(mesh.faces)
+    scale = np.asarray(shape.size) if shape.kind == "mesh" else np.ones(3)
+    corners = np.asarray(mesh.vertices, dtype=np.float64)[faces] * scale
+    uv = getattr(mesh.visual, "uv", None)
+    uvs = np.zeros((len(faces), 3, 2)) if uv is None else np.asarray(uv, dtype=np.float64)[faces]
+    return corners, uvs

@@ -1,0 +1,138 @@
+"""The assets of one or more folders, found by name."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from grs_agents import content
+from grs_agents.base import Vec3
+from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.library.asset import Asset, read_manifest
+from grs_agents.library.shapes import ObjectModel
+from grs_agents.library.template import fill_template
+from grs_agents.library.urdf import read_urdf
+
+
+class Library:
+    """An overlay of library folders, each with a ``manifest.json``; where names collide, later folders win.
+
+    Args:
+        roots: the folders; none means the library shipped with GRS.
+
+    Raises:
+        InputError: a folder does not exist or its manifest is faulty.
+    """
+
+    def __init__(self, *roots: Path) -> None:
+        self.roots: tuple[Path, ...] = roots or (content.path("assets", "library"),)
+        self._assets: dict[str, Asset] = {}
+        self._root_of: dict[str, Path] = {}
+        self._models: dict[str, ObjectModel] = {}
+        for root in self.roots:
+            for asset in read_manifest(root).assets:
+                self._assets[asset.name] = asset
+                self._root_of[asset.name] = root
+
+    def names(self) -> list[str]:
+        """Every asset's name, sorted."""
+        return sorted(self._assets)
+
+    def assets(self) -> tuple[Asset, ...]:
+        """Every asset, by name."""
+        return tuple(self._assets[name] for name in self.names())
+
+    def templates(self) -> tuple[str, ...]:
+        """The names of the assets that have placeholders."""
+        return tuple(name for name in self.names() if self._assets[name].template)
+
+    def asset(self, name: str) -> Asset:
+        """The asset called ``name``.
+
+        Raises:
+            UnknownNameError: nothing has that name; the message gives the nearest names.
+        """
+        if name not in self._assets:
+            raise UnknownNameError("asset", name, self._assets)
+        return self._assets[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._assets
+
+    def path(self, name: str) -> Path:
+        """The URDF file of an asset.
+
+        Raises:
+            UnknownNameError: nothing has that name.
+        """
+        return self._root(name) / name
+
+    def model(self, name: str) -> ObjectModel:
+        """What the asset's URDF says; a template is filled with its defaults.
+
+        Raises:
+            UnknownNameError: nothing has that name.
+            InputError: its URDF is faulty.
+        """
+        if name not in self._models:
+            asset = self.asset(name)
+            root = self._root(name)
+            self._models[name] = self.filled(name, {}) if asset.template else read_urdf(root / name, root)
+        return self._models[name]
+
+    def template_defaults(self, name: str) -> dict[str, tuple[float, ...]]:
+        """The documented default values of a template's placeholders; empty for an ordinary asset."""
+        return dict(self.asset(name).template)
+
+    def fill_template(self, name: str, replace: Mapping[str, Sequence[float]]) -> str:
+        """The URDF text of a template with ``replace`` (see `grs_agents.library.fill_template`) filled in.
+
+        Raises:
+            UnknownNameError: nothing has that name.
+            InputError: a value is not a finite number, or the file cannot be read.
+        """
+        try:
+            text = self.path(name).read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"cannot read {self.path(name)}: {error}", "restore the template") from error
+        return fill_template(text, replace, self.asset(name).template)
+
+    def filled(self, name: str, replace: Mapping[str, Sequence[float]]) -> ObjectModel:
+        """What a template says once ``replace`` and its defaults are filled in; errors as `fill_template`."""
+        folder = Path(name).parent.as_posix()
+        return read_urdf(self.fill_template(name, replace), self._root(name), folder)
+
+    def mesh_path(self, name: str) -> Path:
+        """The file of a library-relative mesh or texture name, as `Shape.mesh` and `Shape.texture` give it.
+
+        Raises:
+            InputError: no root has that file, or the name leaves the library.
+        """
+        for root in reversed(self.roots):
+            path = (root / name).resolve()
+            if path.is_file() and path.is_relative_to(root.resolve()):
+                return path
+        raise InputError(f"library file {name!r} does not exist", f"put it below {self.roots[-1]}")
+
+    def overlay(self, root: Path) -> "Library":
+        """A new library with ``root`` laid over this one.
+
+        Raises:
+            InputError: the folder does not exist or its manifest is faulty.
+        """
+        return Library(*self.roots, root)
+
+    def things(self) -> tuple[Asset, ...]:
+        """The assets that can stand on a real table: neither templates nor marks on the table."""
+        return tuple(asset for asset in self.assets() if not asset.template and asset.mass > 0)
+
+    def nearest(self, size: Vec3, count: int = 5) -> tuple[Asset, ...]:
+        """The ``count`` things whose size (m, upright, x and y in either order) is nearest to ``size``."""
+
+        def distance(asset: Asset) -> float:
+            flat, own = sorted(size[:2]), sorted(asset.size[:2])
+            return abs(flat[0] - own[0]) + abs(flat[1] - own[1]) + abs(size[2] - asset.size[2])
+
+        return tuple(sorted(self.things(), key=distance)[:count])
+
+    def _root(self, name: str) -> Path:
+        self.asset(name)
+        return self._root_of[name]

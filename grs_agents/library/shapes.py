@@ -1,0 +1,127 @@
+"""What an object is made of: primitives and meshes in the object's own frame."""
+
+from collections.abc import Iterable
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Frozen, Quat, Vec3
+
+Rgba = tuple[float, float, float, float]
+ShapeKind = Literal["box", "cylinder", "sphere", "mesh"]
+Points = npt.NDArray[np.float64]
+
+
+class Shape(Frozen):
+    """One primitive or mesh.
+
+    Attributes:
+        kind: which solid.
+        size: box: full extents (x, y, z) in m; cylinder: (radius, length along z) in m;
+            sphere: (radius,) in m; mesh: scale factors (x, y, z).
+        position: centre of the shape in the object frame, m.
+        quaternion: rotation from the shape's frame to the object frame, xyzw.
+        color: red, green, blue, alpha in 0..1, or None where nothing says.
+        mesh: library-relative name of the mesh file; meshes alone have one.
+        texture: library-relative name of a PNG.
+    """
+
+    kind: ShapeKind
+    size: tuple[float, ...]
+    position: Vec3 = (0.0, 0.0, 0.0)
+    quaternion: Quat = (0.0, 0.0, 0.0, 1.0)
+    color: Rgba | None = None
+    mesh: str | None = None
+    texture: str | None = None
+
+
+class ObjectModel(Frozen):
+    """What a URDF says about one rigid object.
+
+    Attributes:
+        visuals: what is seen.
+        colliders: what touches; meshes among them stand for their convex hull. Empty for marks on the table.
+        mass: kg; 0 where the URDF gives no inertia (an object that never moves).
+        friction: coefficient of sliding friction.
+        bounds: lowest and highest corner (m, object frame) of the colliders, or of the visuals
+            where nothing collides.
+    """
+
+    visuals: tuple[Shape, ...]
+    colliders: tuple[Shape, ...]
+    mass: float
+    friction: float
+    bounds: tuple[Vec3, Vec3]
+
+    @property
+    def size(self) -> Vec3:
+        """Extents of ``bounds`` along x, y, z in m."""
+        low, high = self.bounds
+        return (high[0] - low[0], high[1] - low[1], high[2] - low[2])
+
+
+def rotation_matrix(quaternion: Quat) -> Points:
+    """The 3x3 rotation of an xyzw quaternion (normalised here)."""
+    x, y, z, w = np.asarray(quaternion, dtype=np.float64) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quat:
+    """The xyzw quaternion of URDF's fixed-axis roll, pitch, yaw (rad): Rz(yaw) Ry(pitch) Rx(roll)."""
+    cr, sr = float(np.cos(roll / 2)), float(np.sin(roll / 2))
+    cp, sp = float(np.cos(pitch / 2)), float(np.sin(pitch / 2))
+    cy, sy = float(np.cos(yaw / 2)), float(np.sin(yaw / 2))
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def rpy_from_quaternion(quaternion: Quat) -> Vec3:
+    """URDF's roll, pitch, yaw (rad) of an xyzw quaternion; the inverse of `quaternion_from_rpy`."""
+    matrix = rotation_matrix(quaternion)
+    pitch = float(np.arcsin(np.clip(-matrix[2, 0], -1.0, 1.0)))
+    if abs(matrix[2, 0]) > 1 - 1e-9:  # gimbal lock: only yaw -+ roll is defined, so roll is taken as 0
+        return (0.0, pitch, float(np.arctan2(-matrix[0, 1], matrix[1, 1])))
+    roll = float(np.arctan2(matrix[2, 1], matrix[2, 2]))
+    return (roll, pitch, float(np.arctan2(matrix[1, 0], matrix[0, 0])))
+
+
+def shape_bounds(shape: Shape, vertices: Points | None = None) -> tuple[Points, Points]:
+    """Lowest and highest corner (m, object frame) of one shape.
+
+    Args:
+        shape: the shape.
+        vertices: (N, 3) unscaled vertices of its mesh; needed for meshes alone.
+    """
+    rotation, position = rotation_matrix(shape.quaternion), np.asarray(shape.position, dtype=np.float64)
+    if shape.kind == "mesh":
+        if vertices is None:
+            raise ValueError(f"the vertices of mesh {shape.mesh} are needed for its bounds")
+        points = vertices * np.asarray(shape.size) @ rotation.T + position
+        return points.min(axis=0), points.max(axis=0)
+    if shape.kind == "box":
+        reach = np.abs(rotation) @ (np.asarray(shape.size) / 2)
+    elif shape.kind == "sphere":
+        reach = np.full(3, shape.size[0])
+    else:
+        axis = rotation[:, 2]
+        radius, length = shape.size
+        reach = np.abs(axis) * length / 2 + radius * np.sqrt(np.clip(1 - axis**2, 0, 1))
+    return position - reach, position + reach
+
+
+def union_bounds(bounds: Iterable[tuple[Points, Points]]) -> tuple[Vec3, Vec3]:
+    """The bounds around several bounds."""
+    lows, highs = zip(*bounds, strict=True)
+    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+    return (float(low[0]), float(low[1]), float(low[2])), (float(high[0]), float(high[1]), float(high[2]))

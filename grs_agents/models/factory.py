@@ -1,0 +1,158 @@
+"""Make the chat model that a configuration names: ``offline`` or ``provider:name``."""
+
+import ipaddress
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, cast
+from urllib.parse import urlsplit
+
+from langchain_core.language_models.chat_models import BaseChatModel
+
+from grs_agents.config import ModelConfig
+from grs_agents.errors import ConfigError, UnknownNameError
+
+OFFLINE = "offline"
+PLACEHOLDER_KEY = "not-needed"
+"""Stands for the key where a server on this machine needs none."""
+
+
+@dataclass(frozen=True)
+class Provider:
+    """How one provider's LangChain client is made.
+
+    Attributes:
+        module: the package to import.
+        model_class: the chat model in it.
+        extra: the extra of ``grs-agents`` that installs the package.
+        key_variable: the environment variable that holds the key by default; empty where none is needed.
+        key_argument: the constructor's name for the key.
+        length_argument: the constructor's name for the longest reply.
+        defaults: further arguments; the client's own retries are switched off, ours are in ``retry``.
+    """
+
+    module: str
+    model_class: str
+    extra: str
+    key_variable: str
+    key_argument: str
+    length_argument: str
+    defaults: Mapping[str, Any]
+
+
+PROVIDERS: Mapping[str, Provider] = {
+    "openai": Provider(
+        "langchain_openai", "ChatOpenAI", "openai", "OPENAI_API_KEY", "api_key", "max_tokens", {"max_retries": 0}
+    ),
+    "anthropic": Provider(
+        "langchain_anthropic",
+        "ChatAnthropic",
+        "anthropic",
+        "ANTHROPIC_API_KEY",
+        "api_key",
+        "max_tokens",
+        {"max_retries": 0, "max_tokens": 8192},
+    ),
+    "google": Provider(
+        "langchain_google_genai",
+        "ChatGoogleGenerativeAI",
+        "google",
+        "GOOGLE_API_KEY",
+        "google_api_key",
+        "max_output_tokens",
+        {"max_retries": 0},
+    ),
+    "ollama": Provider("langchain_ollama", "ChatOllama", "ollama", "", "", "num_predict", {}),
+}
+
+
+def chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
+    """The chat model that ``config`` names.
+
+    Args:
+        config: model, endpoint, key variable and bounds.
+        seed: for the ``offline`` model's choices.
+
+    Raises:
+        UnknownNameError: no such provider.
+        ConfigError: the provider's package is not installed, or its key is not set.
+    """
+    if config.model == OFFLINE:
+        from grs_agents.models.offline import OfflineChatModel
+
+        return OfflineChatModel(seed=seed)
+    name, colon, model = config.model.partition(":")
+    if name not in PROVIDERS:
+        raise UnknownNameError("model", config.model, [OFFLINE, *(f"{provider}:NAME" for provider in PROVIDERS)])
+    if not colon or not model.strip():
+        raise ConfigError(f"model {config.model!r} names no model of {name}", f"write {name}:NAME")
+    provider = PROVIDERS[name]
+    make = _load(provider, config.model)
+    arguments = {
+        **provider.defaults,
+        "model": model.strip(),
+        **_key(provider, config),
+        **_bounds(name, provider, config),
+    }
+    try:
+        return cast(BaseChatModel, make(**arguments))
+    except (ValueError, TypeError) as error:
+        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ConfigError(f"model {config.model!r} cannot be made: {first}", "see `grs doctor`") from error
+
+
+def installed(provider: str) -> bool:
+    """Whether the package that ``provider`` needs can be imported."""
+    try:
+        import_module(PROVIDERS[provider].module)
+    except ImportError:
+        return False
+    return True
+
+
+def is_loopback(url: str | None) -> bool:
+    """Whether ``url`` points at this machine."""
+    host = (urlsplit(url).hostname or "") if url else ""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _load(provider: Provider, model: str) -> Any:
+    try:
+        return getattr(import_module(provider.module), provider.model_class)
+    except ImportError as error:
+        raise ConfigError(
+            f"model {model!r} needs the package {provider.module}, which is not installed",
+            f'run: pip install "grs-agents[{provider.extra}]"',
+        ) from error
+
+
+def _key(provider: Provider, config: ModelConfig) -> dict[str, str]:
+    variable = config.key_variable or provider.key_variable
+    if not variable or not provider.key_argument:
+        return {}
+    key = os.environ.get(variable, "")
+    if not key and is_loopback(config.base_url):
+        key = PLACEHOLDER_KEY
+    if not key:
+        raise ConfigError(
+            f"model {config.model!r} needs a key, and the environment variable {variable} is not set",
+            f"set {variable}, or name another variable with models.<role>.key_variable",
+        )
+    return {provider.key_argument: key}
+
+
+def _bounds(name: str, provider: Provider, config: ModelConfig) -> dict[str, Any]:
+    bounds: dict[str, Any] = {"timeout": config.timeout}
+    if name == "ollama":
+        bounds = {"client_kwargs": {"timeout": config.timeout}}
+    if config.base_url:
+        bounds["base_url"] = config.base_url
+    if config.temperature is not None:
+        bounds["temperature"] = config.temperature
+    if config.max_tokens is not None:
+        bounds[provider.length_argument] = config.max_tokens
+    return bounds

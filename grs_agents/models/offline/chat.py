@@ -1,0 +1,128 @@
+"""The embedded chat model: no key, no network, the same reply to the same prompt and seed."""
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from langchain_core.callbacks import CallbackManagerForLLMRun
+from langchain_core.language_models import LangSmithParams
+from langchain_core.language_models.chat_models import BaseChatModel
+from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, HumanMessage
+from langchain_core.messages.ai import UsageMetadata
+from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
+
+from grs_agents.models.offline.authors import author_simulation, author_task
+from grs_agents.models.offline.fix_code import fix_code
+from grs_agents.models.offline.look import describe, images, match
+from grs_agents.models.offline.route import route
+from grs_agents.models.offline.tests import author_tests, fix_tests
+from grs_agents.models.offline.text import PromptText, read_prompt
+
+Answer = Callable[[PromptText, list[bytes], np.random.Generator], str]
+ROLES: Mapping[str, Answer] = {
+    "describe": lambda prompt, pictures, rng: describe(prompt, pictures),
+    "match": lambda prompt, pictures, rng: match(prompt),
+    "task": lambda prompt, pictures, rng: author_task(prompt, rng),
+    "simulation": lambda prompt, pictures, rng: author_simulation(prompt),
+    "tests": lambda prompt, pictures, rng: author_tests(prompt),
+    "route": lambda prompt, pictures, rng: route(prompt),
+    "fix_code": lambda prompt, pictures, rng: fix_code(prompt),
+    "fix_tests": lambda prompt, pictures, rng: fix_tests(prompt),
+}
+_HELP = "I answer prompts that begin with a line `# Role: NAME`, NAME being one of: "
+
+
+class OfflineChatModel(BaseChatModel):
+    """A chat model that answers the GRS prompts by rules.
+
+    It reads the prompt that any other model gets, recognises its role by the ``# Role:`` line and never sees what
+    is not in the prompt. Equal prompt and seed give an equal reply.
+
+    Attributes:
+        model: its name in traces.
+        seed: what it does where rules leave a choice.
+    """
+
+    model: str = "grs-offline-1"
+    seed: int = 0
+
+    @property
+    def _llm_type(self) -> str:
+        return "grs-offline"
+
+    @property
+    def _identifying_params(self) -> dict[str, Any]:
+        return {"model": self.model, "seed": self.seed}
+
+    def _get_ls_params(self, stop: list[str] | None = None, **kwargs: Any) -> LangSmithParams:
+        params = super()._get_ls_params(stop=stop, **kwargs)
+        params["ls_provider"] = "grs"
+        params["ls_model_name"] = str(kwargs.get("model") or self.model)
+        return params
+
+    def _generate(
+        self,
+        messages: list[BaseMessage],
+        stop: list[str] | None = None,
+        run_manager: CallbackManagerForLLMRun | None = None,
+        **kwargs: Any,
+    ) -> ChatResult:
+        text = self._reply(messages, stop)
+        message = AIMessage(
+            text, usage_metadata=_usage(messages, text), response_metadata={**self._metadata(), "finish_reason": "stop"}
+        )
+        return ChatResult(generations=[ChatGeneration(message=message)])
+
+    def _stream(
+        self,
+        messages: list[BaseMessage],
+        stop: list[str] | None = None,
+        run_manager: CallbackManagerForLLMRun | None = None,
+        **kwargs: Any,
+    ) -> Iterator[ChatGenerationChunk]:
+        text = self._reply(messages, stop)
+        lines = text.splitlines(keepends=True) or [""]
+        for index, line in enumerate(lines):
+            last = index == len(lines) - 1
+            chunk = AIMessageChunk(
+                content=line,
+                chunk_position="last" if last else None,
+                usage_metadata=_usage(messages, text) if last else None,
+                response_metadata={**self._metadata(), "finish_reason": "stop"} if last else {},
+            )
+            generation = ChatGenerationChunk(message=chunk)
+            if run_manager:
+                run_manager.on_llm_new_token(line, chunk=generation)
+            yield generation
+
+    def _metadata(self) -> dict[str, str]:
+        return {"model_name": self.model, "model_provider": "grs"}
+
+    def _reply(self, messages: list[BaseMessage], stop: list[str] | None) -> str:
+        text = self._answer(messages)
+        for word in stop or ():
+            text = text.split(word)[0]
+        return text
+
+    def _answer(self, messages: list[BaseMessage]) -> str:
+        for message in reversed(messages):
+            if not isinstance(message, HumanMessage):
+                continue
+            prompt = read_prompt(str(message.text))
+            if prompt is not None and prompt.role in ROLES:
+                return ROLES[prompt.role](prompt, images(message), self._generator(str(message.text)))
+        return _HELP + ", ".join(ROLES)
+
+    def _generator(self, text: str) -> np.random.Generator:
+        digest = hashlib.sha256(text.encode()).digest()
+        return np.random.default_rng([self.seed, int.from_bytes(digest[:8], "big")])
+
+
+def _usage(messages: list[BaseMessage], reply: str) -> UsageMetadata:
+    asked, said = sum(_tokens(str(message.text)) for message in messages), _tokens(reply)
+    return UsageMetadata(input_tokens=asked, output_tokens=said, total_tokens=asked + said)
+
+
+def _tokens(text: str) -> int:
+    return max(1, len(text) // 4)

@@ -1,0 +1,150 @@
+"""Small edits of program text, found by its syntax tree and made in place, so that all else stays as it was."""
+
+import ast
+import re
+from collections.abc import Iterable
+
+KNOWN_NAMES = {
+    "np": "import numpy as np",
+    "numpy": "import numpy",
+    "math": "import math",
+    "random": "import random",
+    "itertools": "import itertools",
+    "unittest": "import unittest",
+    "os": "import os",
+    "Task": "from grs_agents.sim import Task",
+    "Environment": "from grs_agents.sim import Environment",
+    "utils": "from grs_agents.sim import utils",
+    "p": "from grs_agents.sim import p",
+}
+"""The import that defines each name programs commonly forget."""
+
+
+def parse(source: str) -> ast.Module | None:
+    """The syntax tree, or None for text that is not Python."""
+    try:
+        return ast.parse(source)
+    except (SyntaxError, ValueError):
+        return None
+
+
+def task_class(source: str) -> str:
+    """The name of the last class in ``source`` that has bases; by pattern where it does not parse."""
+    tree = parse(source)
+    if tree is None:
+        found = re.findall(r"^class (\w+)", source, re.MULTILINE)
+        return str(found[-1]) if found else "Task"
+    classes = [node.name for node in tree.body if isinstance(node, ast.ClassDef) and node.bases]
+    return classes[-1] if classes else "Task"
+
+
+def assets_in(source: str) -> set[str]:
+    """The URDF names that ``source`` spells out."""
+    return set(re.findall(r"[\"']([\w./-]+\.urdf)[\"']", source))
+
+
+def add_import(source: str, name: str) -> str | None:
+    """``source`` with the import that defines ``name``; None where it is not a known one or is there already."""
+    line = KNOWN_NAMES.get(name)
+    if line is None or re.search(rf"^{re.escape(line)}$", source, re.MULTILINE):
+        return None
+    tree = parse(source)
+    body = tree.body if tree else []
+    has_docstring = bool(body) and isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant)
+    after = (body[0].end_lineno or 0) if has_docstring else 0
+    lines = source.splitlines()
+    return "\n".join([*lines[:after], line, *lines[after:]]) + "\n"
+
+
+def max_steps(source: str) -> int | None:
+    """The number that ``source`` assigns to ``self.max_steps``."""
+    for node in _assignments(source):
+        if _target(node) == "max_steps" and isinstance(node.value, ast.Constant) and isinstance(node.value.value, int):
+            return node.value.value
+    return None
+
+
+def set_max_steps(source: str, steps: int) -> str | None:
+    """``source`` with another number of steps; None where it assigns none."""
+    found = [node for node in _assignments(source) if _target(node) == "max_steps"]
+    return _replaced(source, ((node.value, str(steps)) for node in found)) if found else None
+
+
+def scale_areas(source: str, factor: float) -> str | None:
+    """``source`` with the x and y extents of its containers and zones scaled; None where it states none."""
+    edits: list[tuple[ast.expr, str]] = []
+    for node in _assignments(source):
+        name, value = _target(node), node.value
+        if not name.endswith("_size") or not isinstance(value, ast.Tuple) or len(value.elts) != 3:
+            continue
+        for element in value.elts[:2]:
+            if isinstance(element, ast.Constant) and isinstance(element.value, float | int):
+                edits.append((element, f"{element.value * factor:.3f}"))
+    return _replaced(source, edits) if edits else None
+
+
+def replace_attribute(source: str, wrong: str, right: str) -> str | None:
+    """``source`` with attribute or name ``wrong`` spelt ``right``; None where it does not occur."""
+    changed = re.sub(rf"\b{re.escape(wrong)}\b", right, source)
+    return changed if changed != source else None
+
+
+def drop_asset(source: str, asset: str) -> str | None:
+    """``source`` without the list entries and statements about ``asset``; None where that leaves no whole program.
+
+    Rows of literal lists and dictionaries that name the asset go first; a statement that adds it goes with the list
+    entries that mention its variable.
+    """
+    tree = parse(source)
+    if tree is None:
+        return None
+    spans: list[tuple[int, int]] = []
+    variables: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.List | ast.Tuple) and len(node.elts) > 1:
+            rows = [row for row in node.elts if isinstance(row, ast.Dict | ast.Tuple | ast.List | ast.Constant)]
+            spans += [_span(row) for row in rows if _names(row, asset) and not isinstance(node.ctx, ast.Store)]
+        if isinstance(node, ast.Assign) and _names(node, asset) and isinstance(node.value, ast.Call):
+            variables |= {target.id for target in node.targets if isinstance(target, ast.Name)}
+            spans.append(_span(node))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.List):
+            spans += [_span(row) for row in node.elts if variables & _identifiers(row)]
+    changed = _without(source, spans) if spans else source
+    return changed if parse(changed) is not None and asset not in assets_in(changed) else None
+
+
+def _assignments(source: str) -> list[ast.Assign]:
+    tree = parse(source)
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Assign)] if tree else []
+
+
+def _target(node: ast.Assign) -> str:
+    target = node.targets[0]
+    return target.id if isinstance(target, ast.Name) else target.attr if isinstance(target, ast.Attribute) else ""
+
+
+def _names(node: ast.AST, text: str) -> bool:
+    return any(isinstance(part, ast.Constant) and part.value == text for part in ast.walk(node))
+
+
+def _identifiers(node: ast.AST) -> set[str]:
+    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+
+
+def _span(node: ast.expr | ast.stmt) -> tuple[int, int]:
+    return node.lineno, node.end_lineno or node.lineno
+
+
+def _without(source: str, spans: Iterable[tuple[int, int]]) -> str:
+    gone = {number for first, last in spans for number in range(first, last + 1)}
+    return "\n".join(line for number, line in enumerate(source.splitlines(), 1) if number not in gone) + "\n"
+
+
+def _replaced(source: str, edits: Iterable[tuple[ast.expr, str]]) -> str:
+    lines = source.splitlines()
+    for node, text in sorted(edits, key=lambda edit: (-edit[0].lineno, -edit[0].col_offset)):
+        line = lines[node.lineno - 1].encode()
+        if node.end_lineno == node.lineno:
+            lines[node.lineno - 1] = (line[: node.col_offset] + text.encode() + line[node.end_col_offset :]).decode()
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,142 @@
+"""The comprehension nodes: segment the photo; describe and match each candidate (paper, Scene Comprehension)."""
+
+from pathlib import Path
+
+import numpy as np
+
+from grs_agents.agents import Description, NoReply, roles
+from grs_agents.errors import InputError
+from grs_agents.nodes.matching import Matched, dropped, object_of
+from grs_agents.nodes.services import Services, Update, node
+from grs_agents.scene import (
+    CandidateRecord,
+    DroppedCandidate,
+    SceneDescription,
+    SceneObject,
+    TableFrame,
+    find_table,
+    place_robot,
+    read_scene,
+    save_candidates,
+    save_frame,
+)
+from grs_agents.state import RunState
+from grs_agents.trace import Note, SceneStage
+
+
+@node
+def comprehend(state: RunState, services: Services) -> Update:
+    """Find the table and the candidates in the photo, and lay the robot frame."""
+    frame = read_scene(Path(state["scene_path"]))
+    files = save_frame(frame, services.folder)
+    camera = frame.camera.model_dump(mode="json")
+    services.log.append(SceneStage(stage="frame", summary={"camera": camera}, files=files))
+    table = find_table(frame, np.random.default_rng(services.config.seed))
+    found = services.tool(services.config.tools.segment, frame=frame, table=table).candidates
+    table, candidates = place_robot(table, found)
+    records = save_candidates(frame, candidates, services.folder)
+    boxes = [{"id": one.id, "name": f"candidate {one.id}", "box": one.box.model_dump()} for one in records]
+    placed = {**camera, "T_robot_cam": table.T_robot_cam}
+    services.log.append(
+        SceneStage(
+            stage="segmented",
+            summary={"camera": placed, "table": table.model_dump(mode="json"), "objects": boxes},
+            files={**files, "masks": "scene/masks.png", "annotated": "scene/annotated.png"},
+        )
+    )
+    return {
+        "image": files["rgb"],
+        "frame": table.model_dump(mode="json"),
+        "candidates": [record.model_dump(mode="json") for record in records],
+    }
+
+
+@node
+def match(state: RunState, services: Services) -> Update:
+    """Describe each candidate and match it with an asset; what no asset matches becomes a primitive proxy."""
+    records = [CandidateRecord.model_validate(one) for one in state["candidates"]]
+    described: dict[int, Description] = {}
+    warnings: list[str] = []
+    for record in records:
+        reply = roles.describe(services.agents, _measurements(record), [record.crop, state["image"]])
+        if isinstance(reply, NoReply):
+            warnings.append(f"candidate {record.id}: {reply}")
+            reply = _undescribed(record)
+        described[record.id] = reply
+    summary = {str(number): one.model_dump(mode="json") for number, one in described.items()}
+    services.log.append(SceneStage(stage="described", summary=summary))
+    objects: list[SceneObject] = []
+    lost: list[DroppedCandidate] = []
+    for record in records:
+        found = _matched(record, described[record.id], state["image"], services, warnings)
+        reason = dropped(found)
+        if reason:
+            lost.append(DroppedCandidate(id=record.id, reason=reason))
+        else:
+            objects.append(object_of(found, services, [one.name for one in objects]))
+    for warning in warnings:
+        services.log.append(Note(level="warning", text=warning))
+    if not objects:
+        raise InputError(
+            f"{state['scene_path']}: none of {len(records)} segments is an object",
+            "put objects of at least 2 cm on the table, or name another model for describe and match",
+        )
+    scene = SceneDescription(
+        source=state["scene_path"],
+        image=state["image"],
+        frame=TableFrame.model_validate(state["frame"]),
+        objects=tuple(objects),
+        dropped=tuple(lost),
+        warnings=tuple(warnings),
+    )
+    scene.write(services.folder / "scene.json")
+    services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json")))
+    return {"scene": scene.model_dump(mode="json")}
+
+
+@node
+def hide_image(state: RunState, services: Services) -> Update:
+    """Keep the scene image from the authors (ablation ``LLM``)."""
+    return {"image": ""}
+
+
+def _measurements(record: CandidateRecord) -> dict[str, object]:
+    return {
+        "id": record.id,
+        "size_m": [round(value, 3) for value in record.upright.size],
+        "position_m": [round(value, 3) for value in record.upright.center],
+        "mean_color_rgb": [round(value, 2) for value in record.color],
+        "outline": record.shape,
+        "pixels": record.points,
+    }
+
+
+def _undescribed(record: CandidateRecord) -> Description:
+    """Stands in where the describer gave no usable reply: what was measured, and nothing else."""
+    return Description(
+        is_object=True, description=f"an undescribed {record.shape}", color="unknown", shape=record.shape, category="object"
+    )
+
+
+def _matched(
+    record: CandidateRecord, description: Description, image: str, services: Services, warnings: list[str]
+) -> Matched:
+    """Ask the matcher; a segment that the describer calls no object is not asked about."""
+    if not description.is_object:
+        return Matched(record, description, None)
+    assets = [
+        {
+            "name": asset.name,
+            "description": asset.description,
+            "color": asset.color,
+            "category": asset.category,
+            "size": [round(value, 3) for value in asset.size],
+        }
+        for asset in services.library.things()
+        if asset.category != "proxy"
+    ]
+    candidate = {**_measurements(record), **description.model_dump(exclude={"is_object"})}
+    reply = roles.match(services.agents, candidate, assets, [record.crop, image])
+    if isinstance(reply, NoReply):
+        warnings.append(f"candidate {record.id}: {reply}; a proxy stands for it")
+    return Matched(record, description, reply)

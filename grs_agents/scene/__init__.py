@@ -1,0 +1,43 @@
+"""Scene comprehension, as far as geometry goes: frame, table, segments, boxes in the robot frame."""
+
+from grs_agents.scene.candidates import candidates_of, place_asset, place_robot
+from grs_agents.scene.frame import Camera, RGBDFrame
+from grs_agents.scene.pictures import annotate, save_candidates, save_frame
+from grs_agents.scene.reader import read_camera, read_scene
+from grs_agents.scene.segmentation import segment
+from grs_agents.scene.table import find_table
+from grs_agents.scene.types import (
+    Aabb,
+    Candidate,
+    CandidateRecord,
+    DroppedCandidate,
+    SceneDescription,
+    SceneObject,
+    TableFrame,
+    UprightBox,
+    read_description,
+)
+
+__all__ = [
+    "Aabb",
+    "Camera",
+    "Candidate",
+    "CandidateRecord",
+    "DroppedCandidate",
+    "RGBDFrame",
+    "SceneDescription",
+    "SceneObject",
+    "TableFrame",
+    "UprightBox",
+    "annotate",
+    "candidates_of",
+    "find_table",
+    "place_asset",
+    "place_robot",
+    "read_camera",
+    "read_description",
+    "read_scene",
+    "save_candidates",
+    "save_frame",
+    "segment",
+]

@@ -1,0 +1,191 @@
+"""From labels to candidates: boxes, colours and shapes of the segments; where the robot stands."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import cast
+
+import cv2
+import numpy as np
+
+from grs_agents.base import Quat, Vec3
+from grs_agents.errors import InputError
+from grs_agents.scene.frame import Array, Mask, RGBDFrame
+from grs_agents.scene.merging import Labels, inside_hull
+from grs_agents.scene.table import as_matrix, robot_points
+from grs_agents.scene.types import Aabb, Candidate, Solid, TableFrame, UprightBox
+
+LARGEST = 0.5
+"""A segment longer than this (m) is not an object that the arm could move."""
+THINNEST = 0.012
+WORKSPACE_CENTER = (0.5, 0.0)
+"""Where the middle of the objects lies in a frame laid on the table, metres."""
+
+
+def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[Candidate, ...]:
+    """Measure each segment.
+
+    Raises:
+        InputError: nothing stands on the table, or one thing fills it.
+    """
+    points = robot_points(frame, table)
+    clouds = {label: _cloud(points, labels == label) for label in range(1, int(labels.max()) + 1)}
+    found: list[Candidate] = []
+    giant: Vec3 | None = None
+    for label, cloud in clouds.items():
+        if len(cloud) < 30:
+            continue
+        others = [other for key, other in clouds.items() if key != label and len(other) >= 30]
+        candidate = _measure(len(found) + 1, frame, labels == label, cloud, others)
+        if max(candidate.upright.size) > LARGEST:
+            giant = candidate.upright.size
+            continue
+        found.append(candidate)
+    if not found and giant is not None:
+        raise InputError(
+            f"{frame.source}: one thing of {giant[0]:.2f} x {giant[1]:.2f} x {giant[2]:.2f} m fills the table",
+            f"photograph objects of at most {LARGEST} m",
+        )
+    if not found:
+        raise InputError(f"{frame.source}: found nothing on the table", "put objects of at least 2 cm on it")
+    return tuple(found)
+
+
+def _cloud(points: Array, mask: Mask) -> Array:
+    cloud = points[mask]
+    return cloud[np.isfinite(cloud).all(axis=1)]
+
+
+def _measure(number: int, frame: RGBDFrame, mask: Mask, cloud: Array, others: Sequence[Array]) -> Candidate:
+    low, high = np.percentile(cloud, 1, axis=0), np.percentile(cloud, 99, axis=0)
+    inner = cloud[((cloud >= low) & (cloud <= high)).all(axis=1)]
+    bottom = _bottom(inner, others)
+    top = max(float(high[2]), bottom + THINNEST)
+    footprint = inner[:, :2].astype(np.float32)
+    (x, y), (length, width), angle = cv2.minAreaRect(footprint)
+    hull = cv2.contourArea(cv2.convexHull(footprint))
+    length, width = max(float(length), THINNEST), max(float(width), THINNEST)
+    round_outline = hull < 0.87 * length * width and 0.75 < length / width < 1.33
+    shape: Solid = "cylinder" if round_outline else "box"
+    yaw = math.radians(float(angle))
+    yaw = (yaw + math.pi / 4) % (math.pi / 2) - math.pi / 4  # within 45 degrees: swap the sides instead
+    if abs(math.sin(yaw - math.radians(float(angle)))) > 0.5:
+        length, width = width, length
+    color = frame.rgb[mask].mean(axis=0) / 255
+    return Candidate(
+        id=number,
+        mask=mask,
+        crop=_crop(frame, mask),
+        box=Aabb(low=_vec((*low[:2], bottom)), high=_vec((*high[:2], top))),
+        upright=UprightBox(
+            center=(float(x), float(y), (bottom + top) / 2),
+            size=(length, width, top - bottom),
+            yaw=0.0 if shape == "cylinder" else yaw,
+        ),
+        color=_vec(color),
+        shape=shape,
+        points=len(cloud),
+    )
+
+
+def _bottom(cloud: Array, others: Sequence[Array]) -> float:
+    """0 for what stands on the table; the top of what it lies on for what is stacked."""
+    lowest = float(np.percentile(cloud[:, 2], 2))
+    if lowest < 0.025:
+        return 0.0
+    for other in others:
+        hull = cv2.convexHull(other[:, :2].astype(np.float32)).reshape(-1, 2).astype(np.float64)
+        covered = float(inside_hull(cloud[:, :2], hull, margin=0.005).mean())
+        if covered > 0.4 and abs(float(np.percentile(other[:, 2], 95)) - lowest) < 0.04:
+            return lowest
+    return 0.0
+
+
+def _crop(frame: RGBDFrame, mask: Mask, margin: float = 0.15) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+    """The segment's rectangle with a margin; what does not belong to it is dimmed."""
+    rows, columns = np.nonzero(mask)
+    pad = int(margin * max(np.ptp(rows), np.ptp(columns))) + 4
+    top, bottom = max(0, rows.min() - pad), min(mask.shape[0], rows.max() + pad + 1)
+    left, right = max(0, columns.min() - pad), min(mask.shape[1], columns.max() + pad + 1)
+    crop = frame.rgb[top:bottom, left:right].copy()
+    outside = ~mask[top:bottom, left:right]
+    crop[outside] = (crop[outside] * 0.35).astype(np.uint8)
+    return crop
+
+
+def place_robot(table: TableFrame, candidates: Sequence[Candidate]) -> tuple[TableFrame, tuple[Candidate, ...]]:
+    """Move a frame that was laid on the table so that the middle of the objects is in the arm's workspace.
+
+    A calibrated frame is left as it is.
+    """
+    if table.origin == "calibrated":
+        return table, tuple(candidates)
+    lows = np.array([candidate.box.low for candidate in candidates])
+    highs = np.array([candidate.box.high for candidate in candidates])
+    middle = (lows.min(axis=0) + highs.max(axis=0)) / 2
+    shift = np.array([WORKSPACE_CENTER[0] - middle[0], WORKSPACE_CENTER[1] - middle[1], 0.0])
+    transform = np.array(table.T_robot_cam)
+    transform[:3, 3] += shift
+    moved = table.model_copy(update={"T_robot_cam": as_matrix(transform)})
+    return moved, tuple(_moved(candidate, shift) for candidate in candidates)
+
+
+def _moved(candidate: Candidate, shift: Array) -> Candidate:
+    def move(point: Vec3) -> Vec3:
+        return _vec(np.array(point) + shift)
+
+    box = Aabb(low=move(candidate.box.low), high=move(candidate.box.high))
+    upright = candidate.upright.model_copy(update={"center": move(candidate.upright.center)})
+    return replace(candidate, box=box, upright=upright)
+
+
+def place_asset(upright: UprightBox, size: Vec3) -> tuple[Vec3, Quat, Vec3]:
+    """Lay an asset of ``size`` (upright extents, m) into a measured box: the axis-aligned turn that fits best.
+
+    Returns:
+        Its centre, its rotation (xyzw), and its extents after the turn, before the yaw.
+    """
+    best: tuple[float, Array, Vec3] | None = None
+    for turn in _turns():
+        extents = np.abs(turn @ np.array(size))
+        misfit = float(np.abs(np.log(extents / np.array(upright.size))).sum())
+        misfit += 0.0 if turn[2, 2] > 0.5 else 0.05  # upright unless another way fits better
+        if best is None or misfit < best[0] - 1e-9:
+            best = misfit, turn, _vec(extents)
+    assert best is not None
+    _, turn, extents = best
+    bottom = upright.center[2] - upright.size[2] / 2
+    cosine, sine = math.cos(upright.yaw), math.sin(upright.yaw)
+    rotation = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]]) @ turn
+    return (upright.center[0], upright.center[1], bottom + extents[2] / 2), quaternion(rotation), extents
+
+
+def _turns() -> list[Array]:
+    """Upright, a quarter about z, and each of the four ways to lie."""
+    quarter = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+    about_x = np.array([[1, 0, 0], [0, 0, -1], [0, 1.0, 0]])
+    about_y = np.array([[0, 0, 1], [0, 1, 0], [-1.0, 0, 0]])
+    return [np.eye(3), quarter, about_x, about_y, quarter @ about_x, quarter @ about_y]
+
+
+def quaternion(rotation: Array) -> Quat:
+    """A rotation matrix as (x, y, z, w) with w >= 0."""
+    w = math.sqrt(max(0.0, 1 + float(np.trace(rotation)))) / 2
+    xyz = [
+        math.copysign(math.sqrt(max(0.0, 1 + 2 * float(rotation[i, i]) - float(np.trace(rotation)))) / 2, sign)
+        for i, sign in (
+            (0, rotation[2, 1] - rotation[1, 2]),
+            (1, rotation[0, 2] - rotation[2, 0]),
+            (2, rotation[1, 0] - rotation[0, 1]),
+        )
+    ]
+    if w < 1e-6:  # half a turn: the signs come from the products
+        axis = int(np.argmax(np.abs(xyz)))
+        xyz = [abs(value) * (1 if i == axis else math.copysign(1, rotation[axis, i])) for i, value in enumerate(xyz)]
+    norm = math.sqrt(sum(value * value for value in xyz) + w * w)
+    return (xyz[0] / norm, xyz[1] / norm, xyz[2] / norm, w / norm)
+
+
+def _vec(values: "Array | Sequence[float]") -> Vec3:
+    x, y, z = (float(value) for value in values)
+    return cast(Vec3, (x, y, z))

@@ -1,0 +1,79 @@
+"""An RGB-D frame and the camera that took it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, field_validator
+
+from grs_agents.base import Frozen
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Matrix = tuple[tuple[float, ...], ...]
+Image = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+Array = npt.NDArray[np.float64]
+
+
+class Camera(Frozen):
+    """A pinhole camera, OpenCV axes (x right, y down, z forward).
+
+    Attributes:
+        fx, fy, cx, cy: intrinsics in pixels.
+        width, height: of the colour image in pixels.
+        depth_scale: metres per unit of the depth image.
+        T_robot_cam: 4x4 rigid transform from the camera frame to the robot frame, if it was calibrated.
+    """
+
+    fx: Positive
+    fy: Positive
+    cx: Finite
+    cy: Finite
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+    depth_scale: Positive
+    T_robot_cam: Matrix | None = None
+
+    @field_validator("T_robot_cam")
+    @classmethod
+    def _rigid(cls, matrix: Matrix | None) -> Matrix | None:
+        if matrix is None:
+            return None
+        try:
+            array = np.asarray(matrix, dtype=np.float64)
+        except ValueError as error:
+            raise ValueError("must be a 4x4 matrix of numbers") from error
+        if array.shape != (4, 4) or not np.isfinite(array).all():
+            raise ValueError("must be a 4x4 matrix of finite numbers")
+        rotation = array[:3, :3]
+        proper = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
+        if not proper or not np.allclose(array[3], (0, 0, 0, 1), atol=1e-6):
+            raise ValueError("must be a rigid transform: a rotation, a translation in metres, last row 0 0 0 1")
+        return matrix
+
+
+@dataclass(frozen=True)
+class RGBDFrame:
+    """A photo with depth.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        depth: (H, W) float32 metres along the optical axis, 0 where nothing was measured.
+        camera: intrinsics and, if calibrated, pose.
+        source: the folder it came from.
+    """
+
+    rgb: Image
+    depth: npt.NDArray[np.float32]
+    camera: Camera
+    source: Path
+
+    def points(self) -> Array:
+        """(H, W, 3) points in the camera frame, metres; (0, 0, 0) where there is no depth."""
+        camera = self.camera
+        rows, columns = np.indices(self.depth.shape, dtype=np.float64)
+        z = self.depth.astype(np.float64)
+        return np.stack([(columns - camera.cx) / camera.fx * z, (rows - camera.cy) / camera.fy * z, z], axis=-1)

@@ -1,0 +1,71 @@
+"""Pictures of a scene: the frame, masks and crops as files, and an annotated photo for people."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from grs_agents.files import write_bytes
+from grs_agents.scene.frame import Image, RGBDFrame
+from grs_agents.scene.types import Candidate, CandidateRecord
+
+COLORS = ((230, 60, 60), (60, 180, 75), (60, 110, 230), (245, 160, 40), (150, 60, 190), (60, 200, 220), (230, 80, 200))
+
+
+def save_frame(frame: RGBDFrame, run: Path) -> dict[str, str]:
+    """Write ``scene/rgb.png`` and ``scene/depth.png`` (uint16, in the camera's unit) below the run folder.
+
+    Returns:
+        The files' names relative to ``run``, as the trace wants them.
+    """
+    units = np.rint(frame.depth / frame.camera.depth_scale).astype(np.uint16)
+    _write(run / "scene/rgb.png", cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
+    _write(run / "scene/depth.png", units)
+    return {"rgb": "scene/rgb.png", "depth": "scene/depth.png"}
+
+
+def save_candidates(frame: RGBDFrame, candidates: Sequence[Candidate], run: Path) -> tuple[CandidateRecord, ...]:
+    """Write each candidate's mask and crop, the label image ``scene/masks.png`` and the annotated photo."""
+    labels = np.zeros(frame.depth.shape, np.uint8)
+    records: list[CandidateRecord] = []
+    for one in candidates:
+        labels[one.mask] = one.id
+        mask, crop = f"scene/mask_{one.id:02d}.png", f"scene/crop_{one.id:02d}.png"
+        _write(run / mask, one.mask.astype(np.uint8) * 255)
+        _write(run / crop, cv2.cvtColor(one.crop, cv2.COLOR_RGB2BGR))
+        records.append(
+            CandidateRecord(
+                id=one.id,
+                mask=mask,
+                crop=crop,
+                box=one.box,
+                upright=one.upright,
+                color=one.color,
+                shape=one.shape,
+                points=one.points,
+            )
+        )
+    _write(run / "scene/masks.png", labels)
+    _write(run / "scene/annotated.png", cv2.cvtColor(annotate(frame, candidates), cv2.COLOR_RGB2BGR))
+    return tuple(records)
+
+
+def annotate(frame: RGBDFrame, candidates: Sequence[Candidate]) -> Image:
+    """(H, W, 3) uint8: the photo with each candidate's mask, outline and number."""
+    picture = frame.rgb.copy()
+    for one in candidates:
+        color = COLORS[one.id % len(COLORS)]
+        picture[one.mask] = (0.6 * picture[one.mask] + 0.4 * np.array(color)).astype(np.uint8)
+        outlines, _ = cv2.findContours(one.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        cv2.drawContours(picture, outlines, -1, color, 2)
+    for one in candidates:
+        rows, columns = np.nonzero(one.mask)
+        place = (int(columns.mean()) - 6, int(rows.mean()) + 6)
+        for thickness, color in ((4, (0, 0, 0)), (1, (255, 255, 255))):
+            cv2.putText(picture, str(one.id), place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, color, thickness, cv2.LINE_AA)
+    return picture
+
+
+def _write(file: Path, image: "np.ndarray[tuple[int, ...], np.dtype[np.uint8] | np.dtype[np.uint16]]") -> None:
+    write_bytes(file, cv2.imencode(".png", image)[1].tobytes())

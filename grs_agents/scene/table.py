@@ -1,0 +1,139 @@
+"""Find the table in a frame and lay the robot frame on it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from grs_agents.errors import InputError
+from grs_agents.scene.frame import Array, RGBDFrame
+from grs_agents.scene.types import TableFrame
+
+SAMPLES = 12_000
+ROUNDS = 400
+LEAST_SHARE = 0.12
+"""A table plane must hold at least this share of the measured pixels."""
+LOWEST_TILT = np.deg2rad(12.0)
+"""The camera looks down on the table by at least this angle."""
+HORIZONTAL = np.cos(np.deg2rad(12.0))
+"""A calibrated table's normal is within 12 degrees of the robot's z axis."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """``normal @ point + offset = 0`` with the unit normal towards the camera."""
+
+    normal: Array
+    offset: float
+    residual: float
+    inliers: float
+
+
+def tolerance(distance: Array) -> Array:
+    """How far a depth pixel may be off its plane: sensors are worse with the square of the distance (m)."""
+    return 0.005 + 0.003 * distance**2
+
+
+def find_table(frame: RGBDFrame, rng: np.random.Generator) -> TableFrame:
+    """Find the support plane by RANSAC, refined by least squares.
+
+    With ``T_robot_cam`` the robot frame is the given one, moved along z so that the table top is z = 0. Without it the
+    frame is laid on the plane: z up, x along the camera's view, y to the left; the origin is below the camera until
+    `place_robot` moves it.
+
+    Raises:
+        InputError: no plane that the camera looks down on holds enough of the pixels.
+    """
+    points = frame.points()[frame.depth > 0]
+    sample = points[rng.choice(len(points), size=min(SAMPLES, len(points)), replace=False)]
+    given = None if frame.camera.T_robot_cam is None else np.asarray(frame.camera.T_robot_cam, dtype=np.float64)
+    up = None if given is None else given[:3, :3].T @ np.array([0.0, 0.0, 1.0])
+    plane = _support_plane(sample, up, rng)
+    if plane is None:
+        raise InputError(
+            f"{frame.source}: found no table plane with at least {LEAST_SHARE:.0%} of the measured pixels",
+            "take the photo so that the table fills more of it and the camera looks down on it",
+        )
+    return _laid(plane) if given is None else _calibrated(plane, given)
+
+
+def _support_plane(points: Array, up: Array | None, rng: np.random.Generator) -> Plane | None:
+    bound = tolerance(points[:, 2])
+    best, normal, offset = 0, np.zeros(3), 0.0
+    for _ in range(ROUNDS):
+        a, b, c = points[rng.choice(len(points), size=3, replace=False)]
+        cross = np.cross(b - a, c - a)
+        length = float(np.linalg.norm(cross))
+        if length < 1e-5:
+            continue
+        unit = cross / length * (-1.0 if cross @ a > 0 else 1.0)
+        if not _plausible(unit, up):
+            continue
+        count = int((np.abs((points - a) @ unit) < bound).sum())
+        if count > best:
+            best, normal, offset = count, unit, float(-unit @ a)
+    if best < LEAST_SHARE * len(points):
+        return None
+    for _ in range(5):
+        near = np.abs(points @ normal + offset) < bound
+        center = points[near].mean(axis=0)
+        unit = np.linalg.svd(points[near] - center, full_matrices=False)[2][2]
+        normal = unit * (-1.0 if unit @ center > 0 else 1.0)
+        offset = float(-normal @ center)
+    distance = points @ normal + offset
+    near = np.abs(distance) < bound
+    return Plane(normal, offset, float(np.sqrt(np.mean(distance[near] ** 2))), float(near.mean()))
+
+
+def _plausible(normal: Array, up: Array | None) -> bool:
+    """The camera looks down on the plane and is not upside down; a calibrated table is level."""
+    if up is not None:
+        return bool(normal @ up > HORIZONTAL)
+    return bool(-normal[2] > np.sin(LOWEST_TILT) and normal[1] < 0.3)
+
+
+def _laid(plane: Plane) -> TableFrame:
+    z = plane.normal
+    view = np.array([0.0, 0.0, 1.0]) - z * z[2]
+    if np.linalg.norm(view) < 0.1:  # straight from above: the picture's upper edge is ahead
+        view = np.array([0.0, -1.0, 0.0]) - z * -z[1]
+    x = view / np.linalg.norm(view)
+    rotation = np.stack([x, np.cross(z, x), z])
+    transform = np.eye(4)
+    transform[:3, :3] = rotation
+    transform[2, 3] = plane.offset
+    return TableFrame(
+        T_robot_cam=as_matrix(transform),
+        origin="table_plane",
+        residual=plane.residual,
+        inliers=plane.inliers,
+        note="no T_robot_cam given: the robot frame is laid on the table found in the photo",
+    )
+
+
+def _calibrated(plane: Plane, given: Array) -> TableFrame:
+    point = -plane.normal * plane.offset
+    height = float((given[:3, :3] @ point + given[:3, 3])[2])
+    moved = given.copy()
+    moved[2, 3] -= height
+    note = f"the table top lies at z = {height:+.3f} m of the calibrated frame" if abs(height) > 0.005 else ""
+    return TableFrame(
+        T_robot_cam=as_matrix(moved),
+        origin="calibrated",
+        residual=plane.residual,
+        inliers=plane.inliers,
+        height=height,
+        note=note,
+    )
+
+
+def as_matrix(transform: Array) -> tuple[tuple[float, ...], ...]:
+    """A 4x4 array as nested tuples of floats."""
+    return tuple(tuple(float(value) for value in row) for row in transform)
+
+
+def robot_points(frame: RGBDFrame, table: TableFrame) -> Array:
+    """(H, W, 3) points in the robot frame, metres; NaN where there is no depth."""
+    transform = np.asarray(table.T_robot_cam)
+    points = frame.points() @ transform[:3, :3].T + transform[:3, 3]
+    points[frame.depth <= 0] = np.nan
+    return points

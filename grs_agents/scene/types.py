@@ -1,0 +1,170 @@
+"""What the scene room says: boxes, candidates, the table's frame, and the description of the whole scene."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
+
+from grs_agents.base import Frozen, Quat, Vec3
+from grs_agents.errors import InputError
+from grs_agents.files import write_json
+from grs_agents.scene.frame import Image, Mask, Matrix
+
+Solid = Literal["box", "cylinder"]
+
+
+class Aabb(Frozen):
+    """An axis-aligned box in the robot frame, metres."""
+
+    low: Vec3
+    high: Vec3
+
+    @property
+    def size(self) -> Vec3:
+        """Extents along x, y, z."""
+        return (self.high[0] - self.low[0], self.high[1] - self.low[1], self.high[2] - self.low[2])
+
+    @property
+    def center(self) -> Vec3:
+        """The middle."""
+        low, high = self.low, self.high
+        return ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2)
+
+
+class UprightBox(Frozen):
+    """A box that stands upright: centre (m, robot frame), size along its own axes (m), yaw about z (rad)."""
+
+    center: Vec3
+    size: Vec3
+    yaw: float
+
+
+class TableFrame(Frozen):
+    """The robot frame and how it was found.
+
+    Attributes:
+        T_robot_cam: 4x4 transform from the camera frame (OpenCV axes) to the robot frame, metres.
+        origin: ``calibrated`` (given in camera.json) or ``table_plane`` (laid on the table found in the photo).
+        residual: root mean square distance of the table's points to its plane, metres.
+        inliers: share of the measured pixels that lie on the table.
+        height: z of the table top in the robot frame, metres; 0 when laid on it.
+        note: what a reader should know.
+    """
+
+    T_robot_cam: Matrix
+    origin: Literal["calibrated", "table_plane"]
+    residual: float
+    inliers: float
+    height: float = 0.0
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A segment that may be an object.
+
+    Attributes:
+        id: from 1.
+        mask: (H, W) bool.
+        crop: (h, w, 3) uint8, the segment with a margin.
+        box: axis-aligned, robot frame.
+        upright: the fitted box with its yaw.
+        color: mean red, green, blue, 0..1.
+        shape: which solid fits better.
+        points: how many depth pixels it has.
+    """
+
+    id: int
+    mask: Mask
+    crop: Image
+    box: Aabb
+    upright: UprightBox
+    color: Vec3
+    shape: Solid
+    points: int
+
+
+class CandidateRecord(Frozen):
+    """A candidate without its pixels: what is kept in the state. Paths are relative to the run folder."""
+
+    id: int
+    mask: str
+    crop: str
+    box: Aabb
+    upright: UprightBox
+    color: Vec3
+    shape: Solid
+    points: int
+
+
+class SceneObject(Frozen):
+    """An object of the scene, with the asset that stands for it.
+
+    Attributes:
+        id: the candidate's.
+        name: unique in the scene, e.g. ``milk_1``.
+        asset: library name, or the proxy's.
+        matched: False for a primitive proxy.
+        description, category, color: in words.
+        box: axis-aligned, as measured, robot frame.
+        position: centre of the asset, metres, robot frame.
+        orientation: of the asset, xyzw.
+        size: extents of the asset as placed, along the world's axes (before yaw), metres.
+        reachable: within the arm's workspace.
+        evidence: why this asset.
+        mask, crop: picture files.
+    """
+
+    id: int
+    name: str
+    asset: str
+    matched: bool
+    description: str
+    category: str
+    color: str
+    box: Aabb
+    position: Vec3
+    orientation: Quat
+    size: Vec3
+    reachable: bool
+    evidence: str
+    mask: str
+    crop: str
+
+
+class DroppedCandidate(Frozen):
+    """A segment that is no object, and why."""
+
+    id: int
+    reason: str
+
+
+class SceneDescription(Frozen):
+    """The whole scene (paper, Scene Comprehension)."""
+
+    version: int = 1
+    source: str
+    image: str
+    frame: TableFrame
+    objects: tuple[SceneObject, ...]
+    dropped: tuple[DroppedCandidate, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def write(self, file: Path) -> None:
+        """Write ``scene.json`` whole."""
+        write_json(file, self.model_dump(mode="json"))
+
+
+def read_description(file: Path) -> SceneDescription:
+    """Read ``scene.json``.
+
+    Raises:
+        InputError: it cannot be read or does not fit the schema.
+    """
+    try:
+        return SceneDescription.model_validate_json(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror}", "make it with `grs scene`") from error
+    except ValidationError as error:
+        raise InputError(f"{file}: {error.errors()[0]['msg']}", "make it again with `grs scene`") from error

@@ -1,0 +1,29 @@
+"""The simulation runtime: CLIPort's ``Task`` and ``Environment`` on MuJoCo, goals, an oracle, and tasks as data."""
+
+from grs_agents.sim import bullet as p
+from grs_agents.sim import utils
+from grs_agents.sim.environment import Environment
+from grs_agents.sim.episode import (
+    ActionRecord,
+    Episode,
+    NoFreeSpaceError,
+    Outcome,
+    SimulationBudgetError,
+    SimulationError,
+    clear_episodes,
+    last_episode,
+)  # fmt: skip
+from grs_agents.sim.instance import InstanceGoal, InstanceObject, InstanceZone, TaskInstance
+from grs_agents.sim.kinematics import NEAREST, REACH
+from grs_agents.sim.oracle import Oracle
+from grs_agents.sim.reference import api_reference
+from grs_agents.sim.rollout import InstanceTask, Rollout, instantiate, rollout, solve
+from grs_agents.sim.task import Task, task_class
+from grs_agents.sim.templates import configure
+
+__all__ = [
+    "NEAREST", "REACH", "ActionRecord", "Environment", "Episode", "InstanceGoal", "InstanceObject", "InstanceTask",
+    "InstanceZone", "NoFreeSpaceError", "Oracle", "Outcome", "Rollout", "SimulationBudgetError", "SimulationError",
+    "Task", "TaskInstance", "api_reference", "clear_episodes", "configure", "instantiate", "last_episode", "p",
+    "rollout", "solve", "task_class", "utils",
+]  # fmt: skip

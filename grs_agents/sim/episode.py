@@ -1,0 +1,140 @@
+"""What came of an episode: a typed outcome, and one sentence that says why with names and numbers."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from grs_agents.base import Frozen, Vec3
+from grs_agents.errors import GrsError
+
+Outcome = Literal[
+    "success", "partial", "step_limit", "unreachable", "dropped", "toppled", "target_occupied",
+    "target_too_small", "no_free_space", "nothing_to_do", "error",
+]  # fmt: skip
+
+
+class SimulationError(GrsError):
+    """A simulation program asked for something that cannot be; ``outcome`` types the reason."""
+
+    outcome: Outcome = "error"
+
+
+class NoFreeSpaceError(SimulationError):
+    """No pose was free, or an object was added at a pose of None."""
+
+    outcome: Outcome = "no_free_space"
+
+
+class SimulationBudgetError(SimulationError):
+    """The environment used up its simulated steps."""
+
+
+class ActionRecord(Frozen):
+    """One pick-and-place.
+
+    Attributes:
+        object: id and asset of what was picked; None and "" when nothing was.
+        pick, place: where the suction cup went, metres.
+        reward: what the action added.
+        note: what the primitive reports, e.g. ``"placed"`` or ``"nothing to grasp at (0.50, 0.10, 0.02)"``.
+    """
+
+    object: int | None
+    asset: str
+    pick: Vec3
+    place: Vec3
+    reward: float
+    note: str
+
+
+class Episode(Frozen):
+    """How an episode ended.
+
+    Attributes:
+        outcome: why it ended.
+        reward: total, 0..1.
+        steps, max_steps: actions taken and allowed.
+        detail: one sentence with names, numbers and bounds.
+        objects: asset names concerned.
+        actions: what was done.
+    """
+
+    outcome: Outcome
+    reward: float
+    steps: int
+    max_steps: int
+    detail: str
+    objects: tuple[str, ...] = ()
+    actions: tuple[ActionRecord, ...] = ()
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Why the oracle has no further action."""
+
+    outcome: Outcome
+    detail: str
+    objects: tuple[str, ...] = ()
+
+
+def stop_of(error: GrsError) -> Stop:
+    """An error as the end of an episode."""
+    return Stop(error.outcome if isinstance(error, SimulationError) else "error", str(error))
+
+
+@dataclass
+class Recorder:
+    """Gathers one environment's current episode."""
+
+    actions: list[ActionRecord] = field(default_factory=list[ActionRecord])
+    stop: Stop | None = None
+    reward: float = 0.0
+    max_steps: int = 0
+    placed: int = 0
+    wanted: int = 0
+    complete: bool = False
+
+    def episode(self) -> Episode:
+        """The episode so far."""
+        stop = self._ending()
+        return Episode(
+            outcome=stop.outcome,
+            reward=round(self.reward, 9),
+            steps=len(self.actions),
+            max_steps=self.max_steps,
+            detail=stop.detail,
+            objects=stop.objects,
+            actions=tuple(self.actions),
+        )
+
+    def _ending(self) -> Stop:
+        count = f"{self.placed} of {self.wanted} objects placed after {len(self.actions)} of max_steps={self.max_steps}"
+        if self.complete:
+            return Stop("success", f"every goal met: {count}, reward {self.reward:.2f}")
+        if self.stop is not None and self.stop.outcome != "partial":
+            return self.stop
+        troubles = [action for action in self.actions if action.note != "placed"]
+        names = tuple(dict.fromkeys(action.asset for action in troubles if action.asset))
+        last = f"; last trouble: {troubles[-1].note}" if troubles else ""
+        if self.max_steps and len(self.actions) >= self.max_steps:
+            return Stop("step_limit", f"step limit: {count}, reward {self.reward:.2f}{last}", names)
+        if self.stop is not None:
+            return self.stop
+        return Stop("partial", f"stopped by the caller: {count}, reward {self.reward:.2f}{last}", names)
+
+
+_latest: list[Recorder] = []
+
+
+def remember(recorder: Recorder) -> None:
+    """Make ``recorder`` the one that ``last_episode`` reads."""
+    _latest[:] = [recorder]
+
+
+def last_episode() -> dict[str, Any] | None:
+    """The episode of the most recent environment in this process as JSON, or None."""
+    return _latest[0].episode().model_dump(mode="json") if _latest else None
+
+
+def clear_episodes() -> None:
+    """Forget the last episode, e.g. before the next test."""
+    _latest.clear()

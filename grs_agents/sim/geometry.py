@@ -1,0 +1,167 @@
+"""Exact outlines of objects seen from above: upright prisms around each collider, and how far apart they are."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose
+from grs_agents.library import ObjectModel, Shape
+from grs_agents.sim import utils
+
+FloatArray = npt.NDArray[np.float64]
+Value = TypeVar("Value")
+_CIRCLE = 12
+_REMEMBERED = 512
+
+
+def per_model(function: Callable[[ObjectModel], Value]) -> Callable[[ObjectModel], Value]:
+    """Remember what a function made of each of the last few hundred models (by identity: they never change)."""
+    known: dict[int, tuple[ObjectModel, Value]] = {}
+
+    def recall(model: ObjectModel) -> Value:
+        entry = known.get(id(model))
+        if entry is None:
+            if len(known) >= _REMEMBERED:
+                known.clear()
+            entry = known[id(model)] = (model, function(model))
+        return entry[1]
+
+    return recall
+
+
+@dataclass(frozen=True)
+class Prism:
+    """An upright prism: a convex outline (K, 2), counter-clockwise, between two heights, metres."""
+
+    outline: FloatArray
+    low: float
+    high: float
+    owner: int = -1
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """(x low, y low, x high, y high)."""
+        low, high = self.outline.min(axis=0), self.outline.max(axis=0)
+        return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+
+def convex_hull(points: FloatArray) -> FloatArray:
+    """The convex hull of points (N, 2) as a counter-clockwise outline (K, 2)."""
+    ordered = sorted({(round(float(x), 7), round(float(y), 7)) for x, y in points})
+    if len(ordered) < 3:
+        return np.array(ordered, dtype=np.float64)
+
+    def half(sequence: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+        chain: list[tuple[float, float]] = []
+        for x, y in sequence:
+            while len(chain) >= 2:
+                (ax, ay), (bx, by) = chain[-2], chain[-1]
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 1e-12:
+                    break
+                chain.pop()
+            chain.append((x, y))
+        return chain
+
+    lower, upper = half(ordered), half(reversed(ordered))
+    return np.array(lower[:-1] + upper[:-1], dtype=np.float64)
+
+
+def shape_points(shape: Shape, bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Points (3, N) whose convex hull holds the shape, object frame; a mesh counts as ``bounds``."""
+    if shape.kind == "mesh":
+        low, high = bounds
+        corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij"))
+        return corners.reshape(3, -1)
+    if shape.kind == "box":
+        half = np.asarray(shape.size) / 2
+        points = np.array(np.meshgrid(*[(-h, h) for h in half], indexing="ij")).reshape(3, -1)
+    else:
+        radius = shape.size[0]
+        half_length = shape.size[1] / 2 if shape.kind == "cylinder" else radius
+        angle = np.arange(_CIRCLE) * (2 * np.pi / _CIRCLE)
+        ring = radius / np.cos(np.pi / _CIRCLE) * np.array([np.cos(angle), np.sin(angle)])
+        ends = np.repeat([-half_length, half_length], _CIRCLE)
+        points = np.vstack([np.hstack([ring, ring]), ends])
+    return utils.apply((shape.position, shape.quaternion), points)
+
+
+@per_model
+def _local_points(model: ObjectModel) -> tuple[FloatArray, ...]:
+    bounds = (np.asarray(model.bounds[0]), np.asarray(model.bounds[1]))
+    return tuple(shape_points(shape, bounds) for shape in model.colliders)
+
+
+def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
+    """One prism for each collider of an object at ``pose``."""
+    found: list[Prism] = []
+    for local in _local_points(model):
+        points = utils.apply(pose, local)
+        found.append(Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner))
+    return found
+
+
+def footprint(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
+    """One prism around the whole object at ``pose``; a mark without colliders is a flat one."""
+    local = _local_points(model)
+    if local:
+        points = utils.apply(pose, np.hstack(local))
+    else:
+        corners = np.array(np.meshgrid(*zip(*model.bounds, strict=True), indexing="ij"), dtype=np.float64)
+        points = utils.apply(pose, corners.reshape(3, -1))
+    return Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
+
+
+def rectangle(center: tuple[float, float], size: tuple[float, float], yaw: float) -> FloatArray:
+    """The outline (4, 2) of a turned rectangle."""
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.asarray(size) / 2
+    return corners @ turn(yaw).T + np.asarray(center)
+
+
+def turn(yaw: float) -> FloatArray:
+    """The 2 x 2 rotation by ``yaw`` radians."""
+    return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+
+
+def _normals(outline: FloatArray) -> FloatArray:
+    edges = np.roll(outline, -1, axis=0) - outline
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
+def gaps(moving: FloatArray, still: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Signed gap (N,) between two convex outlines, with ``moving`` shifted by each of ``offsets`` (N, 2).
+
+    Positive: at least that far apart along some axis. Negative: they overlap.
+    """
+    if len(moving) < 3 or len(still) < 3:
+        return np.full(len(offsets), np.inf)
+    axes = np.vstack([_normals(moving), _normals(still)])
+    own, other, shift = moving @ axes.T, still @ axes.T, offsets @ axes.T
+    before = other.min(axis=0) - (own.max(axis=0) + shift)
+    after = own.min(axis=0) + shift - other.max(axis=0)
+    return np.maximum(before, after).max(axis=1)
+
+
+def inside_margin(moving: FloatArray, around: FloatArray, offsets: FloatArray) -> FloatArray:
+    """How far (N,) an outline shifted by ``offsets`` stays inside a convex outline; negative: it sticks out."""
+    axes = _normals(around)
+    limit = (around * axes).sum(axis=1)
+    return (limit - ((moving @ axes.T).max(axis=0) + offsets @ axes.T)).min(axis=1)
+
+
+def rest_heights(body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, gap: float) -> FloatArray:
+    """The height (N,) at which a body lowered at each offset would come to rest; 0 is the table top."""
+    heights = np.zeros(len(offsets))
+    if not len(offsets):
+        return heights
+    low, high = body.outline.min(axis=0) + offsets.min(axis=0), body.outline.max(axis=0) + offsets.max(axis=0)
+    for obstacle in obstacles:
+        x0, y0, x1, y1 = obstacle.box
+        if x0 > high[0] + gap or y0 > high[1] + gap or x1 < low[0] - gap or y1 < low[1] - gap:
+            continue
+        touching = gaps(body.outline, obstacle.outline, offsets) < gap
+        np.maximum(heights, obstacle.high, out=heights, where=touching)
+    return heights

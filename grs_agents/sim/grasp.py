@@ -1,0 +1,88 @@
+"""Where the suction cup can take hold: flat, uncovered points on an object's top, found by rays from above."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Vec3
+from grs_agents.sim.geometry import Prism, inside_margin
+from grs_agents.sim.physics import Physics
+
+FloatArray = npt.NDArray[np.float64]
+_SPACING: Final = 0.009
+_MOST: Final = 120
+_ANGLES: Final = np.arange(6) * (np.pi / 3)
+_RING: Final = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+
+
+@dataclass(frozen=True)
+class Hold:
+    """What looking down on an object finds.
+
+    Attributes:
+        point: where the cup should touch, metres; None if the object is covered.
+        covered_by: ids of what is seen in its place.
+    """
+
+    point: Vec3 | None
+    covered_by: tuple[int, ...] = ()
+
+
+def find_hold(physics: Physics, number: int, center: Vec3, outline: Prism) -> Hold:
+    """The flattest open point near the centre of an object.
+
+    Args:
+        physics: the running world.
+        number: the object's id.
+        center: of the object, metres.
+        outline: around the whole object.
+    """
+    fallback: tuple[float, Vec3] | None = None
+    covered: dict[int, int] = {}
+    for rank, (x, y) in enumerate(_candidates(center, outline)):
+        height, owner = physics.height_below(x, y)
+        if owner != number:
+            if owner >= 0 and height > outline.low:
+                covered[owner] = covered.get(owner, 0) + 1
+            continue
+        roughness, beside = _roughness(physics, number, x, y, height)
+        if beside >= 0:
+            covered[beside] = covered.get(beside, 0) + 1
+            continue
+        if roughness == 0:
+            return Hold((x, y, height))
+        cost = roughness + 0.0002 * rank
+        if fallback is None or cost < fallback[0]:
+            fallback = (cost, (x, y, height))
+    if fallback is not None:
+        return Hold(fallback[1])
+    return Hold(None, tuple(sorted(covered, key=lambda owner: -covered[owner])))
+
+
+def _candidates(center: Vec3, outline: Prism) -> list[tuple[float, float]]:
+    x0, y0, x1, y1 = outline.box
+    xs = center[0] + np.arange(np.ceil((x0 - center[0]) / _SPACING), (x1 - center[0]) / _SPACING) * _SPACING
+    ys = center[1] + np.arange(np.ceil((y0 - center[1]) / _SPACING), (y1 - center[1]) / _SPACING) * _SPACING
+    grid = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
+    inside = grid[inside_margin(np.zeros((1, 2)), outline.outline, grid) > 0.002]
+    middle = np.array([[center[0], center[1]]])
+    distance = np.linalg.norm(inside - middle, axis=1)
+    ordered = np.vstack([middle, inside[np.argsort(distance, kind="stable")]])
+    step = max(1, len(ordered) // _MOST)
+    return [(float(x), float(y)) for x, y in ordered[::step]]
+
+
+def _roughness(physics: Physics, number: int, x: float, y: float, height: float) -> tuple[float, int]:
+    """How little of the cup's rim would touch (0 all, 0.024 none), and which other object stands in its way, or -1."""
+    missing, step = 0, 0.0
+    for dx, dy in _RING:
+        for radius in (0.008, 0.013):
+            around, owner = physics.height_below(x + radius * float(dx), y + radius * float(dy))
+            if owner != number and around > height + 0.005:
+                return 1.0, owner
+            if around > height + 0.003:
+                step = 0.05  # the object's own higher part: only if there is nothing better
+            missing += radius < 0.01 and (owner != number or around < height - 0.003)
+    return 0.004 * missing + step, -1

@@ -1,0 +1,142 @@
+"""A task as data: what a simulation program sets up, as typed JSON that trusted code can run."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from grs_agents.base import Frozen, Pose, Quat, Vec3
+from grs_agents.library import ObjectModel
+
+LARGEST_POSITION = 2.0
+"""Metres from the robot base, along any axis."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_POSITION, le=LARGEST_POSITION)]
+Unit = Annotated[float, Field(allow_inf_nan=False, ge=-1.001, le=1.001)]
+Extent = Annotated[float, Field(allow_inf_nan=False, gt=0, le=2)]
+Channel = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
+Placed = tuple[tuple[Coordinate, Coordinate, Coordinate], tuple[Unit, Unit, Unit, Unit]]
+RGBA = tuple[Channel, Channel, Channel, Channel]
+
+
+def _check_quaternion(pose: Pose, what: str) -> None:
+    norm = sum(value * value for value in pose[1]) ** 0.5
+    if not 0.99 < norm < 1.01:
+        raise ValueError(f"{what}: quaternion {pose[1]} has length {norm:.3f}, must be 1")
+
+
+class InstanceObject(Frozen):
+    """One object of the scene.
+
+    Attributes:
+        id: the number that goals use.
+        asset: library-relative URDF name, e.g. ``"HOPE/Milk.urdf"``.
+        shapes: None for the asset as the library has it; a filled template carries its shapes here.
+        pose: position (m) of the centre of its box and rotation (xyzw), robot frame, before settling.
+        category: ``fixed`` (cannot move) or ``rigid``.
+        color: rgba 0..1 laid over the asset's own, or None.
+    """
+
+    id: Annotated[int, Field(ge=0, le=100_000)]
+    asset: Annotated[str, Field(min_length=1, max_length=300)]
+    shapes: ObjectModel | None = None
+    pose: Placed
+    category: Literal["fixed", "rigid"] = "rigid"
+    color: RGBA | None = None
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        _check_quaternion(self.pose, f"object {self.id}")
+        if self.shapes is not None:
+            low, high = self.shapes.bounds
+            for extent in (h - lo for lo, h in zip(low, high, strict=True)):
+                if not 0 <= extent <= 2:
+                    raise ValueError(f"object {self.id}: size {extent:.3f} m is not within 0..2 m")
+        return self
+
+
+class InstanceZone(Frozen):
+    """A region: its pose and full extents (x, y, z) in metres; z is not scored."""
+
+    pose: Placed
+    size: tuple[Extent, Extent, Annotated[float, Field(allow_inf_nan=False, ge=0, le=2)]]
+
+
+class InstanceGoal(Frozen):
+    """One goal; goals are met one after the other, in their order.
+
+    Attributes:
+        objects: ids of the objects it speaks of.
+        matches: for each object, for each target, 1 where that target will do.
+        targets: target poses.
+        replace: several objects may share a target.
+        rotations: the yaw of the target is asked for.
+        metric: ``pose`` (xy within ``pos_eps``, yaw within ``rot_eps``) or ``zone`` (share of volume inside).
+        zones: for metric ``zone``.
+        max_reward: reward for the whole goal.
+        symmetries: for each object, the angle (rad) after which it looks the same; 0 = any yaw.
+        language: what a person would say.
+    """
+
+    objects: Annotated[tuple[int, ...], Field(min_length=1, max_length=200)]
+    matches: tuple[tuple[Annotated[int, Field(ge=0, le=1)], ...], ...]
+    targets: Annotated[tuple[Placed, ...], Field(max_length=200)]
+    replace: bool
+    rotations: bool
+    metric: Literal["pose", "zone"]
+    zones: Annotated[tuple[InstanceZone, ...], Field(max_length=50)] = ()
+    max_reward: Annotated[float, Field(allow_inf_nan=False, ge=0, le=1.0001)]
+    symmetries: tuple[Annotated[float, Field(allow_inf_nan=False, ge=0, le=6.3)], ...]
+    language: Annotated[str, Field(max_length=2000)] = ""
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if self.metric == "pose" and not self.targets:
+            raise ValueError("a pose goal needs at least one target pose")
+        if self.metric == "zone" and not self.zones:
+            raise ValueError("a zone goal needs at least one zone")
+        if len(self.matches) != len(self.objects) or len(self.symmetries) != len(self.objects):
+            raise ValueError(f"{len(self.objects)} objects need as many rows of matches and symmetries")
+        if any(len(row) != len(self.targets) for row in self.matches):
+            raise ValueError(f"each row of matches needs {len(self.targets)} entries, one for each target")
+        for pose in self.targets:
+            _check_quaternion(pose, "target")
+        return self
+
+
+class TaskInstance(Frozen):
+    """A simulated task for one seed: everything a trusted process needs to build, run and score it.
+
+    Attributes:
+        version: of this format.
+        task: class name of the program it came from.
+        seed: the seed it was drawn with.
+        max_steps: pick-and-place actions allowed.
+        timestep: of the physics, seconds.
+        sixdof: the program's flag.
+        objects, goals: the scene and what is to be done.
+        warnings: what the runtime had to assume.
+    """
+
+    version: Literal[1] = 1
+    task: Annotated[str, Field(max_length=200)]
+    seed: int
+    max_steps: Annotated[int, Field(ge=1, le=200)]
+    timestep: Annotated[float, Field(ge=0.0005, le=0.01)]
+    sixdof: bool = False
+    objects: Annotated[tuple[InstanceObject, ...], Field(max_length=200)]
+    goals: Annotated[tuple[InstanceGoal, ...], Field(max_length=200)]
+    warnings: tuple[Annotated[str, Field(max_length=500)], ...] = ()
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        ids = [item.id for item in self.objects]
+        if len(set(ids)) != len(ids):
+            raise ValueError("object ids must differ")
+        unknown = {number for goal in self.goals for number in goal.objects} - set(ids)
+        if unknown:
+            raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")
+        return self
+
+
+__all__ = ["InstanceGoal", "InstanceObject", "InstanceZone", "Pose", "Quat", "TaskInstance", "Vec3"]

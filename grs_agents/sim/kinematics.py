@@ -1,0 +1,86 @@
+"""The UR5e's kinematics in closed form, for a tool that points straight down.
+
+Frames after the published Denavit-Hartenberg parameters. The base is at the origin of the robot frame and the
+tip is the end of the suction cup. With the tool down the wrist's second joint stays at -90 degrees and the
+arm moves in a vertical plane that lies ``D4`` beside the base's axis: a planar problem with one elbow-up answer.
+"""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Vec3
+
+FloatArray = npt.NDArray[np.float64]
+
+D1: Final = 0.1625
+A2: Final = -0.425
+A3: Final = -0.3922
+D4: Final = 0.1333
+D5: Final = 0.0997
+D6: Final = 0.0996
+TOOL_LENGTH: Final = 0.15
+"""From the flange to the tip of the suction cup, metres."""
+REACH: Final = 0.85
+"""Nominal reach of the arm from its base axis, metres."""
+NEAREST: Final = 0.22
+"""Closer to the base axis than this the arm would fold into itself, metres."""
+LINKS: Final = ((0.0, D1, np.pi / 2), (A2, 0.0, 0.0), (A3, 0.0, 0.0), (0.0, D4, np.pi / 2), (0.0, D5, -np.pi / 2),
+                (0.0, D6, 0.0))  # fmt: skip
+"""(a, d, alpha) of each joint."""
+
+
+def joint_frames(joints: FloatArray) -> list[FloatArray]:
+    """The 4 x 4 frames of the six links for joint angles (6,) in radians, robot frame."""
+    frames: list[FloatArray] = []
+    frame = np.eye(4)
+    for angle, (a, d, alpha) in zip(joints, LINKS, strict=True):
+        ct, st, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+        frame = frame @ np.array(
+            [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]]
+        )
+        frames.append(frame)
+    return frames
+
+
+def tip_frame(joints: FloatArray) -> FloatArray:
+    """The 4 x 4 frame of the suction cup's tip; its z axis points out of the cup."""
+    frame = joint_frames(joints)[-1].copy()
+    frame[:3, 3] += TOOL_LENGTH * frame[:3, 2]
+    return frame
+
+
+def solve(tips: FloatArray, yaws: FloatArray) -> FloatArray:
+    """Joint angles (N, 6) that bring the tip to ``tips`` (N, 3), tool down, turned by ``yaws`` (N,) radians.
+
+    Rows that the arm cannot reach are NaN. Successive rows of a continuous path give continuous angles.
+    """
+    x, y = tips[:, 0], tips[:, 1]
+    height = tips[:, 2] + TOOL_LENGTH + D6 - D1
+    radius = np.hypot(x, y)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        base = np.arctan2(y, x) + np.pi - np.arcsin(D4 / radius)
+        forward = np.sqrt(radius**2 - D4**2) - D5
+        cosine = (forward**2 + height**2 - A2**2 - A3**2) / (2 * A2 * A3)
+        elbow = np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
+    # The links have negative lengths in the published table, so the arm extends along minus x of link 1.
+    shoulder = np.arctan2(-height, forward) - np.arctan2(-A3 * np.sin(elbow), -A2 - A3 * np.cos(elbow))
+    wrist = -np.pi / 2 - shoulder - elbow
+    half = np.full_like(elbow, -np.pi / 2)
+    turn = base + np.pi / 2 - yaws
+    turn = np.unwrap(np.where(np.isfinite(turn), turn, 0.0))
+    turn -= 2 * np.pi * np.round(turn[:1] / (2 * np.pi))
+    return np.stack([base, shoulder, elbow, wrist, half, turn], axis=1)
+
+
+def reachable(tips: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which of the points (N, 3) the tip can be brought to, tool down, within the nominal reach."""
+    radius = np.hypot(tips[:, 0], tips[:, 1])
+    inside = (radius >= NEAREST) & (radius <= REACH)
+    return inside & np.isfinite(solve(tips, np.zeros(len(tips)))).all(axis=1)
+
+
+def can_reach(tip: Vec3) -> bool:
+    """Whether the arm can bring the tip to one point, tool down."""
+    return bool(reachable(np.array([tip], dtype=np.float64))[0])

@@ -1,0 +1,63 @@
+"""The API reference for language models, made from signatures and docstrings so that it cannot go stale."""
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+from grs_agents.sim import bullet, utils
+from grs_agents.sim.environment import Environment
+from grs_agents.sim.kinematics import NEAREST, REACH
+from grs_agents.sim.oracle import Oracle
+from grs_agents.sim.task import Task
+
+_TASK = ("add_goal", "get_random_pose", "get_random_size", "fill_template")
+_ENVIRONMENT = ("add_object", "get_object_pose", "get_object_size", "set_color", "reset", "step")
+_UTILS = ("eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ", "multiply", "invert", "apply")
+
+
+def api_reference() -> str:
+    """Markdown on ``Task``, ``Environment``, the oracle, ``utils`` and ``p``."""
+    lines = [
+        "```python",
+        "from grs_agents.sim import Task, Environment, utils, p",
+        "import numpy as np",
+        "```",
+        "Metres, radians; robot base at the origin, x forward, y left, z up, table top z = 0. A pose is "
+        "`((x, y, z), (qx, qy, qz, qw))` of the centre of an object's bounding box.",
+        f"The arm picks from above with suction between {NEAREST} m and {REACH} m from its base; random places lie in "
+        "x 0.25..0.75, y -0.5..0.5.",
+        "",
+        "### Task",
+        _text(Task),
+    ]
+    for name in _TASK:
+        lines += _entry(f"task.{name}", getattr(Task, name))
+    lines += ["### Environment", _text(Environment)]
+    for name in _ENVIRONMENT:
+        lines += _entry(f"env.{name}", getattr(Environment, name))
+    lines += ["### Oracle: `task.oracle(env)`", _text(Oracle), "### utils"]
+    for name in _UTILS:
+        function = getattr(utils, name)
+        lines.append(f"- `utils.{name}{_signature(function)}`: {_text(function).splitlines()[0]}")
+    lines.append(f"- `utils.COLORS`: {', '.join(utils.COLORS)}")
+    call = bullet.getBasePositionAndOrientation
+    lines.append(f"- `p.getBasePositionAndOrientation(id)`: {_text(call).splitlines()[0]}")
+    return "\n".join(lines) + "\n"
+
+
+def _entry(label: str, function: Callable[..., Any]) -> list[str]:
+    return [f"#### `{label}{_signature(function)}`", _text(function)]
+
+
+def _signature(function: Callable[..., Any]) -> str:
+    signature = inspect.signature(function)
+    shown = [
+        parameter.replace(annotation=inspect.Parameter.empty)
+        for name, parameter in signature.parameters.items()
+        if name != "self" and not name.startswith("_")
+    ]
+    return str(signature.replace(parameters=shown, return_annotation=inspect.Signature.empty))
+
+
+def _text(thing: Any) -> str:
+    return inspect.cleandoc(thing.__doc__ or "").replace("Example::\n", "Example:\n")

@@ -1,0 +1,114 @@
+"""Images by casting rays: colour, depth and which object, with no graphics library at all."""
+
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Vec3
+from grs_agents.library import Library
+from grs_agents.sim import world
+from grs_agents.sim.engine import mujoco
+from grs_agents.sim.instance import InstanceObject
+
+FloatArray = npt.NDArray[np.float64]
+_LIGHT = np.array([0.2, -0.3, 0.93])
+_GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera: where it is and what it looks at (m), its vertical field of view (deg), rows and columns."""
+
+    position: Vec3
+    target: Vec3
+    field_of_view: float = 45.0
+    height: int = 480
+    width: int = 640
+
+
+FRONT = View((1.35, 0.0, 0.75), (0.45, 0.0, 0.05))
+LEFT = View((0.15, 0.85, 0.65), (0.5, 0.0, 0.05))
+RIGHT = View((0.15, -0.85, 0.65), (0.5, 0.0, 0.05))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """color (H, W, 3) uint8; depth (H, W) float32 metres along the optical axis, 0 = nothing; owner (H, W) id or -1."""
+
+    color: npt.NDArray[np.uint8]
+    depth: npt.NDArray[np.float32]
+    owner: npt.NDArray[np.int32]
+
+
+def rays(view: View) -> FloatArray:
+    """Directions (H * W, 3) with length 1 along the optical axis, robot frame."""
+    forward = np.subtract(view.target, view.position)
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([0.0, -1.0, 0.0])
+    down = np.cross(forward, right)
+    focal = view.height / 2 / np.tan(np.deg2rad(view.field_of_view) / 2)
+    u, v = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
+    x, y = (u - view.width / 2) / focal, (v - view.height / 2) / focal
+    return (forward + x[..., None] * right + y[..., None] * down).reshape(-1, 3)
+
+
+def render(
+    objects: Sequence[InstanceObject], library: Library, joints: FloatArray, views: Sequence[View]
+) -> list[Picture]:
+    """One picture for each view of objects and the arm at ``joints`` (6,)."""
+    scene = world.build(objects, library, visuals=True)
+    data = mujoco.MjData(scene.model)
+    data.qpos[:6] = joints
+    mujoco.mj_forward(scene.model, data)
+    return [_picture(scene, data, view) for view in views]
+
+
+def _picture(scene: world.World, data: Any, view: View) -> Picture:
+    directions = rays(view)
+    count = len(directions)
+    geom, distance, normal = np.full(count, -1, np.int32), np.empty(count), np.empty(3 * count)
+    mujoco.mj_multiRay(
+        scene.model, data, np.asarray(view.position), directions.ravel(), _GROUPS, 1, -1, geom, distance, normal,
+        count, 1e10,
+    )  # fmt: skip
+    hit = geom >= 0
+    paint = np.asarray(scene.model.geom_rgba)[:, :3]
+    shade = np.clip(np.abs(normal.reshape(-1, 3) @ _LIGHT), 0.3, 1.0)
+    color = np.where(hit[:, None], paint[geom] * shade[:, None], 0.93) * 255
+    shape = (view.height, view.width)
+    owner = np.where(hit, np.asarray(scene.owners, dtype=np.int32)[geom], -1)
+    return Picture(
+        color.astype(np.uint8).reshape(*shape, 3),
+        np.where(hit, distance, 0).astype(np.float32).reshape(shape),
+        owner.reshape(shape),
+    )
+
+
+def png(color: npt.NDArray[np.uint8]) -> bytes:
+    """An image (H, W, 3) as a PNG file's content."""
+    height, width = color.shape[:2]
+    rows = np.hstack([np.zeros((height, 1), np.uint8), color.reshape(height, -1)])  # filter type 0 before each row
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows.tobytes())) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + body
+
+
+def observe(
+    objects: Sequence[InstanceObject], library: Library, joints: FloatArray
+) -> dict[str, tuple[npt.NDArray[Any], ...]]:
+    """The three observation cameras: ``color`` and ``depth``."""
+    pictures = render(objects, library, joints, (FRONT, LEFT, RIGHT))
+    return {
+        "color": tuple(picture.color for picture in pictures),
+        "depth": tuple(picture.depth for picture in pictures),
+    }

@@ -1,0 +1,195 @@
+"""From a program to data and from data to a scored episode."""
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from grs_agents.base import Frozen, Pose
+from grs_agents.errors import GrsError
+from grs_agents.library import Library
+from grs_agents.sim.environment import Environment
+from grs_agents.sim.episode import Episode, stop_of
+from grs_agents.sim.goals import Goal
+from grs_agents.sim.instance import InstanceGoal, InstanceZone, TaskInstance
+from grs_agents.sim.recording import Recording
+from grs_agents.sim.targets import Suits
+from grs_agents.sim.task import Task
+
+IDLE_SECONDS: Final = 2.0
+_MOVED: Final = 0.02
+
+
+class Rollout(Frozen):
+    """The trusted oracle's run of an instance.
+
+    Attributes:
+        seed: of the instance.
+        episode: how it ended.
+        idle_reward: what doing nothing for 2 simulated seconds would have earned.
+        moved: asset names of rigid objects that were picked or whose centre moved more than 2 cm.
+        initial, final: pose of each object by id, after settling and at the end.
+        reachable: ids of rigid objects that the arm can reach.
+        recording: the .npz file, if one was asked for.
+        warnings: what the runtime had to assume.
+    """
+
+    seed: int
+    episode: Episode
+    idle_reward: float
+    moved: tuple[str, ...]
+    initial: dict[int, Pose]
+    final: dict[int, Pose]
+    reachable: tuple[int, ...]
+    recording: str | None = None
+    warnings: tuple[str, ...] = ()
+
+
+class InstanceTask(Task):
+    """A task that sets up what an instance says."""
+
+    def __init__(self, instance: TaskInstance) -> None:
+        super().__init__()
+        self.instance = instance
+        self.max_steps, self.sixdof = instance.max_steps, instance.sixdof
+        self.ids: dict[int, int] = {}
+
+    def reset(self, env: Environment) -> None:
+        """Add the instance's objects and goals."""
+        super().reset(env)
+        self.ids = {item.id: env.insert(item) for item in self.instance.objects}
+        for goal in self.instance.goals:
+            self.add_goal(
+                [self.ids[number] for number in goal.objects], np.array(goal.matches).reshape(len(goal.objects), -1),
+                list(goal.targets), goal.replace, goal.rotations, goal.metric,
+                [(zone.pose, zone.size) for zone in goal.zones], goal.max_reward, list(goal.symmetries), goal.language,
+            )  # fmt: skip
+
+
+def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskInstance:
+    """Run a program's ``reset`` once and write down what it set up.
+
+    Args:
+        task: the program's task.
+        seed: for every random choice the environment makes.
+        library: 3D assets.
+
+    Raises:
+        SimulationError: the scene cannot be set up.
+        ValidationError: what it set up is out of range.
+    """
+    env = Environment(library=library, seed=seed)
+    env.set_task(task)
+    env.reset(settle=False)
+    return TaskInstance(
+        task=type(task).__name__[:200],
+        seed=seed,
+        max_steps=int(task.max_steps),
+        timestep=env.timestep,
+        sixdof=bool(task.sixdof),
+        objects=env.objects,
+        goals=tuple(_instance_goal(goal, words) for goal, words in task.stated_goals),
+        warnings=tuple(warning[:500] for warning in env.warnings),
+    )
+
+
+def _instance_goal(goal: Goal, words: str) -> InstanceGoal:
+    return InstanceGoal(
+        objects=tuple(goal.objs),
+        matches=tuple(tuple(int(value) for value in row) for row in goal.matches),
+        targets=tuple(goal.targ_poses),
+        replace=goal.replace,
+        rotations=goal.rotations,
+        metric=goal.metric,
+        zones=tuple(InstanceZone(pose=pose, size=size) for pose, size in goal.params),
+        max_reward=goal.step_max_reward,
+        symmetries=tuple(goal.symmetries),
+        language=words[:2000],
+    )
+
+
+def rollout(instance: TaskInstance, library: Library | None = None, recording: Path | None = None) -> Rollout:
+    """Let the oracle solve an instance; nothing of the program it came from is needed.
+
+    Args:
+        instance: what to run.
+        library: 3D assets.
+        recording: an .npz file to write: ``times`` (N,), ``positions`` (N, B, 3), ``quaternions`` (N, B, 4, xyzw),
+            ``names`` (B,) ("object_<id>" or a robot link), ``tool`` (N, 3).
+    """
+    idle_reward = _idle_reward(instance, library)
+    task = InstanceTask(instance)
+    env = Environment(task=task, library=library, seed=instance.seed)
+    env.timestep = instance.timestep
+    initial: dict[int, Pose] = {}
+    reachable: tuple[int, ...] = ()
+    recorder: Recording | None = None
+    try:
+        env.reset()
+        initial = _poses(env, task)
+        reachable = _reachable(env, task)
+        recorder = Recording(env, task.ids) if recording is not None else None
+        solve(env, task)
+    except GrsError as error:
+        env.recorder.stop = stop_of(error)
+    final = _poses(env, task) if initial else {}
+    if recorder is not None and recording is not None:
+        recorder.save(recording)
+    return Rollout(
+        seed=instance.seed,
+        episode=env.episode,
+        idle_reward=idle_reward,
+        moved=_moved(env, task, initial, final),
+        initial=initial,
+        final=final,
+        reachable=reachable,
+        recording=str(recording) if recorder is not None else None,
+        warnings=tuple(env.warnings),
+    )
+
+
+def solve(env: Environment, task: Task) -> None:
+    """Let the oracle act in a reset environment until it is done or stops; ``env.episode`` says how it went."""
+    agent, done = task.oracle(env), False
+    while not done:
+        action = agent.act()
+        if action is None:
+            return
+        _, _, done, _ = env.step(action)
+
+
+def _idle_reward(instance: TaskInstance, library: Library | None) -> float:
+    task = InstanceTask(instance)
+    env = Environment(task=task, library=library, seed=instance.seed)
+    env.timestep = instance.timestep
+    try:
+        env.reset()
+        env.step_simulation(int(IDLE_SECONDS / env.timestep))
+    except GrsError:
+        return 0.0
+    return float(task.reward()[0])
+
+
+def _poses(env: Environment, task: InstanceTask) -> dict[int, Pose]:
+    return {own: env.get_object_pose(number) for own, number in task.ids.items()}
+
+
+def _reachable(env: Environment, task: InstanceTask) -> tuple[int, ...]:
+    found: list[int] = []
+    for own, number in task.ids.items():
+        if env.is_free(number):
+            position, size = env.get_object_pose(number)[0], env.get_object_size(number)
+            top = np.array([max(0.0, position[2] + size[2] / 2)])
+            if Suits(0.0)(np.array([position[:2]]), top)[0]:
+                found.append(own)
+    return tuple(found)
+
+
+def _moved(env: Environment, task: InstanceTask, initial: dict[int, Pose], final: dict[int, Pose]) -> tuple[str, ...]:
+    picked = {action.object for action in env.episode.actions}
+    names: list[str] = []
+    for own in initial:
+        shift: Any = np.linalg.norm(np.subtract(initial[own][0], final[own][0]))
+        if task.ids[own] in picked or (env.is_free(task.ids[own]) and float(shift) > _MOVED):
+            names.append(env.object(task.ids[own]).asset)
+    return tuple(names)

@@ -1,0 +1,90 @@
+"""A snapshot of the scene for planning: outlines, names, and what stands where."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.library import ObjectModel
+from grs_agents.sim import utils
+from grs_agents.sim.geometry import Prism, footprint, inside_margin, prisms
+
+if TYPE_CHECKING:
+    from grs_agents.sim.environment import Environment
+
+_POINT = np.zeros((1, 2))
+
+
+class SceneView:
+    """What the oracle looks at when it plans one action."""
+
+    def __init__(self, env: "Environment") -> None:
+        self.env, self.physics = env, env.physics
+        self.stated_goals = env.task.stated_goals if env.task is not None else []
+        self._items = {item.id: item for item in env.objects}
+        self._models = {number: env.shapes(number) for number in self._items}
+        self._outlines: dict[int, Prism] = {}
+        self.prisms: list[Prism] = [
+            prism for number, item in self._items.items()
+            for prism in prisms(self._models[number], item.pose, number)
+        ]  # fmt: skip
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Every object."""
+        return tuple(self._items)
+
+    def name(self, number: int) -> str:
+        """The asset name of an object."""
+        return self._items[number].asset
+
+    def pose(self, number: int) -> Pose:
+        """Where it is."""
+        return self._items[number].pose
+
+    def yaw(self, number: int) -> float:
+        """How it is turned about the vertical, radians."""
+        return utils.yaw_of(self.pose(number)[1])
+
+    def tilt(self, number: int) -> float:
+        """The angle between its own z axis and the vertical, radians."""
+        upward = utils.rotation_matrix(self.pose(number)[1])[2, 2]
+        return float(np.arccos(np.clip(upward, -1.0, 1.0)))
+
+    def model(self, number: int) -> ObjectModel:
+        """What it is made of."""
+        return self._models[number]
+
+    def is_free(self, number: int) -> bool:
+        """Whether it can be moved."""
+        return self.env.is_free(number)
+
+    def hollow(self, number: int) -> bool:
+        """Whether things can be put into it."""
+        base = self.name(number).split("#", maxsplit=1)[0]
+        return base in self.env.library and self.env.library.asset(base).hollow
+
+    def outline(self, number: int) -> Prism:
+        """One prism around the whole object."""
+        if number not in self._outlines:
+            self._outlines[number] = footprint(self._models[number], self.pose(number), number)
+        return self._outlines[number]
+
+    def extent(self, number: int) -> tuple[float, float]:
+        """Horizontal extents along its own axes as it stands, metres."""
+        outline = self.outline(number).outline @ _turn(self.yaw(number))
+        size = outline.max(axis=0) - outline.min(axis=0)
+        return (float(size[0]), float(size[1]))
+
+    def others(self, *numbers: int) -> list[Prism]:
+        """The prisms of every object but these."""
+        return [prism for prism in self.prisms if prism.owner not in numbers]
+
+    def over(self, number: int, point: Vec3) -> bool:
+        """Whether a point lies above an object's outline, seen from above."""
+        offset = np.array([[point[0], point[1]]])
+        return bool(inside_margin(_POINT, self.outline(number).outline, offset)[0] >= 0)
+
+
+def _turn(yaw: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])

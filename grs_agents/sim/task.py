@@ -1,0 +1,284 @@
+"""The class that simulation programs derive from."""
+
+from collections.abc import Mapping, Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.sim import placement, scoring, templates
+from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
+from grs_agents.sim.geometry import Prism, footprint
+from grs_agents.sim.goals import Goal, make_goal
+
+if TYPE_CHECKING:
+    from grs_agents.sim.environment import Environment
+    from grs_agents.sim.oracle import Oracle
+
+FloatArray = npt.NDArray[np.float64]
+_PATIENCE = 200
+
+
+class Task:
+    """A robot task: derive from it, set the scene up in ``reset`` and state the goals.
+
+    Attributes:
+        max_steps: pick-and-place actions allowed; give at least one for each object, better twice as many.
+        lang_template: what a person would say, e.g. ``"pack the {} in the box"``.
+        task_completed_desc: said at the end.
+        sixdof: kept for CLIPort programs.
+        pos_eps, rot_eps: tolerance of ``pose`` goals, metres and radians.
+        bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
+        goals: what ``add_goal`` gathered.
+
+    Example::
+
+        class StackBlocks(Task):
+            def __init__(self):
+                super().__init__()
+                self.max_steps = 4
+                self.lang_template = "put the red block on the blue block"
+                self.task_completed_desc = "done stacking."
+                self.additional_reset()
+
+            def reset(self, env):
+                super().reset(env)
+                base = ((0.5, 0.1, 0.02), (0, 0, 0, 1))
+                env.add_object("block/blue_block.urdf", base)
+                red = env.add_object("block/red_block.urdf", ((0.45, -0.2, 0.02), (0, 0, 0, 1)))
+                target = ((0.5, 0.1, 0.06), (0, 0, 0, 1))
+                self.add_goal(objs=[red], matches=np.ones((1, 1)), targ_poses=[target], replace=False,
+                              rotations=False, metric='pose', params=None, step_max_reward=1.0,
+                              symmetries=[np.pi / 2], language_goal=self.lang_template)
+    """
+
+    def __init__(self) -> None:
+        self.max_steps = 10
+        self.lang_template = ""
+        self.task_completed_desc = "task completed."
+        self.sixdof = False
+        self.pos_eps = scoring.POSITION_TOLERANCE
+        self.rot_eps = scoring.ROTATION_TOLERANCE
+        self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
+        self.zone_bounds: FloatArray = np.copy(self.bounds)
+        self.pix_size = 0.003125
+        self.mode = "train"
+        self.ee = "suction"
+        self.primitive = "pick_place"
+        self.goals: list[Goal] = []
+        self.lang_goals: list[str] = []
+        self.progress = 0.0
+        self.total_reward = 0.0
+        self._all_goals: list[tuple[Goal, str]] = []
+        self._env: Environment | None = None
+
+    # --- set-up -----------------------------------------------------------------------------------------
+
+    def additional_reset(self) -> None:
+        """Kept for programs that call it; there is nothing left to do."""
+
+    def reset(self, env: "Environment") -> None:
+        """Clear the goals. A program's own ``reset`` calls ``super().reset(env)``, then adds objects and goals."""
+        self._env = env
+        self.goals, self.lang_goals, self._all_goals = [], [], []
+        self.progress = self.total_reward = 0.0
+
+    def add_goal(
+        self,
+        objs: Any,
+        matches: Any,
+        targ_poses: Any,
+        replace: bool = False,
+        rotations: bool = True,
+        metric: str = "pose",
+        params: Any = None,
+        step_max_reward: float = 1.0,
+        symmetries: Any = None,
+        language_goal: str = "",
+        **_: Any,
+    ) -> None:
+        """State a goal. Goals are met one after the other; their ``step_max_reward`` should add up to 1.
+
+        Args:
+            objs: ids that ``env.add_object`` returned.
+            matches: ``np.ones((objects, targets))``: 1 where a target will do for an object.
+            targ_poses: target poses ``((x, y, z), (qx, qy, qz, qw))`` of objects' centres.
+            replace: whether several objects may share one target.
+            rotations: whether the yaw of the target is asked for.
+            metric: ``'pose'`` (xy within 1 cm, yaw within 15 degrees) or ``'zone'`` (share of the object's volume
+                above the zone, seen from above).
+            params: for ``'zone'``: ``[(zone_pose, (size_x, size_y, size_z))]``, metres.
+            step_max_reward: reward when all of this goal is met.
+            symmetries: for each object the angle (rad) after which it looks the same: 0 = any yaw (default),
+                ``np.pi`` for a rectangle, ``np.pi / 2`` for a square, ``2 * np.pi`` for none.
+            language_goal: what a person would say.
+
+        Examples::
+
+            self.add_goal(objs=[can], matches=np.ones((1, 1)), targ_poses=[pose], replace=False, rotations=True,
+                          metric='pose', params=None, step_max_reward=1 / 2, symmetries=[0], language_goal="...")
+            self.add_goal(objs=cans, matches=np.ones((len(cans), 1)), targ_poses=[box_pose], replace=True,
+                          rotations=False, metric='zone', params=[(box_pose, box_size)], step_max_reward=1 / 2,
+                          language_goal="...")
+
+        Raises:
+            SimulationError: an argument does not fit; the message says which, and what would.
+        """
+        goal = make_goal(objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries)
+        if self._env is not None:
+            for number in goal.objs:
+                self._env.object(number)
+        self.goals.append(goal)
+        self.lang_goals.append(str(language_goal))
+
+    def finish_reset(self, env: "Environment") -> None:
+        """Called by the environment after ``reset``: rewards are brought to add up to 1."""
+        self._env = env
+        total = sum(goal.step_max_reward for goal in self.goals)
+        if self.goals and abs(total - 1) > 0.01:
+            env.warnings.append(f"the goals' step_max_reward add up to {total:.2f}, scaled to 1")
+            even = 1 / len(self.goals)
+            self.goals = [
+                goal._replace(step_max_reward=goal.step_max_reward / total if total > 0 else even)
+                for goal in self.goals
+            ]
+        self._all_goals = list(zip(self.goals, self.lang_goals, strict=False))
+
+    def fill_template(self, template: str, replace: Mapping[str, Sequence[float]]) -> str:
+        """Fill in a template's sizes and colour; the result goes to ``env.add_object``.
+
+        Args:
+            template: e.g. ``"container/container-template.urdf"``.
+            replace: ``{'DIM': (x, y, z), 'HALF': (x / 2, y / 2, z / 2), 'COLOR': (r, g, b)}``, metres; what is
+                left out takes the template's default.
+        """
+        library = self._env.library if self._env is not None else templates.default_library()
+        return templates.fill(library, template, replace)
+
+    def get_random_pose(
+        self, env: "Environment", obj_size: Sequence[float]
+    ) -> tuple[Vec3, tuple[float, float, float, float]] | tuple[None, None]:
+        """A free pose on the table, in reach of the arm, for an object of ``obj_size`` (x, y, z) metres.
+
+        Returns:
+            ``(position, rotation xyzw)``, or ``(None, None)`` when there is no room.
+
+        Raises:
+            NoFreeSpaceError: it was asked again and again although there is no room.
+        """
+        found = placement.random_pose(obj_size, self.bounds, _standing(env), env.rng)
+        if found is not None:
+            env.failed_placements = 0
+            return found
+        env.failed_placements += 1
+        if env.failed_placements >= _PATIENCE:
+            raise NoFreeSpaceError(
+                f"no free place of {obj_size[0]:.2f} x {obj_size[1]:.2f} m among {len(env.objects)} objects, asked "
+                f"{_PATIENCE} times",
+                "add fewer or smaller objects",
+            )
+        return None, None
+
+    def get_random_size(
+        self, min_x: float, max_x: float, min_y: float, max_y: float, min_z: float, max_z: float
+    ) -> FloatArray:
+        """A random size (3,) between bounds, metres."""
+        rng = self._env.rng if self._env is not None else np.random.default_rng(0)
+        return rng.uniform((min_x, min_y, min_z), (max_x, max_y, max_z))
+
+    # --- scoring ----------------------------------------------------------------------------------------
+
+    def scores(self, goal: Goal) -> list[float]:
+        """For each object of a goal, how far (0..1) it is where it should be."""
+        env = self.environment
+        poses = {number: env.get_object_pose(number) for number in goal.objs}
+        models = {number: env.shapes(number) for number in goal.objs}
+        ceiling = float(self.zone_bounds[2, 1])
+        return scoring.object_scores(goal, poses, models, ceiling, self.pos_eps, self.rot_eps)
+
+    def reward(self) -> tuple[float, dict[str, Any]]:
+        """What was gained since the last call; goals that are met leave ``goals``."""
+        partial = 0.0
+        while self.goals:
+            goal = self.goals[0]
+            partial = goal.step_max_reward * float(np.mean(self.scores(goal)))
+            if goal.step_max_reward - partial > 0.01 * min(1.0, goal.step_max_reward * 5):
+                break
+            self.progress += goal.step_max_reward
+            partial = 0.0
+            self.goals.pop(0)
+            if self.lang_goals:
+                self.lang_goals.pop(0)
+        before, self.total_reward = self.total_reward, min(1.0, self.progress + partial)
+        return self.total_reward - before, {}
+
+    def done(self) -> bool:
+        """Whether every goal is met."""
+        return not self.goals and bool(self._all_goals)
+
+    def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
+        """Whether two poses agree within ``pos_eps`` and ``rot_eps``."""
+        return scoring.pose_matches(pose0, pose1, symmetry, self.pos_eps, self.rot_eps)
+
+    def count(self) -> tuple[int, int]:
+        """How many objects of all goals are where they should be, and how many there are."""
+        waiting = {id(goal) for goal in self.goals}
+        placed = wanted = 0
+        for goal, _ in self._all_goals:
+            wanted += len(goal.objs)
+            met = id(goal) not in waiting
+            placed += len(goal.objs) if met else sum(score > 0.98 for score in self.scores(goal))
+        return placed, wanted
+
+    def get_lang_goal(self) -> str:
+        """The current goal in words, or ``task_completed_desc``."""
+        return self.lang_goals[0] if self.lang_goals else self.task_completed_desc
+
+    def oracle(self, env: "Environment") -> "Oracle":
+        """An agent that solves the task: ``agent.act(obs, info)`` gives the next action, or None when it stops."""
+        from grs_agents.sim.oracle import Oracle
+
+        return Oracle(self, env)
+
+    @property
+    def environment(self) -> "Environment":
+        """The environment of the last reset.
+
+        Raises:
+            SimulationError: there was none.
+        """
+        if self._env is None:
+            raise SimulationError("the task was not reset yet", "call env.set_task(task) and env.reset()")
+        return self._env
+
+    @property
+    def stated_goals(self) -> list[tuple[Goal, str]]:
+        """Every goal of this episode, met or not, with its words."""
+        return list(self._all_goals)
+
+
+def _standing(env: "Environment") -> list[Prism]:
+    """One outline for each object; marks on the table count, since nothing should start on a target."""
+    return [footprint(env.shapes(item.id), item.pose, item.id) for item in env.objects]
+
+
+def task_class(module: ModuleType) -> type[Task]:
+    """The last ``Task`` subclass that a program defines.
+
+    Raises:
+        SimulationError: it defines none.
+    """
+    found = [
+        value for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, Task) and value.__module__ == module.__name__
+    ]  # fmt: skip
+    if not found:
+        raise SimulationError(
+            f"module {module.__name__} defines no subclass of Task", "define a class that derives from Task"
+        )
+    return found[-1]
+
+
+__all__ = ["Task", "task_class"]

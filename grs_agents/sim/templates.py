@@ -1,0 +1,65 @@
+"""Filled URDF templates, kept by name in this process; and the library that programs see when they name none."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+from grs_agents.library import Library, ObjectModel
+
+
+@dataclass
+class _Defaults:
+    library: Library | None = None
+    seed: int = 0
+
+
+_defaults = _Defaults()
+_filled: dict[str, ObjectModel] = {}
+
+
+def configure(library: Library | None = None, seed: int = 0) -> None:
+    """Say which library and seed an ``Environment`` uses when its caller, e.g. a test program, names none."""
+    _defaults.library, _defaults.seed = library, seed
+
+
+def default_library() -> Library:
+    """The library given to ``configure``, else the one shipped with GRS."""
+    if _defaults.library is None:
+        _defaults.library = Library()
+    return _defaults.library
+
+
+def default_seed() -> int:
+    """The seed given to ``configure``, else 0."""
+    return _defaults.seed
+
+
+def asset_name(name: str, library: Library) -> str:
+    """The library's name for a URDF that may be written with folders in front, as in ``assets_root + name``."""
+    parts = PurePosixPath(str(name).replace("\\", "/")).parts
+    for start in range(len(parts)):
+        candidate = "/".join(parts[start:])
+        if candidate in library or candidate in _filled:
+            return candidate
+    return str(name)
+
+
+def fill(library: Library, template: str, replace: Mapping[str, Sequence[float]]) -> str:
+    """Fill a template and give the result a name that ``filled_model`` knows.
+
+    Raises:
+        UnknownNameError: the library has no such template.
+        InputError: a value is not a finite number.
+    """
+    base = asset_name(template, library)
+    values = {stem: tuple(float(value) for value in numbers) for stem, numbers in replace.items()}
+    model = library.filled(base, values)
+    label = ",".join(f"{stem}={'x'.join(f'{value:.4g}' for value in values[stem])}" for stem in sorted(values))
+    name = f"{base}#{label}" if label else base
+    _filled[name] = model
+    return name
+
+
+def filled_model(name: str) -> ObjectModel | None:
+    """The shapes of a filled template, None for any other name."""
+    return _filled.get(name)

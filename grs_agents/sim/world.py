@@ -1,0 +1,170 @@
+"""Typed objects become a MuJoCo model: colliders, the arm, the table top at z = 0, one suction weld a body."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from grs_agents.library import Library, ObjectModel, Shape
+from grs_agents.sim.engine import mujoco
+from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.robot import ROBOT_CONTYPE, add_robot
+from grs_agents.sim.utils import COLORS
+
+TIMESTEP: Final = 0.004
+_DENSITY: Final = 300.0
+_GEOM_TYPE: Final[dict[str, Any]] = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
+}
+
+
+@dataclass(frozen=True)
+class World:
+    """A compiled model and where the objects are in it.
+
+    Attributes:
+        model: the ``mujoco.MjModel``.
+        bodies: object id to body id.
+        welds: id of a rigid object to the id of its suction weld.
+        addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
+        owners: geom id to object id, -1 for the table and the robot.
+        cup_geom, cup_body, tip_site: of the suction cup.
+    """
+
+    model: Any
+    bodies: dict[int, int]
+    welds: dict[int, int]
+    addresses: dict[int, int]
+    owners: tuple[int, ...]
+    cup_geom: int
+    cup_body: int
+    tip_site: int
+
+
+def model_of(item: InstanceObject, library: Library) -> ObjectModel:
+    """The shapes of an object: its own if it carries them, else the library's."""
+    return item.shapes if item.shapes is not None else library.model(item.asset)
+
+
+def is_free(item: InstanceObject, shapes: ObjectModel) -> bool:
+    """Whether the object can move: rigid, and solid enough to touch anything."""
+    return item.category == "rigid" and bool(shapes.colliders)
+
+
+def new_spec(timestep: float) -> Any:
+    """An empty world with the options that were measured to be fast and steady, the table and a light."""
+    spec = mujoco.MjSpec()
+    spec.modelname = "grs"
+    spec.compiler.degree = False
+    option = spec.option
+    option.timestep = timestep
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10.0
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    spec.default.geom.solref = (2.5 * timestep, 1.0)
+    spec.worldbody.add_light(pos=(0.3, -0.5, 2.0), dir=(0.0, 0.2, -1.0))
+    spec.worldbody.add_geom(
+        name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=(1.2, 1.2, 0.05), pos=(0.4, 0.0, -0.05),
+        rgba=(0.80, 0.72, 0.60, 1.0), contype=1, conaffinity=1, friction=(0.8, 0.01, 0.0005), condim=4,
+    )  # fmt: skip
+    return spec
+
+
+def build(
+    objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False
+) -> World:
+    """Compile a world.
+
+    Args:
+        objects: what stands on the table.
+        library: where assets are looked up.
+        timestep: of the physics, seconds.
+        visuals: also add what is only seen (meshes, marks on the table); the physics does not need it.
+
+    Raises:
+        UnknownNameError: an asset is not in the library.
+    """
+    spec = new_spec(timestep)
+    add_robot(spec)
+    free: list[int] = []
+    for item in objects:
+        shapes = model_of(item, library)
+        _add_object(spec, item, shapes, library, visuals)
+        if is_free(item, shapes):
+            free.append(item.id)
+    for number in free:
+        weld = spec.add_equality(
+            name=f"suction_{number}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="cup", name2=f"object_{number}", active=False,
+        )  # fmt: skip
+        weld.solref = (2 * timestep, 1.0)
+    model: Any = spec.compile()
+    bodies = {item.id: int(model.body(f"object_{item.id}").id) for item in objects}
+    owner_of = {body: number for number, body in bodies.items()}
+    return World(
+        model=model,
+        bodies=bodies,
+        welds={number: int(model.equality(f"suction_{number}").id) for number in free},
+        addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
+        owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
+        cup_geom=int(model.geom("cup").id),
+        cup_body=int(model.body("cup").id),
+        tip_site=int(model.site("tip").id),
+    )
+
+
+def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: Library, visuals: bool) -> None:
+    (position, (x, y, z, w)), name = item.pose, f"object_{item.id}"
+    body = spec.worldbody.add_body(name=name, pos=position, quat=(w, x, y, z))
+    if is_free(item, shapes):
+        body.add_freejoint(name=name)
+    volumes = [_volume(shape, shapes) for shape in shapes.colliders]
+    total = sum(volumes)
+    mass = shapes.mass if shapes.mass > 0 else max(0.02, _DENSITY * total)
+    for index, (shape, volume) in enumerate(zip(shapes.colliders, volumes, strict=True)):
+        geom = _add_geom(spec, body, shape, library, f"{name}_{index}")
+        geom.contype, geom.conaffinity, geom.condim, geom.group = 1, 1 | ROBOT_CONTYPE, 4, 3 if visuals else 0
+        geom.friction = (shapes.friction, 0.01, 0.0005)
+        geom.mass = max(mass * volume / total, 1e-5)
+        geom.rgba = item.color or shape.color or (0.7, 0.7, 0.7, 1.0)
+    for index, shape in enumerate(shapes.visuals if visuals else ()):
+        geom = _add_geom(spec, body, shape, library, f"{name}_visual_{index}")
+        geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 0, 0.0, 2
+        geom.rgba = item.color or shape.color or _named_color(item, library)
+
+
+def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
+    """The library's word for an asset's colour, for meshes whose colour is in a texture."""
+    name = library.asset(item.asset).color if item.asset in library else ""
+    return (*COLORS.get(name, (0.7, 0.7, 0.7)), 1.0)
+
+
+def _volume(shape: Shape, shapes: ObjectModel) -> float:
+    if shape.kind == "box":
+        return float(np.prod(shape.size))
+    if shape.kind == "cylinder":
+        return float(np.pi * shape.size[0] ** 2 * shape.size[1])
+    if shape.kind == "sphere":
+        return float(4 / 3 * np.pi * shape.size[0] ** 3)
+    return max(float(np.prod(shapes.size)), 1e-9)
+
+
+def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -> Any:
+    x, y, z, w = shape.quaternion
+    geom = body.add_geom(name=name, type=_GEOM_TYPE[shape.kind], pos=shape.position, quat=(w, x, y, z))
+    if shape.kind == "box":
+        geom.size = tuple(extent / 2 for extent in shape.size)
+    elif shape.kind == "cylinder":
+        geom.size = (shape.size[0], shape.size[1] / 2, 0.0)
+    elif shape.kind == "sphere":
+        geom.size = (shape.size[0], 0.0, 0.0)
+    else:
+        spec.add_mesh(name=name, file=str(library.mesh_path(shape.mesh or "")), scale=shape.size)
+        geom.meshname = name
+    return geom

@@ -1,0 +1,199 @@
+"""The events of a run, one small type for each kind of thing that happens.
+
+Every event carries ``version`` (of this vocabulary), ``sequence`` (its number in the run, from 0), ``time``
+(seconds since 1970) and ``attempt`` (fixes made so far); :class:`grs_agents.trace.EventLog` fills in the last
+three. File paths are relative to the run folder.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from grs_agents.base import Frozen
+from grs_agents.trace.values import JsonObject, Text
+
+VERSION = 1
+
+
+class Stamped(Frozen):
+    """What all events have in common."""
+
+    version: int = VERSION
+    sequence: int = Field(default=-1, description="number in the run, from 0; -1 until it is in a log")
+    time: float = Field(default=0.0, description="seconds since 1970, UTC")
+    attempt: int = Field(default=0, description="how many fixes were made before this")
+
+
+class RunStarted(Stamped):
+    """A run, or the resumption of one, begins. ``nodes`` and ``edges`` are its state machine where known."""
+
+    kind: Literal["run_started"] = "run_started"
+    run_id: Text
+    graph: Text
+    seed: int
+    config: JsonObject = Field(default_factory=dict[str, Any])
+    versions: dict[str, str] = Field(default_factory=dict[str, str])
+    nodes: tuple[str, ...] = ()
+    edges: tuple[tuple[str, str], ...] = ()
+
+
+class RunEnded(Stamped):
+    """The run is over: accepted, rejected, failed or interrupted, and why."""
+
+    kind: Literal["run_ended"] = "run_ended"
+    status: Text
+    reason: Text = ""
+
+
+class NodeStarted(Stamped):
+    """A node of the state machine begins its ``visit``-th visit (from 1)."""
+
+    kind: Literal["node_started"] = "node_started"
+    node: Text
+    visit: int = 1
+
+
+class NodeEnded(Stamped):
+    """A node is done: wall ``seconds``, the state fields it changed, and the error that ended it, if any."""
+
+    kind: Literal["node_ended"] = "node_ended"
+    node: Text
+    seconds: float
+    changed: tuple[str, ...] = ()
+    error: Text = ""
+
+
+class Prompt(Stamped):
+    """What an agent sent to its model; ``call`` joins it to its :class:`Reply`."""
+
+    kind: Literal["prompt"] = "prompt"
+    call: Text
+    role: Text
+    model: Text
+    text: Text
+    images: tuple[str, ...] = ()
+
+
+class Reply(Stamped):
+    """What the model answered; ``error`` says why an answer could not be used."""
+
+    kind: Literal["reply"] = "reply"
+    call: Text
+    role: Text
+    model: Text
+    text: Text
+    input_tokens: int = 0
+    output_tokens: int = 0
+    seconds: float = 0.0
+    finish_reason: Text = ""
+    error: Text = ""
+
+
+class ProgramVersion(Stamped):
+    """A version of one of the two programs: file ``path``, unified ``diff`` to ``parent``, and who wrote it."""
+
+    kind: Literal["program_version"] = "program_version"
+    program: Literal["simulation", "tests"]
+    number: int
+    sha256: str
+    parent: str | None = None
+    path: Text
+    diff: Text = ""
+    author_role: Text = ""
+    source: Text = Field(default="", description="where it came from, e.g. model or user")
+
+
+class TestsRun(Stamped):
+    """The test program ran: the sandbox's whole ``TestReport`` as JSON."""
+
+    __test__ = False  # not a test class of pytest's
+    kind: Literal["tests_run"] = "tests_run"
+    report: JsonObject
+
+
+class Decision(Stamped):
+    """Who is to be fixed, by which policy, and why."""
+
+    kind: Literal["decision"] = "decision"
+    verdict: Text
+    explanation: Text = ""
+    policy: Text = ""
+
+
+class SceneStage(Stamped):
+    """One stage of scene comprehension: numbers and names in ``summary``, pictures in ``files``.
+
+    ``files`` may hold ``rgb``, ``depth`` (uint16 PNG), ``masks`` (label PNG, 0 = background); ``summary`` may
+    hold ``camera`` (fx, fy, cx, cy, width, height, depth_scale, T_robot_cam), ``depth_scale`` and ``objects``
+    (id, name, box with low and high, in metres, robot frame).
+    """
+
+    kind: Literal["scene_stage"] = "scene_stage"
+    stage: Literal["frame", "segmented", "described", "matched"]
+    summary: JsonObject = Field(default_factory=dict[str, Any])
+    files: dict[str, str] = Field(default_factory=dict[str, str])
+
+
+class TaskDefined(Stamped):
+    """The task of the run: the paper's three fields as JSON."""
+
+    kind: Literal["task_defined"] = "task_defined"
+    task: JsonObject
+
+
+class Rollout(Stamped):
+    """The trusted oracle played one task instance; ``recording`` (.npz) and ``instance`` (.json) are files."""
+
+    kind: Literal["rollout"] = "rollout"
+    seed: int
+    reward: float
+    outcome: Text
+    steps: int = 0
+    moved: tuple[str, ...] = ()
+    idle_reward: float = 0.0
+    recording: str | None = None
+    instance: str | None = None
+
+
+class Finding(Stamped):
+    """The audit checked one thing."""
+
+    kind: Literal["finding"] = "finding"
+    check: Text
+    passed: bool
+    detail: Text = ""
+
+
+class Note(Stamped):
+    """Anything else a reader should know."""
+
+    kind: Literal["note"] = "note"
+    level: Literal["info", "warning", "error"] = "info"
+    text: Text
+
+
+Event = Annotated[
+    RunStarted
+    | RunEnded
+    | NodeStarted
+    | NodeEnded
+    | Prompt
+    | Reply
+    | ProgramVersion
+    | TestsRun
+    | Decision
+    | SceneStage
+    | TaskDefined
+    | Rollout
+    | Finding
+    | Note,
+    Field(discriminator="kind"),
+]
+"""Any event; told apart by ``kind``."""
+EVENT: TypeAdapter[Event] = TypeAdapter(Event)
+"""Validates and serialises events: ``EVENT.validate_json(line)``."""
+
+
+def event_schema() -> dict[str, Any]:
+    """The JSON schema of one line of ``events.jsonl``."""
+    return EVENT.json_schema()

@@ -1,0 +1,156 @@
+"""The event log: ``events.jsonl``, one event a line, written before anybody is told."""
+
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO
+
+from pydantic import ValidationError
+
+from grs_agents.errors import InputError
+from grs_agents.files import unwritable
+from grs_agents.trace.events import EVENT, Event
+
+Subscriber = Callable[[Event], None]
+
+
+def _parse(path: Path, data: bytes) -> tuple[list[Event], int]:
+    """The events in ``data`` and how many of its bytes hold whole events (a torn last line is left out)."""
+    lines = data.split(b"\n")
+    events: list[Event] = []
+    length = 0
+    for number, line in enumerate(lines, start=1):
+        last = number == len(lines)
+        if not line.strip():
+            length += 0 if last else len(line) + 1
+            continue
+        try:
+            events.append(EVENT.validate_json(line))
+        except ValidationError as error:
+            if last:
+                return events, length
+            reason = error.errors(include_url=False)[0]["msg"]
+            raise InputError(
+                f"{path} line {number} is not an event: {reason}", "restore the file or start a new run"
+            ) from error
+        length += len(line) + (0 if last else 1)
+    return events, length
+
+
+def read_events(path: Path) -> list[Event]:
+    """The events of ``path`` in order; a last line torn by a crash is left out.
+
+    Raises:
+        InputError: the file cannot be read, or a line other than the last is not an event.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}", "name the folder of a run") from error
+    return _parse(path, data)[0]
+
+
+class _Contained:
+    """Hands an exception of its block to ``report`` instead of raising it; interrupts go through."""
+
+    def __init__(self, report: Callable[[Exception], None]) -> None:
+        self._report = report
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> bool:
+        if isinstance(error, Exception):
+            self._report(error)
+        return isinstance(error, Exception)
+
+
+class EventLog:
+    """Appends events to a file and tells subscribers, in order, whichever thread they come from.
+
+    Opening an existing file repairs a torn last line and goes on counting where it ended.
+
+    Args:
+        path: the ``events.jsonl`` file, made where it does not exist.
+
+    Raises:
+        InputError: the file cannot be read or written, or holds something else.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.attempt = 0
+        self.sequence = 0
+        self._lock = threading.RLock()
+        self._subscribers: list[Subscriber] = []
+        self._reported: set[int] = set()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("ab")
+            self._continue(self._file)
+        except OSError as error:
+            raise unwritable(path, error) from error
+
+    def _continue(self, file: BinaryIO) -> None:
+        """Take up numbering from what the file holds, cutting a torn end off and closing an unclosed line."""
+        data = self.path.read_bytes()
+        events, length = _parse(self.path, data)
+        if length < len(data):
+            file.truncate(length)
+        if length and data[length - 1 : length] != b"\n":
+            file.write(b"\n")
+            file.flush()
+        if events:
+            self.sequence = events[-1].sequence + 1
+            self.attempt = events[-1].attempt
+
+    def subscribe(self, subscriber: Subscriber) -> None:
+        """Call ``subscriber`` with every event from now on, after the event is in the file."""
+        self._subscribers.append(subscriber)
+
+    def append(self, event: Event) -> Event:
+        """Stamp ``event`` with sequence, time and attempt, write it, tell the subscribers, return the copy.
+
+        A subscriber that fails is reported once as a warning; the run and the other subscribers go on.
+
+        Raises:
+            InputError: the line could not be written, e.g. the disk is full.
+        """
+        with self._lock:
+            stamp = {"sequence": self.sequence, "time": round(time.time(), 6), "attempt": self.attempt}
+            stamped = event.model_copy(update=stamp)
+            try:
+                self._file.write(EVENT.dump_json(stamped) + b"\n")
+                self._file.flush()
+            except OSError as error:
+                raise unwritable(self.path, error) from error
+            self.sequence += 1
+            for subscriber in self._subscribers:
+                with _Contained(partial(self._failed, subscriber, stamped)):
+                    subscriber(stamped)
+            return stamped
+
+    def _failed(self, subscriber: Subscriber, event: Event, error: Exception) -> None:
+        """Warn of a failing subscriber, the first time it fails."""
+        if id(subscriber) not in self._reported:
+            self._reported.add(id(subscriber))
+            name = getattr(subscriber, "__qualname__", type(subscriber).__qualname__)
+            warnings.warn(
+                f"{name} failed at event {event.sequence} ({event.kind}) and may show less than happened: "
+                f"{type(error).__name__}: {error}",
+                RuntimeWarning,
+                stacklevel=4,
+            )
+
+    def close(self) -> None:
+        """Close the file; appending is over."""
+        self._file.close()
+
+    def __enter__(self) -> "EventLog":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,191 @@
+"""One event after the other into a rerun recording."""
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from grs_agents.library import Library
+from grs_agents.trace import (
+    Decision,
+    Event,
+    Finding,
+    NodeEnded,
+    NodeStarted,
+    ProgramVersion,
+    Prompt,
+    Reply,
+    Rollout,
+    RunEnded,
+    RunStarted,
+    SceneStage,
+    TaskDefined,
+    TestsRun,
+)
+from grs_agents.views import documents
+from grs_agents.views.blueprint import blueprint
+from grs_agents.views.clock import Clock
+from grs_agents.views.glyphs import drawable
+from grs_agents.views.lines import level, line
+from grs_agents.views.machine_view import MachineView
+from grs_agents.views.paths import Paths
+from grs_agents.views.program_view import log_program
+from grs_agents.views.recording import Recording
+from grs_agents.views.rollout_view import RolloutView, duration
+from grs_agents.views.scene_view import SceneView, log_picture
+
+
+class EventView:
+    """Writes events to one ``.rrd`` file, which is made when the first one comes.
+
+    Args:
+        folder: the run, to which the paths in events are relative.
+        library: where the meshes of assets lie.
+        path: the file to write.
+    """
+
+    def __init__(self, folder: Path, library: Library, path: Path) -> None:
+        self._folder, self._path = folder, path
+        self._run_id = folder.name
+        self._clock = Clock()
+        self._machine = MachineView()
+        self._scene = SceneView(folder)
+        self._rollouts = RolloutView(folder, library)
+        self._tokens = 0
+        self._picture: str | None = None
+        self._findings: list[Finding] = []
+        self._recording: Recording | None = None
+
+    def skip(self, event: Event) -> None:
+        """Take in an event that an earlier part of the recording shows."""
+        self._follow(event)
+        self._clock.tick(event)
+        if isinstance(event, Rollout):
+            self._clock.play(duration(self._folder, event))
+
+    def write(self, event: Event, flush: bool = True) -> None:
+        """Show ``event``; once this returns it is in the file, unless ``flush`` is False."""
+        self._follow(event)
+        recording = self._open()
+        recording.moment = self._clock.tick(event)
+        try:
+            self._summarise(recording, event)
+            self._show(recording, event)
+        finally:
+            if flush:
+                recording.flush()
+
+    def close(self) -> None:
+        """Finish the file."""
+        if self._recording:
+            self._recording.close()
+
+    def _open(self) -> Recording:
+        if self._recording is None:
+            recording = Recording(self._path, self._run_id, blueprint(self._machine.nodes))
+            for outcome, color in (("passed", (46, 204, 113)), ("failed", (231, 76, 60))):
+                lines = rr.SeriesLines(names=outcome, colors=[color])
+                recording.log(f"{Paths.METRICS}/tests/{outcome}", lines, static=True)
+            points = rr.SeriesPoints(names="reward of a rollout", colors=[(241, 196, 15)], marker_sizes=[5])
+            recording.log(f"{Paths.METRICS}/reward", points, static=True)
+            recording.log(f"{Paths.METRICS}/tokens", rr.SeriesLines(names="tokens so far"), static=True)
+            self._machine.prepare(recording)
+            self._recording = recording
+        return self._recording
+
+    def _follow(self, event: Event) -> None:
+        """Keep what later events are shown with."""
+        if isinstance(event, RunStarted):
+            self._run_id = event.run_id
+        elif isinstance(event, Reply):
+            self._tokens += event.input_tokens + event.output_tokens
+        elif isinstance(event, Finding):
+            self._findings.append(event)
+        elif isinstance(event, NodeStarted) and event.node == "audit":
+            self._findings.clear()
+        self._machine.follow(event)
+
+    def _summarise(self, recording: Recording, event: Event) -> None:
+        """One line in the list of events."""
+        recording.log(Paths.LOG, rr.TextLog(drawable(line(event)[:300]), level=level(event)))
+
+    def _show(self, recording: Recording, event: Event) -> None:
+        if isinstance(event, RunStarted | RunEnded | NodeStarted):
+            self._machine.show(recording)
+        for path, markdown in self._texts(event):
+            recording.log(path, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
+        match event:
+            case NodeEnded():
+                recording.log(f"{Paths.METRICS}/seconds/{event.node}", rr.Scalars(event.seconds))
+            case Prompt():
+                self._pictures(recording, event)
+            case Reply():
+                self._cost(recording, event)
+            case ProgramVersion():
+                log_program(recording, self._folder, event)
+            case TestsRun():
+                _log_tests(recording, event)
+            case SceneStage():
+                self._scene.show(recording, event)
+            case Rollout():
+                self._rollout(recording, event)
+            case _:
+                pass
+
+    def _texts(self, event: Event) -> list[tuple[str, str]]:
+        """The documents that ``event`` changes: where and what."""
+        match event:
+            case RunStarted():
+                shown = (Paths.DECISION, documents.started(event))
+            case RunEnded():
+                shown = (Paths.DECISION, documents.ended(event))
+            case Decision():
+                shown = (Paths.DECISION, documents.decision(event))
+            case Prompt():
+                shown = (Paths.PROMPT, documents.prompt(event))
+            case Reply():
+                shown = (Paths.REPLY, documents.reply(event))
+            case TestsRun():
+                shown = (Paths.REPORT, documents.tests(event))
+            case TaskDefined():
+                shown = (Paths.TASK, documents.task(event))
+            case Finding():
+                shown = (Paths.AUDIT, documents.audit(self._findings))
+            case _:
+                return []
+        return [shown]
+
+    def _pictures(self, recording: Recording, event: Prompt) -> None:
+        """The first picture of the prompt, if it is another than the last prompt's."""
+        picture = event.images[0] if event.images else None
+        if picture and picture != self._picture:
+            log_picture(recording, Paths.IMAGE, self._folder / picture)
+        elif self._picture and not picture:
+            recording.log(Paths.IMAGE, rr.Clear(recursive=False))
+        self._picture = picture
+
+    def _cost(self, recording: Recording, event: Reply) -> None:
+        values = rr.AnyValues(
+            role=event.role,
+            model=event.model,
+            input_tokens=event.input_tokens,
+            output_tokens=event.output_tokens,
+            seconds=event.seconds,
+            finish_reason=event.finish_reason,
+        )
+        recording.log(Paths.CALL, values)
+        recording.log(f"{Paths.METRICS}/tokens", rr.Scalars(self._tokens))
+
+    def _rollout(self, recording: Recording, event: Rollout) -> None:
+        values = rr.AnyValues(seed=event.seed, outcome=event.outcome, reward=event.reward, steps=event.steps)
+        recording.log(Paths.ROLLOUT, values)
+        self._clock.play(self._rollouts.show(recording, event))
+        reward = rr.Scalars.columns(scalars=[event.reward])
+        recording.columns(f"{Paths.METRICS}/reward", np.array([duration(self._folder, event)]), reward)
+
+
+def _log_tests(recording: Recording, event: TestsRun) -> None:
+    cases = documents.cases_of(event)
+    passed = documents.count_cases(cases).get("passed", 0)
+    recording.log(f"{Paths.METRICS}/tests/passed", rr.Scalars(passed))
+    recording.log(f"{Paths.METRICS}/tests/failed", rr.Scalars(len(cases) - passed))

@@ -1,0 +1,56 @@
+"""The state machine and the lane of nodes in the recording."""
+
+import rerun as rr
+
+from grs_agents.trace import Event, NodeStarted, RunEnded, RunStarted
+from grs_agents.views import machine
+from grs_agents.views.paths import Paths
+from grs_agents.views.recording import Recording
+
+
+class MachineView:
+    """Knows the nodes of the run's graph, how often each was visited and which is active."""
+
+    def __init__(self) -> None:
+        self.nodes: tuple[str, ...] = machine.expected_nodes("")
+        self._edges: tuple[machine.Edge, ...] = machine.edges(self.nodes)
+        self._visits: dict[str, int] = {}
+        self._active = ""
+
+    def follow(self, event: Event) -> None:
+        """Take in an event without showing it."""
+        if isinstance(event, RunStarted):
+            nodes = event.nodes or machine.expected_nodes(event.graph)
+            self.nodes = tuple(dict.fromkeys((*nodes, machine.END)))
+            self._edges = event.edges or machine.edges(self.nodes)
+        elif isinstance(event, NodeStarted):
+            self.nodes = tuple(dict.fromkeys((*self.nodes, event.node)))
+            self._visits[event.node] = max(event.visit, self._visits.get(event.node, 0))
+            self._active = event.node
+        elif isinstance(event, RunEnded):
+            self._active = machine.END
+
+    def prepare(self, recording: Recording) -> None:
+        """What holds for the whole run: edges, and the colours of the lane."""
+        recording.log(Paths.MACHINE, rr.GraphEdges(self._edges, graph_type="directed"), static=True)
+        names = list(self.nodes)
+        colors = [machine.color(name) for name in names]
+        recording.log(Paths.NODE, rr.StateConfiguration(values=names, labels=names, colors=colors), static=True)
+
+    def show(self, recording: Recording) -> None:
+        """The machine as it stands, and the active node in the lane."""
+        spots = machine.places(self.nodes)
+        nodes = rr.GraphNodes(
+            list(spots),
+            positions=list(spots.values()),
+            labels=[self._label(node) for node in spots],
+            colors=[machine.color(node) if node == self._active else machine.QUIET for node in spots],
+            show_labels=True,
+        )
+        recording.log(Paths.MACHINE, nodes)
+        if self._active:
+            recording.log(Paths.NODE, rr.StateChange(state=self._active))
+
+    def _label(self, node: str) -> str:
+        visits = self._visits.get(node, 0)
+        return f"{'● ' if node == self._active else ''}{node}{f' ×{visits}' if visits else ''}"

@@ -1,0 +1,27 @@
+"""Where each thing lies in the recording; the blueprint and the writers agree by these names."""
+
+
+class Paths:
+    """Entity paths."""
+
+    MACHINE = "/machine"
+    NODE = "/node"
+    LOG = "/log"
+    DECISION = "/decision"
+    TASK = "/task"
+    PROMPT = "/prompt"
+    IMAGE = "/prompt_image"
+    REPLY = "/reply"
+    CALL = "/call"
+    SIMULATION = "/program/simulation"
+    TESTS = "/program/tests"
+    VERSION = "/version"
+    DIFF = "/diff"
+    REPORT = "/report"
+    OBJECTS = "/objects"
+    AUDIT = "/audit"
+    METRICS = "/metrics"
+    ROLLOUT = "/rollout"
+    SCENE = "/scene"
+    CAMERA = "/scene/camera"
+    WORLD = "/world"

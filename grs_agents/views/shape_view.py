@@ -1,0 +1,77 @@
+"""Shapes of assets as rerun geometry."""
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+import trimesh
+
+from grs_agents.library import Library, Shape
+from grs_agents.library.shapes import rotation_matrix
+
+TEXTURE_EDGE = 256
+"""Pixels; larger textures are shown smaller to keep recordings small."""
+_GREY = (0.7, 0.7, 0.72, 1.0)
+Rgba = tuple[float, float, float, float]
+
+
+def geometry(shape: Shape, library: Library, color: Rgba | None) -> rr.AsComponents:
+    """``shape`` in the frame of its object.
+
+    Args:
+        shape: a box, cylinder, sphere or mesh.
+        library: where its mesh and texture lie.
+        color: rgba 0..1 laid over the shape's own, or None.
+    """
+    rgba = [round(255 * channel) for channel in color or shape.color or _GREY]
+    where: dict[str, Any] = {"centers": [shape.position], "quaternions": [shape.quaternion], "colors": [rgba]}
+    if shape.kind == "box":
+        return rr.Boxes3D(sizes=[shape.size], fill_mode="solid", **where)
+    if shape.kind == "sphere":
+        return rr.Ellipsoids3D(half_sizes=[shape.size * 3], fill_mode="solid", **where)
+    if shape.kind == "cylinder":
+        radius, length = shape.size
+        return rr.Cylinders3D(radii=[radius], lengths=[length], fill_mode="solid", **where)
+    return _mesh(shape, library, color)
+
+
+def _mesh(shape: Shape, library: Library, color: Rgba | None) -> rr.Mesh3D:
+    mesh = _load_mesh(library.mesh_path(shape.mesh or ""))
+    turn = rotation_matrix(shape.quaternion)
+    vertices = np.asarray(mesh.vertices) * shape.size @ turn.T + shape.position
+    uv: npt.NDArray[np.float64] | None = getattr(mesh.visual, "uv", None)
+    texture = texcoords = None
+    if shape.texture and uv is not None and color is None:
+        texture = _load_texture(library.mesh_path(shape.texture))
+        texcoords = np.column_stack([uv[:, 0], 1 - uv[:, 1]])  # rerun's origin is the top left corner
+    rgba = [round(255 * channel) for channel in color or (None if texture is not None else shape.color) or (1,) * 4]
+    return rr.Mesh3D(
+        vertex_positions=vertices,
+        triangle_indices=np.asarray(mesh.faces),
+        vertex_normals=np.asarray(mesh.vertex_normals) @ turn.T,
+        vertex_texcoords=texcoords if texture is not None else None,
+        albedo_texture=texture,
+        albedo_factor=rgba,
+    )
+
+
+@lru_cache(maxsize=128)
+def _load_mesh(path: Path) -> Any:
+    """The mesh of an OBJ file, one vertex for each of its texture coordinates."""
+    return trimesh.load_mesh(path, process=False)
+
+
+@lru_cache(maxsize=128)
+def _load_texture(path: Path) -> Any:
+    """HxWx3 uint8 red, green, blue; None where the file cannot be read, the mesh is then plain."""
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        return None
+    scale = TEXTURE_EDGE / max(image.shape[:2])
+    if scale < 1:
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)

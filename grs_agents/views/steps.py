@@ -1,0 +1,140 @@
+"""Events folded into steps: one visit of one node each, with what came of it."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from grs_agents.trace import (
+    Decision,
+    Event,
+    Finding,
+    NodeEnded,
+    NodeStarted,
+    Note,
+    ProgramVersion,
+    Reply,
+    Rollout,
+    RunEnded,
+    SceneStage,
+    TaskDefined,
+    TestsRun,
+)
+from grs_agents.views.documents import cases_of, count_cases
+
+Status = Literal["running", "done", "failed", "interrupted"]
+
+
+@dataclass
+class Step:
+    """One visit of a node.
+
+    Attributes:
+        number: from 1, in order.
+        node, visit: which node, and for the how-manieth time.
+        attempt: fixes made before it.
+        started: seconds since 1970.
+        status: how it stands; ``interrupted`` if the run died in it.
+        seconds: wall time once it is done.
+        tokens: input and output of its model calls.
+        details: what came of it, one phrase each.
+    """
+
+    number: int
+    node: str
+    visit: int
+    attempt: int
+    started: float
+    status: Status = "running"
+    seconds: float = 0.0
+    tokens: int = 0
+    details: list[str] = field(default_factory=list[str])
+
+    @property
+    def detail(self) -> str:
+        """All that came of it, the latest first where one replaces another."""
+        return "; ".join(self.details)
+
+
+class Steps:
+    """Folds events, one at a time, into ``rows``."""
+
+    def __init__(self) -> None:
+        self.rows: list[Step] = []
+        self.ended: RunEnded | None = None
+        self.decision: Decision | None = None
+
+    @property
+    def current(self) -> Step | None:
+        """The step that is running."""
+        return self.rows[-1] if self.rows and self.rows[-1].status == "running" else None
+
+    def add(self, event: Event) -> None:
+        """Take one more event in."""
+        if isinstance(event, NodeStarted):
+            if self.current:
+                self.current.status = "interrupted"
+            step = Step(len(self.rows) + 1, event.node, event.visit, event.attempt, event.time)
+            self.rows.append(step)
+        elif isinstance(event, NodeEnded):
+            self._close(event)
+        elif isinstance(event, RunEnded):
+            self.ended = event
+            if self.current:
+                self.current.status = "interrupted"
+        elif self.current:
+            self._note(self.current, event)
+
+    def _close(self, event: NodeEnded) -> None:
+        for step in reversed(self.rows):
+            if step.node == event.node and step.status == "running":
+                step.status = "failed" if event.error else "done"
+                step.seconds = event.seconds
+                if event.error:
+                    step.details.append(event.error)
+                return
+
+    def _note(self, step: Step, event: Event) -> None:
+        if isinstance(event, Decision):
+            self.decision = event
+        if isinstance(event, Reply):
+            step.tokens += event.input_tokens + event.output_tokens
+        text = phrase(event)
+        if text:
+            step.details.append(text)
+
+
+def phrase(event: Event) -> str:
+    """What ``event`` adds to a step, as a phrase; empty for events that speak for themselves."""
+    text = ""
+    match event:
+        case SceneStage():
+            objects: list[Any] | None = event.summary.get("objects")
+            text = event.stage if objects is None else f"{event.stage}: {len(objects)} objects"
+        case TaskDefined():
+            text = str(event.task.get("task-name") or event.task.get("name") or "")
+        case ProgramVersion():
+            text = f"{event.program} v{event.number}"
+        case TestsRun():
+            counts = count_cases(cases_of(event))
+            text = ", ".join(f"{number} {outcome}" for outcome, number in counts.items())
+            text = text or str(event.report.get("outcome"))
+        case Decision():
+            text = f"→ {event.verdict}: {event.explanation}"
+        case Rollout():
+            text = f"seed {event.seed}: {event.outcome}, reward {event.reward:.2f}"
+        case Finding(passed=False):
+            text = f"{event.check} failed: {event.detail}"
+        case Reply(error=error) if error:
+            text = f"reply of {event.role} not used: {error}"
+        case Note(level="warning" | "error"):
+            text = event.text
+        case _:
+            pass
+    return text
+
+
+def steps(events: list[Event]) -> list[Step]:
+    """The steps of a whole run."""
+    folded = Steps()
+    for event in events:
+        folded.add(event)
+    return folded.rows

@@ -1,0 +1,103 @@
+"""Opening a recording in the rerun viewer, which listens to this machine alone."""
+
+import importlib.util
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from grs_agents.errors import GrsError, InputError
+
+LOOPBACK = "127.0.0.1"  # rerun's own default is every address of the machine
+WEB_PORT = 9090
+_SETTLED = 1.5  # seconds after which a viewer that still runs is taken to have started
+
+
+def rerun_program() -> Path:
+    """The viewer that comes with ``rerun-sdk``, found without importing rerun.
+
+    Raises:
+        GrsError: this installation has none.
+    """
+    spec = importlib.util.find_spec("rerun_cli")
+    for folder in (spec.submodule_search_locations or []) if spec else []:
+        for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun"):
+            if (Path(folder) / name).is_file():
+                return Path(folder) / name
+    raise GrsError("the rerun viewer is not installed", "run: pip install rerun-sdk")
+
+
+def recordings(path: Path) -> list[Path]:
+    """The recording files of a run folder, parts of a resumed run included, or ``path`` itself.
+
+    Raises:
+        InputError: there is none.
+    """
+    files = sorted(path.glob("trace*.rrd")) if path.is_dir() else [path]
+    if not files or not files[0].is_file():
+        raise InputError(f"no recording in {path}", "name a run folder that holds trace.rrd")
+    return files
+
+
+def viewer_command(path: Path, web: bool = False) -> list[str]:
+    """The command that shows the recording of a run folder (or file), in a window or in the browser.
+
+    Raises:
+        InputError: there is no recording.
+        GrsError: rerun's viewer is not installed.
+    """
+    place = ["--bind", LOOPBACK, "--port", "auto"]
+    if web:
+        place += ["--web-viewer", "--web-viewer-port", str(WEB_PORT)]
+    return [str(rerun_program()), *place, *map(str, recordings(path))]
+
+
+def viewer_environment() -> dict[str, str]:
+    """The environment for rerun's program in which it sends no usage data.
+
+    Its only switch beside a file in the user's home is to believe that it runs on a build machine.
+    """
+    environment = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
+    return {**environment, "CI": "1"}
+
+
+def has_display(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:
+    """Whether a window can open; on Linux that needs X11 or Wayland."""
+    return not platform.startswith("linux") or bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
+
+
+def open_viewer(path: Path, web: bool = False) -> subprocess.Popen[bytes]:
+    """Open the recording of a run folder (or file) and return the viewer's process.
+
+    Args:
+        path: the run folder or an ``.rrd`` file.
+        web: in the browser instead of a window; needs no display on this machine.
+
+    Raises:
+        InputError: there is no recording.
+        GrsError: no display, no viewer, or the viewer ended at once; the remedy says what to do instead.
+    """
+    command = viewer_command(path, web)
+    if not web and not has_display():
+        files = shlex.join(file.name for file in recordings(path))
+        raise GrsError(
+            "no display to open the viewer on",
+            f"add --web, or copy {files} to a machine with a screen and run there: rerun {files}",
+        )
+    with tempfile.TemporaryFile() as output:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=viewer_environment()
+        )
+        try:
+            process.wait(_SETTLED)
+        except subprocess.TimeoutExpired:
+            return process
+        output.seek(0)
+        said = output.read().decode("utf-8", "replace").strip().splitlines()
+    if process.returncode == 0:  # closed by the user, or handed over to a viewer that was open
+        return process
+    reason = said[-1] if said else f"exit status {process.returncode}"
+    raise GrsError(f"the viewer ended at once: {reason}", f"try: {shlex.join(command)}")

@@ -1,0 +1,84 @@
+"""A chat-completions server on loopback that answers as a scripted model would."""
+
+import base64
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+from typing import Any
+
+import pytest
+from langchain_core.messages import HumanMessage
+
+from grs_agents.config import ModelConfig
+from grs_agents.models import chat_model
+
+
+@dataclass
+class ScriptedServer:
+    """What the server was asked.
+
+    Attributes:
+        url: its base URL.
+        roles: role of each request, in order.
+        images: how many pictures each role was shown.
+    """
+
+    url: str = ""
+    roles: list[str] = field(default_factory=list[str])
+    images: dict[str, int] = field(default_factory=dict[str, int])
+
+    def answer(self, body: dict[str, Any]) -> str:
+        """The scripted reply: the rules of the offline model, over the wire of another provider."""
+        parts = body["messages"][-1]["content"]
+        parts = [{"type": "text", "text": parts}] if isinstance(parts, str) else parts
+        text = "\n".join(part["text"] for part in parts if part["type"] == "text")
+        role = text.split("\n", 1)[0].removeprefix("# Role: ").strip()
+        urls = [part["image_url"]["url"] for part in parts if part["type"] == "image_url"]
+        for url in urls:
+            assert base64.b64decode(url.partition("base64,")[2])[:2] == b"\xff\xd8"
+        self.roles.append(role)
+        self.images[role] = self.images.get(role, 0) + len(urls)
+        blocks: list[Any] = [
+            {"type": "image", "base64": url.partition("base64,")[2], "mime_type": "image/jpeg"} for url in urls
+        ]
+        model = chat_model(ModelConfig(model="offline"), 0)
+        return str(model.invoke([HumanMessage([*blocks, {"type": "text", "text": text}])]).text)
+
+
+@pytest.fixture
+def scripted_server() -> Iterator[ScriptedServer]:
+    """An OpenAI-compatible server on 127.0.0.1."""
+    script = ScriptedServer()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+            message = {"role": "assistant", "content": script.answer(body)}
+            reply = {
+                "id": "1",
+                "object": "chat.completion",
+                "created": 1,
+                "model": body["model"],
+                "choices": [{"index": 0, "message": message, "finish_reason": "stop"}],
+                "usage": {"prompt_tokens": 10, "completion_tokens": 5, "total_tokens": 15},
+            }
+            data = json.dumps(reply).encode()
+            self.send_response(200)
+            self.send_header("Content-Type", "application/json")
+            self.send_header("Content-Length", str(len(data)))
+            self.end_headers()
+            self.wfile.write(data)
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Stay silent."""
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    script.url = f"http://127.0.0.1:{server.server_address[1]}/v1"
+    yield script
+    server.shutdown()
+    thread.join()
+    server.server_close()

@@ -1,0 +1,142 @@
+"""Whatever is wrong with what a user gives: one line that names it, exit status 2, and a folder that says so."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.cli.command import grs
+
+
+def copy_scene(sample_scene: Path, folder: Path) -> Path:
+    scene = folder / "scene"
+    shutil.copytree(sample_scene, scene)
+    return scene
+
+
+def assert_refused(done: "subprocess.CompletedProcess[str]", *words: str) -> None:
+    assert done.returncode == 2, done.stderr
+    lines = done.stderr.strip().splitlines()
+    assert lines[-1].startswith("grs: ")
+    assert not any("Traceback" in line for line in lines)
+    for word in words:
+        assert word in lines[-1], lines[-1]
+
+
+def set_camera(scene: Path, **values: object) -> None:
+    file = scene / "camera.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), **values}))
+
+
+def no_rgb(scene: Path) -> None:
+    (scene / "rgb.png").unlink()
+
+
+def torn_rgb(scene: Path) -> None:
+    (scene / "rgb.png").write_bytes((scene / "rgb.png").read_bytes()[:100])
+
+
+def other_size(scene: Path) -> None:
+    cv2.imwrite(str(scene / "depth.png"), np.full((100, 100), 900, np.uint16))
+
+
+def no_depth(scene: Path) -> None:
+    depth = cv2.imread(str(scene / "depth.png"), cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(str(scene / "depth.png"), np.zeros_like(depth))
+
+
+def wrong_unit(scene: Path) -> None:
+    set_camera(scene, depth_scale=1.0)
+
+
+def not_finite(scene: Path) -> None:
+    (scene / "camera.json").write_text((scene / "camera.json").read_text().replace('"fx": ', '"fx": NaN, "_": '))
+
+
+def missing_value(scene: Path) -> None:
+    camera = json.loads((scene / "camera.json").read_text())
+    del camera["fy"]
+    (scene / "camera.json").write_text(json.dumps(camera))
+
+
+def no_plane(scene: Path) -> None:
+    depth = cv2.imread(str(scene / "depth.png"), cv2.IMREAD_UNCHANGED)
+    noise = np.random.default_rng(0).integers(500, 3000, depth.shape)
+    cv2.imwrite(str(scene / "depth.png"), noise.astype(np.uint16))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (no_rgb, ("rgb.png",)),
+        (torn_rgb, ("rgb.png",)),
+        (other_size, ("depth.png", "100")),
+        (no_depth, ("depth.png",)),
+        (wrong_unit, ("depth_scale",)),
+        (not_finite, ("camera.json",)),
+        (missing_value, ("camera.json", "fy")),
+        (no_plane, ("table",)),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_a_bad_scene(tmp_path: Path, sample_scene: Path, spoil: object, words: tuple[str, ...]) -> None:
+    scene = copy_scene(sample_scene, tmp_path)
+    spoil(scene)  # type: ignore[operator]
+    done = grs("run", str(scene), "--out", "run", folder=tmp_path)
+    assert_refused(done, *words)
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "failed"
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("models.default=nobody:any", ("nobody", "offline")),
+        ("models.default=openai:any", ("OPENAI_API_KEY",)),
+        ("policy=guess", ("guess", "rules")),
+        ("graph=grss", ("grss", "grs")),
+        ("tools.segment=magic", ("magic", "segment_rgbd")),
+        ("max_fixes=-1", ("max_fixes",)),
+        ("colour=red", ("colour", "max_fixes")),
+    ],
+)
+def test_a_bad_setting(tmp_path: Path, sample_scene: Path, setting: str, words: tuple[str, ...]) -> None:
+    done = grs("run", str(sample_scene), "--out", "run", "--set", setting, folder=tmp_path)
+    assert_refused(done, *words)
+    record = tmp_path / "run" / "run.json"
+    assert not record.exists() or json.loads(record.read_text())["status"] == "failed"
+
+
+def test_no_such_folder(tmp_path: Path) -> None:
+    assert_refused(grs("run", "nowhere", "--out", "run", folder=tmp_path), "nowhere")
+
+
+def test_an_existing_run(tmp_path: Path, sample_scene: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.json").write_text("{}")
+    assert_refused(grs("run", str(sample_scene), "--out", "run", folder=tmp_path), "--resume")
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path, sample_scene: Path) -> None:
+    done = grs("run", str(sample_scene), "--out", "/proc/run", folder=tmp_path)
+    assert_refused(done, "/proc/run", "--out")
+
+
+@pytest.mark.skipif(os.geteuid() != 0 or sys.platform != "linux", reason="needs root to mount a small disk")
+def test_a_full_disk(tmp_path: Path, sample_scene: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=900k", "none", str(disk)], check=False)
+    if mounted.returncode != 0:
+        pytest.skip("no small disk can be mounted here")
+    try:
+        done = grs("run", str(sample_scene), "--out", str(disk / "run"), folder=tmp_path)
+        assert_refused(done, "cannot write", "--out")
+        assert json.loads((disk / "run" / "run.json").read_text())["status"] == "failed"
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)

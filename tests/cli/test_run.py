@@ -1,0 +1,125 @@
+"""``grs run`` from the command line to the verdict."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grs_agents.trace import read_events
+from tests.cli.command import grs
+
+FILES = (
+    "run.json",
+    "scene.json",
+    "task.json",
+    "simulation.py",
+    "test_simulation.py",
+    "audit.json",
+    "events.jsonl",
+    "trace.rrd",
+    "checkpoint.sqlite",
+)
+
+
+@pytest.fixture(scope="module")
+def accepted(tmp_path_factory: pytest.TempPathFactory, sample_scene: Path) -> tuple[Path, dict[str, Any]]:
+    """One run of the sample scene, and what it printed."""
+    folder = tmp_path_factory.mktemp("accepted")
+    done = grs("run", str(sample_scene), "--out", "run", "--json", folder=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "run", json.loads(done.stdout)
+
+
+def test_the_sample_scene_is_accepted(accepted: tuple[Path, dict[str, Any]]) -> None:
+    folder, record = accepted
+    assert record["status"] == "accepted"
+    assert record["exit_status"] == 0
+    assert len(record["rewards"]) == 3 and min(record["rewards"]) >= 0.99
+    assert record == json.loads((folder / "run.json").read_text())
+
+
+def test_everything_is_in_the_run_folder(accepted: tuple[Path, dict[str, Any]]) -> None:
+    folder, _ = accepted
+    assert [name for name in FILES if not (folder / name).is_file()] == []
+    assert len(list((folder / "instances").glob("*.json"))) == 3
+    assert (folder / "history" / "simulation_001.py").is_file()
+    assert (folder / "history" / "test_simulation_001.diff").is_file()
+
+
+def test_the_log_tells_every_step(accepted: tuple[Path, dict[str, Any]]) -> None:
+    folder, record = accepted
+    events = read_events(folder / "events.jsonl")
+    nodes = [event.node for event in events if event.kind == "node_ended"]
+    assert nodes[:3] == ["comprehend", "match", "generate_task"]
+    assert nodes[-2:] == ["audit", "conclude"]
+    assert sum(event.kind == "prompt" for event in events) == record["counts"]["model_calls"]
+    assert sum(event.kind == "rollout" for event in events) >= 3
+
+
+def test_no_key_and_no_home_is_written(accepted: tuple[Path, dict[str, Any]]) -> None:
+    folder, _ = accepted
+    assert "API_KEY" not in (folder / "events.jsonl").read_text()
+
+
+def test_an_ended_run_is_resumed_without_work(accepted: tuple[Path, dict[str, Any]], sample_scene: Path) -> None:
+    folder, record = accepted
+    before = (folder / "events.jsonl").read_bytes()
+    done = grs("run", str(sample_scene), "--out", str(folder), "--resume", "--json", folder=folder.parent)
+    assert json.loads(done.stdout) == record
+    assert (folder / "events.jsonl").read_bytes() == before
+
+
+def test_show_lists_the_steps(accepted: tuple[Path, dict[str, Any]]) -> None:
+    folder, _ = accepted
+    done = grs("show", str(folder), folder=folder.parent)
+    assert done.returncode == 0
+    assert "generate_sim" in done.stdout and "audit" in done.stdout
+
+
+def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, sample_scene: Path) -> None:
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "grs_agents", "run", str(sample_scene), "--out", str(out), "--json"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        while process.poll() is None and '"run_tests"' not in _text(out / "events.jsonl"):
+            time.sleep(0.01)
+        os.kill(process.pid, signal.SIGKILL)
+    finally:
+        process.kill()
+        process.wait()
+    assert json.loads((out / "run.json").read_text())["status"] == "running"
+    done = grs("run", str(sample_scene), "--out", str(out), "--resume", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert record["status"] == "accepted" and record["attempts"] == 2
+    nodes = [event.node for event in read_events(out / "events.jsonl") if event.kind == "node_ended"]
+    assert nodes.count("comprehend") == nodes.count("match") == nodes.count("generate_sim") == 1
+
+
+def _text(file: Path) -> str:
+    return file.read_text(errors="replace") if file.is_file() else ""
+
+
+def test_another_provider_carries_a_whole_run(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
+    pytest.importorskip("langchain_openai")
+    settings = ["--set", "models.default=openai:any", "--set", f"models.base_url={scripted_server.url}"]
+    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["counts"]["model_calls"] == len(scripted_server.roles)
+    assert {"describe", "match", "task", "simulation", "tests"} <= set(scripted_server.roles)
+    for role in ("describe", "match", "task", "simulation"):
+        assert scripted_server.images[role] > 0
+    assert scripted_server.images["tests"] == 0
+
+
+@pytest.mark.parametrize("name", ["uois_0", "osd_test45"])
+def test_a_real_scene_comes_to_a_verdict(tmp_path: Path, real_scenes: Path, name: str) -> None:
+    done = grs("run", str(real_scenes / name), "--out", "run", "--json", folder=tmp_path)
+    assert done.returncode in (0, 1), done.stderr
+    assert json.loads(done.stdout)["counts"]["objects"] >= 2

@@ -1,0 +1,169 @@
+"""The verbs that look: each works from the command line and says what it promises."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from grs_agents import content
+from tests.cli.command import grs
+
+PROGRAM = '''
+import numpy as np
+
+from grs_agents.sim import Task
+
+
+class PlaceBlock(Task):
+    """Put the red block into the zone."""
+
+    def __init__(self):
+        super().__init__()
+        self.max_steps = 4
+        self.lang_template = "put the red block into the zone"
+        self.task_completed_desc = "done."
+        self.additional_reset()
+
+    def reset(self, env):
+        super().reset(env)
+        zone_size = (0.15, 0.15, 0.01)
+        zone_pose = self.get_random_pose(env, zone_size)
+        env.add_object("zone/zone.urdf", zone_pose, "fixed")
+        block_size = (0.04, 0.04, 0.04)
+        blocks = [env.add_object("block/red_block.urdf", self.get_random_pose(env, block_size)) for _ in range(2)]
+        self.add_goal(
+            objs=blocks,
+            matches=np.ones((2, 1)),
+            targ_poses=[zone_pose],
+            replace=True,
+            rotations=False,
+            metric="zone",
+            params=[(zone_pose, zone_size)],
+            step_max_reward=1,
+            language_goal=self.lang_template,
+        )
+'''
+TESTS = """
+import unittest
+
+from {name} import PlaceBlock
+from grs_agents.sim import Environment
+
+
+class TestPlaceBlock(unittest.TestCase):
+    def test_oracle(self):
+        env = Environment(None)
+        task = PlaceBlock()
+        env.set_task(task)
+        obs = env.reset()
+        agent = task.oracle(env)
+        total = 0
+        for _ in range(task.max_steps):
+            act = agent.act(obs, env.info)
+            if act is None:
+                break
+            obs, reward, done, info = env.step(act)
+            total += reward
+            if done:
+                break
+        self.assertGreater(total, {bound})
+"""
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    file = tmp_path / "place_block.py"
+    file.write_text(PROGRAM)
+    return file
+
+
+@pytest.mark.parametrize("name", ["task_code", "place_block"])
+def test_check_accepts_a_program_of_ones_own(tmp_path: Path, program: Path, name: str) -> None:
+    (tmp_path / "tests.py").write_text(TESTS.format(name=name, bound=0.99))
+    done = grs("check", str(program), "--tests", "tests.py", "--json", folder=tmp_path)
+    found = json.loads(done.stdout)
+    assert (done.returncode, found["status"]) == (0, "accepted"), done.stdout
+    assert len(found["audit"]["rollouts"]) == 3
+
+
+def test_check_rejects_a_program_whose_tests_fail(tmp_path: Path, program: Path) -> None:
+    (tmp_path / "tests.py").write_text(TESTS.format(name="task_code", bound=2))
+    done = grs("check", str(program), "--tests", "tests.py", "--seeds", "1", folder=tmp_path)
+    assert done.returncode == 1
+    assert "rejected" in done.stdout and "TestPlaceBlock.test_oracle" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "def broken(:",
+        "while True: pass",
+        "import os; os._exit(0)",
+        "x = 1",
+        PROGRAM.replace("super().reset(env)", "raise RuntimeError"),
+        PROGRAM.replace('"block/red_block.urdf"', '"block/red_blok.urdf"'),
+    ],
+    ids=["syntax", "endless", "exit", "no task", "raises", "no asset"],
+)
+def test_check_rejects_what_gives_no_instance(tmp_path: Path, source: str) -> None:
+    (tmp_path / "bad.py").write_text(source)
+    done = grs("check", "bad.py", "--set", "limits.wall_seconds=10", "--json", folder=tmp_path)
+    assert done.returncode == 1, done.stderr
+    findings = {item["check"]: item["passed"] for item in json.loads(done.stdout)["audit"]["findings"]}
+    assert findings["instantiated"] is False and findings["solved"] is False
+
+
+def test_check_wants_a_file(tmp_path: Path) -> None:
+    done = grs("check", "nowhere.py", folder=tmp_path)
+    assert done.returncode == 2
+    assert "nowhere.py" in done.stderr
+
+
+@pytest.mark.parametrize("name", content.names("graphs"))
+def test_graph_draws_every_graph(tmp_path: Path, name: str) -> None:
+    done = grs("graph", name, folder=tmp_path)
+    assert "graph TD" in done.stdout
+
+
+def test_an_unknown_graph_lists_the_graphs(tmp_path: Path) -> None:
+    done = grs("graph", "router2", folder=tmp_path)
+    assert done.returncode == 2
+    assert "router" in done.stderr and "no_fix" in done.stderr
+
+
+def test_list_names_all_content(tmp_path: Path) -> None:
+    found = json.loads(grs("list", "--json", folder=tmp_path).stdout)
+    assert set(found) == {"graphs", "tools", "prompts", "evals", "assets", "scenes", "policies"}
+    assert all(found.values())
+    assert all(text for things in found.values() for text in things.values())
+
+
+def test_config_says_where_each_value_came_from(tmp_path: Path) -> None:
+    (tmp_path / "grs.toml").write_text("max_fixes = 3\n")
+    options = ["--config", "grs.toml", "--set", "policy=rules", "--json"]
+    found = json.loads(grs("config", *options, folder=tmp_path).stdout)
+    assert found["max_fixes"] == {"value": 3, "source": "file grs.toml"}
+    assert found["policy"] == {"value": "rules", "source": "--set"}
+    assert found["seed"] == {"value": 0, "source": "default"}
+
+
+def test_doctor_finds_a_working_sandbox(tmp_path: Path) -> None:
+    done = grs("doctor", "--json", folder=tmp_path)
+    found = {one["subject"]: one for one in json.loads(done.stdout)}
+    assert done.returncode == 0
+    assert found["sandbox"]["state"] == "works"
+    assert all(one["remedy"] for one in found.values() if one["state"] == "absent")
+
+
+def test_scene_comprehends_alone(tmp_path: Path, sample_scene: Path) -> None:
+    done = grs("scene", str(sample_scene), "--out", "run", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    objects = json.loads((tmp_path / "run" / "scene.json").read_text())["objects"]
+    assert len(objects) >= 8
+    assert not (tmp_path / "run" / "simulation.py").exists()
+
+
+def test_show_refuses_a_folder_without_a_run(tmp_path: Path) -> None:
+    done = grs("show", ".", folder=tmp_path)
+    assert done.returncode == 2
+    assert "holds no run" in done.stderr

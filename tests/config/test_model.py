@@ -1,0 +1,30 @@
+"""The configuration's types: frozen, and bounded as documented."""
+
+import pytest
+from pydantic import ValidationError
+
+from grs_agents.config import Config, ModelConfig
+from grs_agents.config.model import ROLE_ALIASES, ROLES, PromptsConfig
+
+
+def test_a_configuration_cannot_be_changed() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        Config().__setattr__("seed", 1)
+
+
+def test_every_role_is_served_out_of_the_box() -> None:
+    assert {Config().model_for(role).model for role in ROLES} == {"offline"}
+
+
+def test_every_role_but_the_default_has_a_prompt() -> None:
+    assert set(PromptsConfig.model_fields) == set(ROLES) - {"default"}
+
+
+def test_aliases_lead_to_roles_and_hide_none() -> None:
+    assert set(ROLE_ALIASES.values()) <= set(ROLES)
+    assert not set(ROLE_ALIASES) & set(ROLES)
+
+
+def test_a_key_itself_has_no_place() -> None:
+    with pytest.raises(ValidationError, match="Extra inputs"):
+        ModelConfig.model_validate({"model": "openai:any", "api_key": "secret"})

@@ -1,0 +1,14 @@
+"""Templates use CLIPort's placeholders."""
+
+import pytest
+
+from grs_agents.library.generate.built import Built
+from grs_agents.library.generate.templates import build_templates
+
+
+@pytest.mark.parametrize("one", build_templates(), ids=lambda one: one.asset.kind)
+def test_a_template_is_a_fixture_of_placeholders(one: Built) -> None:
+    assert one.asset.name.endswith("-template.urdf")
+    assert one.asset.fixture
+    assert "DIM2" in one.urdf
+    assert ("<collision>" in one.urdf) == (one.asset.mass > 0)

@@ -1,0 +1,149 @@
+"""Scenes, prompts and a scripted server for the tests of the chat models."""
+
+import json
+import re
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import pytest
+from grs_agents import content
+from hypothesis import strategies as st
+
+Json = dict[str, Any]
+COLORS = ("red", "green", "blue", "yellow", "white", "brown")
+CATEGORIES = ("box", "can", "bottle", "cube", "bowl", "object")
+
+
+def render(role: str, values: Mapping[str, str]) -> str:
+    """The prompt of a role, filled in."""
+    text = content.path("prompts", role).read_text(encoding="utf-8")
+    return re.sub(r"\{\{\s*([a-z_]+)\s*\}\}", lambda found: values[found.group(1)], text)
+
+
+def scene_object(
+    name: str,
+    center: tuple[float, float],
+    size: tuple[float, float, float],
+    color: str = "red",
+    category: str = "box",
+    asset: str = "",
+    height: float | None = None,
+    reachable: bool = True,
+) -> Json:
+    """One object as the scene section of a prompt lists it."""
+    z = size[2] / 2 if height is None else height
+    position = (*center, z)
+    return {
+        "name": name,
+        "asset": asset or f"proxy/{name}.urdf",
+        "description": f"a {color} {category}",
+        "category": category,
+        "color": color,
+        "position": list(position),
+        "orientation": [0.0, 0.0, 0.0, 1.0],
+        "size": list(size),
+        "box": {
+            "low": [c - e / 2 for c, e in zip(position, size, strict=True)],
+            "high": [c + e / 2 for c, e in zip(position, size, strict=True)],
+        },
+        "reachable": reachable,
+        "hollow": category == "bowl",
+    }
+
+
+def rich_scene() -> Json:
+    """Eight free-standing things of several kinds and colours."""
+    return {
+        "objects": [
+            scene_object("red_box_1", (0.40, -0.30), (0.10, 0.12, 0.05), "red"),
+            scene_object("red_can_1", (0.42, -0.12), (0.07, 0.07, 0.08), "red", "can"),
+            scene_object("blue_box_1", (0.42, 0.06), (0.08, 0.08, 0.04), "blue"),
+            scene_object("blue_can_1", (0.40, 0.22), (0.066, 0.066, 0.06), "blue", "can"),
+            scene_object("green_cube_1", (0.55, 0.15), (0.04, 0.04, 0.04), "green", "cube"),
+            scene_object("green_box_1", (0.58, -0.05), (0.05, 0.09, 0.12), "green"),
+            scene_object("yellow_cube_1", (0.56, -0.22), (0.05, 0.05, 0.05), "yellow", "cube"),
+            scene_object("white_carton_1", (0.40, 0.38), (0.07, 0.07, 0.16), "white", "carton"),
+        ]
+    }
+
+
+@st.composite
+def scenes(draw: Callable[..., Any]) -> Json:
+    """Any scene: 1 to 20 things of 1 to 40 cm, overlapping, stacked, tall, thin, out of reach."""
+    count = draw(st.integers(1, 20))
+    extent = st.floats(0.01, 0.4)
+    objects: list[Json] = []
+    for number in range(count):
+        size = (draw(extent), draw(extent), draw(extent))
+        center = (draw(st.floats(0.0, 1.2)), draw(st.floats(-0.9, 0.9)))
+        lifted = draw(st.sampled_from((0.0, 0.0, 0.0, 0.06)))
+        objects.append(
+            scene_object(
+                f"thing_{number}",
+                center,
+                size,
+                draw(st.sampled_from(COLORS)),
+                draw(st.sampled_from(CATEGORIES)),
+                asset=draw(st.sampled_from(("", "HOPE/Corn.urdf", "block/red_block.urdf"))),
+                height=size[2] / 2 + lifted,
+                reachable=draw(st.booleans()),
+            )
+        )
+    return {"objects": objects}
+
+
+class Scripted:
+    """A server on loopback that gives prepared (status, headers, body) answers, the last one for ever."""
+
+    def __init__(self) -> None:
+        self.answers: list[tuple[int, dict[str, str], bytes]] = []
+        self.requests: list[tuple[str, Json]] = []
+
+    def say(self, status: int, body: Json | bytes, **headers: str) -> None:
+        data = body if isinstance(body, bytes) else json.dumps(body).encode()
+        named = {name.replace("_", "-"): value for name, value in headers.items()}
+        self.answers.append((status, named, data))
+
+    def complete(self, text: str | None = "hello", finish: str | None = "stop", **message: Any) -> None:
+        said = {"role": "assistant", "content": text, **message}
+        self.say(
+            200,
+            {
+                "id": "x",
+                "object": "chat.completion",
+                "created": 1,
+                "model": "any",
+                "choices": [{"index": 0, "message": said, "finish_reason": finish}],
+                "usage": {"prompt_tokens": 11, "completion_tokens": 5, "total_tokens": 16},
+            },
+        )
+
+
+@pytest.fixture
+def server() -> Iterator[tuple[Scripted, str]]:
+    """A scripted OpenAI-compatible server and its base URL."""
+    script = Scripted()
+
+    class Handler(BaseHTTPRequestHandler):
+        def log_message(self, format: str, *args: Any) -> None:
+            """Stay silent."""
+
+        def do_POST(self) -> None:
+            body = json.loads(self.rfile.read(int(self.headers.get("Content-Length", 0))))
+            script.requests.append((self.headers.get("Authorization", ""), body))
+            status, headers, data = script.answers.pop(0) if len(script.answers) > 1 else script.answers[0]
+            self.send_response(status)
+            for name, value in {"Content-Type": "application/json", **headers}.items():
+                self.send_header(name, value)
+            self.send_header("Content-Length", str(len(data)))
+            self.end_headers()
+            self.wfile.write(data)
+
+    running = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=running.serve_forever, daemon=True)
+    thread.start()
+    yield script, f"http://127.0.0.1:{running.server_address[1]}/v1"
+    running.shutdown()
+    running.server_close()

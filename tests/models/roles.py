@@ -1,0 +1,69 @@
+"""Ask the offline model as each role and take its reply apart."""
+
+import json
+from typing import Any
+
+from grs_agents.models.offline import OfflineChatModel
+
+from tests.models.conftest import Json, render
+
+API = "# API\n\n## Task\n\n```python\nclass Task: ...\n```\n"
+
+
+def as_text(value: Any) -> str:
+    """Indented JSON, as the agents insert it."""
+    return json.dumps(value, indent=1)
+
+
+def block(reply: str, language: str) -> str:
+    """The one fenced block of a reply."""
+    head, _, rest = reply.partition(f"```{language}\n")
+    body, fence, tail = rest.partition("```")
+    assert fence and not head.strip() and not tail.strip(), reply
+    return body
+
+
+def task_for(scene: Json, seed: int = 0) -> Json:
+    """A task definition for a scene."""
+    reply = OfflineChatModel(seed=seed).invoke(render("task", {"scene": as_text(scene), "fixtures": ""}))
+    found: Json = json.loads(block(str(reply.text), "json"))
+    return found
+
+
+def simulation_for(task: Json, scene: Json, seed: int = 0) -> str:
+    """A simulation program for a task."""
+    values = {"task": as_text(task), "scene": as_text(scene), "api": API, "examples": "x = 1"}
+    return block(str(OfflineChatModel(seed=seed).invoke(render("simulation", values)).text), "python")
+
+
+def tests_for(task: Json, code: str) -> str:
+    """Tests for a program."""
+    values = {"task": as_text(task), "code": code, "api": API}
+    return block(str(OfflineChatModel().invoke(render("tests", values)).text), "python")
+
+
+def fixed_code(task: Json, scene: Json, code: str, report: str, seed: int = 0) -> str:
+    """The next version of a program."""
+    values = {
+        "task": as_text(task),
+        "scene": as_text(scene),
+        "code": code,
+        "test_results": report,
+        "explanation": "",
+        "api": API,
+    }
+    return block(str(OfflineChatModel(seed=seed).invoke(render("fix_code", values)).text), "python")
+
+
+def fixed_tests(task: Json, code: str, tests: str, report: str) -> str:
+    """The next version of the tests."""
+    values = {"task": as_text(task), "code": code, "tests": tests, "test_results": report, "explanation": ""}
+    return block(str(OfflineChatModel().invoke(render("fix_tests", values)).text), "python")
+
+
+def verdict_on(report: str, history: str = "") -> tuple[str, str]:
+    """The router's verdict and its explanation."""
+    values = {"task": "{}", "test_results": report, "history": history}
+    text = str(OfflineChatModel().invoke(render("route", values)).text)
+    explanation, _, rest = text.partition("```\n")
+    return rest.removesuffix("\n```"), explanation

@@ -1,0 +1,135 @@
+"""Retries against a real server on loopback, driven by the real langchain-openai client."""
+
+from dataclasses import dataclass, field
+
+import pytest
+from grs_agents.config import ModelConfig
+from grs_agents.errors import GrsError
+from grs_agents.models import ReplyProblem, Retries, chat_model, invoke
+from langchain_core.messages import AIMessage, HumanMessage
+
+from tests.models.conftest import Scripted
+
+pytest.importorskip("langchain_openai")
+FAILURE = {"error": {"message": "told so", "type": "api_error", "code": None}}
+
+
+@dataclass
+class Clock:
+    waits: list[float] = field(default_factory=list)
+
+    def retries(self) -> Retries:
+        return Retries(sleep=self.waits.append)
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+def ask(url: str, clock: Clock) -> AIMessage:
+    model = chat_model(ModelConfig(model="openai:any", base_url=url, timeout=5), seed=0)
+    return invoke(model, [HumanMessage("hi")], clock.retries())
+
+
+def test_a_reply_comes_with_its_token_usage(server: tuple[Scripted, str], clock: Clock) -> None:
+    script, url = server
+    script.complete("hello")
+    answer = ask(url, clock)
+    assert answer.text == "hello"
+    assert answer.usage_metadata is not None
+    assert (answer.usage_metadata["input_tokens"], answer.usage_metadata["output_tokens"]) == (11, 5)
+
+
+@pytest.mark.parametrize("status", [429, 500, 503, 529])
+def test_retryable_errors_are_tried_again_with_growing_waits(
+    server: tuple[Scripted, str], clock: Clock, status: int
+) -> None:
+    script, url = server
+    script.say(status, FAILURE)
+    script.say(status, FAILURE)
+    script.complete()
+    assert ask(url, clock).text == "hello"
+    assert clock.waits == [1.0, 2.0]
+    assert len(script.requests) == 3
+
+
+@pytest.mark.parametrize(("asked", "waited"), [("2", 2.0), ("3600", 30.0), ("0", 0.0)])
+def test_retry_after_is_honoured_up_to_the_cap(
+    server: tuple[Scripted, str], clock: Clock, asked: str, waited: float
+) -> None:
+    script, url = server
+    script.say(429, FAILURE, Retry_After=asked)
+    script.complete()
+    ask(url, clock)
+    assert clock.waits == [waited]
+
+
+@pytest.mark.parametrize("status", [400, 401, 403, 404])
+def test_permanent_errors_end_at_once_in_one_line(server: tuple[Scripted, str], clock: Clock, status: int) -> None:
+    script, url = server
+    script.say(status, FAILURE)
+    with pytest.raises(GrsError, match=str(status)) as caught:
+        ask(url, clock)
+    assert len(script.requests) == 1
+    assert "\n" not in str(caught.value)
+    assert not isinstance(caught.value, ReplyProblem)
+
+
+def test_after_three_tries_it_gives_up(server: tuple[Scripted, str], clock: Clock) -> None:
+    script, url = server
+    script.say(500, FAILURE)
+    with pytest.raises(GrsError, match="3 tries"):
+        ask(url, clock)
+    assert len(script.requests) == 3
+
+
+def test_a_used_up_quota_is_not_retried(server: tuple[Scripted, str], clock: Clock) -> None:
+    script, url = server
+    script.say(429, {"error": {"message": "no quota", "type": "insufficient_quota", "code": "insufficient_quota"}})
+    with pytest.raises(GrsError):
+        ask(url, clock)
+    assert len(script.requests) == 1
+
+
+@pytest.mark.parametrize("body", [b'{"id":"x","choices":[{"ind', b"<html>gateway</html>"])
+def test_a_malformed_answer_is_retried_then_reported(
+    server: tuple[Scripted, str], clock: Clock, body: bytes
+) -> None:
+    script, url = server
+    script.say(200, body)
+    with pytest.raises(GrsError):
+        ask(url, clock)
+    assert len(script.requests) == 3
+
+
+def test_nobody_listens(clock: Clock) -> None:
+    with pytest.raises(GrsError, match="3 tries"):
+        ask("http://127.0.0.1:9/v1", clock)
+
+
+@pytest.mark.parametrize(
+    ("text", "finish", "message", "kind"),
+    [
+        ("", "stop", {}, "empty"),
+        (None, "stop", {}, "empty"),
+        ("half a prog", "length", {}, "length"),
+        ("half a prog", None, {}, "unfinished"),
+        (None, "stop", {"refusal": "I cannot"}, "refusal"),
+        ("", "content_filter", {}, "refusal"),
+    ],
+)
+def test_replies_that_only_look_whole_are_typed_problems(
+    server: tuple[Scripted, str],
+    clock: Clock,
+    text: str | None,
+    finish: str | None,
+    message: dict[str, str],
+    kind: str,
+) -> None:
+    script, url = server
+    script.complete(text, finish, **message)
+    with pytest.raises(ReplyProblem) as caught:
+        ask(url, clock)
+    assert caught.value.kind == kind
+    assert len(script.requests) == 1

@@ -1,0 +1,11 @@
+"""Only a worker can report progress."""
+
+import pytest
+
+from grs_agents.errors import GrsError
+from grs_agents.sandbox import progress
+
+
+def test_the_host_is_told_to_use_the_sandbox() -> None:
+    with pytest.raises(GrsError, match=r"Sandbox\.call"):
+        progress({"x": 1})

@@ -1,0 +1,74 @@
+"""The tests there must be, read from the source alone."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grs_agents.sandbox import expected_tests, parse
+from grs_agents.sandbox.discovery import MAX_SOURCE
+
+SOURCE = """
+import unittest, numpy as np
+from unittest import TestCase
+from grs_agents.testing import SimulationTestCase
+
+def check(value): helper(value)
+def helper(value): assert value
+
+class Mixin:
+    def test_mixed(self): self.assertTrue(1)
+class TestA(unittest.TestCase):
+    def setUp(self): self.assertTrue(1)
+    def test_one(self): self.assertEqual(1, 1)
+    def test_two(self): check(1)
+    def test_silent(self): print(1)
+    def test_np(self): np.testing.assert_allclose(1, 1)
+    def helper_test(self): pass
+    async def test_later(self): self.fail()
+class TestB(Mixin, TestCase): pass
+class TestC(TestA):
+    def test_one(self): pass
+class TestD(SimulationTestCase):
+    if True:
+        def test_raises(self):
+            with self.assertRaises(ValueError): int("x")
+class TestNot:
+    def test_never(self): pass
+if True:
+    class TestE(unittest.TestCase):
+        def test_nested(self): raise AssertionError
+def test_function(): assert True
+"""
+
+
+def test_ids_and_silence() -> None:
+    found = expected_tests(parse(SOURCE, "test_task_code.py"))
+    assert found.ids == (
+        "TestA.test_one", "TestA.test_two", "TestA.test_silent", "TestA.test_np", "TestA.test_later",
+        "TestB.test_mixed",
+        "TestC.test_one", "TestC.test_two", "TestC.test_silent", "TestC.test_np", "TestC.test_later",
+        "TestD.test_raises", "TestE.test_nested",
+    )  # fmt: skip
+    assert found.without_assertion == {"TestA.test_silent", "TestC.test_silent", "TestC.test_one"}
+
+
+def test_class_cycles_end() -> None:
+    assert expected_tests(parse("class A(B): pass\nclass B(A): pass", "x.py")).ids == ()
+
+
+@pytest.mark.parametrize(
+    "source",
+    ["def", "x = (" * 300, "\0", "-" * 100_000 + "1", "a" + ".b" * 100_000, "9" * 10_000, "#" * (MAX_SOURCE + 1)],
+    ids=["syntax", "parentheses", "null", "minus", "attributes", "digits", "long"],
+)
+def test_unparseable_source_is_a_syntax_error(source: str) -> None:
+    with pytest.raises(SyntaxError):
+        parse(source, "task_code.py")
+
+
+@given(st.text(max_size=200))
+def test_any_text_parses_or_is_a_syntax_error(source: str) -> None:
+    try:
+        expected_tests(parse(source, "task_code.py"))
+    except SyntaxError:
+        return

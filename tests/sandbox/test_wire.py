@@ -1,0 +1,50 @@
+"""Frames survive any cutting of the stream, and nothing but plain JSON passes."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grs_agents.sandbox.wire import FrameError, FrameReader, decode, encode
+
+text = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats(allow_nan=False, allow_infinity=False) | text,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(text, inner, max_size=3),
+    max_leaves=10,
+)
+
+
+@given(st.lists(st.dictionaries(text, plain, max_size=3), max_size=4), st.integers(1, 50))
+def test_frames_come_back_however_the_stream_is_cut(frames: list[dict[str, object]], size: int) -> None:
+    stream = b"".join(encode(frame) for frame in frames)
+    reader = FrameReader()
+    found = [one for at in range(0, len(stream), size) for one in reader.feed(stream[at : at + size])]
+    assert found == frames
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_frame_or_a_frame_error(data: bytes) -> None:
+    try:
+        FrameReader().feed(struct.pack("!I", len(data)) + data)
+    except FrameError:
+        return
+
+
+@pytest.mark.parametrize(
+    "body", ["NaN", '{"x": Infinity}', '{"x": 1e999}', '{"x": "\\ud800"}', "[" * 100_000, "[]", ""]
+)
+def test_what_json_cannot_carry_on_is_refused(body: str) -> None:
+    with pytest.raises(FrameError):
+        decode(body.encode())
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), object(), {1, 2}])
+def test_only_plain_json_is_sent(value: object) -> None:
+    with pytest.raises((ValueError, TypeError)):
+        encode({"x": value})
+
+
+def test_lone_surrogates_are_replaced_when_sent() -> None:
+    assert decode(encode({"x": "a\ud800"})[4:]) == {"x": "a?"}

@@ -1,0 +1,41 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grs_agents.library import Library
+from grs_agents.sim import geometry
+
+LIBRARY = Library()
+points = st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=20)
+
+
+@given(points)
+def test_a_hull_holds_all_its_points(cloud) -> None:
+    hull = geometry.convex_hull(np.array(cloud))
+    edges = np.roll(hull, -1, axis=0) - hull
+    area = 0.5 * float(np.sum(hull[:, 0] * np.roll(hull[:, 1], -1) - hull[:, 1] * np.roll(hull[:, 0], -1)))
+    if len(hull) < 3 or area < 1e-4 or np.linalg.norm(edges, axis=1).min() < 1e-3:
+        return
+    assert geometry.inside_margin(np.zeros((1, 2)), hull, np.array(cloud)).min() > -1e-5
+
+
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3, 3))
+def test_gaps_are_the_distance_along_the_axis_between_squares(x, y, yaw) -> None:
+    square = geometry.rectangle((0, 0), (0.2, 0.2), 0)
+    other = geometry.rectangle((x, y), (0.001, 0.001), yaw)
+    gap = float(geometry.gaps(other, square, np.zeros((1, 2)))[0])
+    expected = max(abs(x), abs(y)) - 0.1
+    assert abs(gap - expected) < 0.002 or gap >= expected
+
+
+def test_the_outline_of_a_can_on_the_table_reaches_from_the_table_to_its_top() -> None:
+    height = LIBRARY.asset("HOPE/Corn.urdf").size[2]
+    outline = geometry.footprint(LIBRARY.model("HOPE/Corn.urdf"), ((0.5, 0.0, height / 2), (0, 0, 0, 1)))
+    assert abs(outline.low) < 1e-6
+    assert abs(outline.high - height) < 1e-6
+
+
+def test_a_body_rests_on_what_lies_below_it_and_on_the_table_elsewhere() -> None:
+    body = geometry.Prism(geometry.rectangle((0, 0), (0.1, 0.1), 0), 0, 0.1)
+    table = [geometry.Prism(geometry.rectangle((0.5, 0), (0.1, 0.1), 0.3), 0, 0.2)]
+    assert geometry.rest_heights(body, table, np.array([[0.5, 0.0], [0.3, 0.0]]), 0.0).tolist() == [0.2, 0.0]

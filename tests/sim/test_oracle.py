@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+from sim_scenes import at, pose_goal, run, zone_goal
+
+
+def test_it_frees_an_object_that_another_lies_on() -> None:
+    def scene(task, env) -> None:
+        low = env.add_object("HOPE/Tuna.urdf", at(0.5, 0.0, 0.0165))
+        env.add_object("HOPE/Corn.urdf", at(0.5, 0.0, 0.062))
+        zone_goal(task, [low], at(0.5, 0.3, 0.001), (0.2, 0.2, 0.0))
+
+    episode, _ = run(scene)
+    assert episode.outcome == "success", episode.detail
+    assert [action.asset for action in episode.actions] == ["HOPE/Corn.urdf", "HOPE/Tuna.urdf"]
+
+
+def test_it_moves_what_stands_on_a_target() -> None:
+    def scene(task, env) -> None:
+        env.add_object("HOPE/Milk.urdf", at(0.5, 0.3, 0.095))
+        pose_goal(task, env.add_object("HOPE/Corn.urdf", at(0.5, -0.1, 0.029)), at(0.5, 0.3, 0.029))
+
+    episode, _ = run(scene)
+    assert episode.outcome == "success", episode.detail
+    assert episode.steps == 2
+
+
+def test_it_turns_an_object_to_the_yaw_asked_for() -> None:
+    turned = ((0.5, 0.2, 0.027), (0.0, 0.0, float(np.sin(0.6)), float(np.cos(0.6))))
+
+    def scene(task, env) -> None:
+        pose_goal(task, env.add_object("HOPE/Butter.urdf", at(0.5, -0.2, 0.027)), turned, symmetry=2 * np.pi)
+
+    assert run(scene)[0].outcome == "success"
+
+
+def test_it_stacks_from_the_bottom_up_whatever_the_order_of_objects() -> None:
+    def scene(task, env) -> None:
+        blocks = [env.add_object("block/red_block.urdf", at(0.4 + 0.08 * i, -0.2, 0.02)) for i in range(4)]
+        targets = [at(0.5, 0.2, 0.02 + 0.04 * level) for level in range(4)]
+        task.add_goal(blocks, np.eye(4)[::-1], targets, False, True, "pose", None, 1.0, [np.pi / 2] * 4)
+
+    episode, env = run(scene)
+    assert episode.outcome == "success", episode.detail
+    assert env.get_object_pose(1)[0][2] == pytest.approx(0.14, abs=0.005)
+
+
+@pytest.mark.parametrize("name", ["bowl/bowl.urdf", "mug/mug.urdf", "plate/plate.urdf", "HOPE/OrangeJuice.urdf"])
+def test_hollow_and_pointed_things_can_be_picked(name: str) -> None:
+    def scene(task, env) -> None:
+        obj = env.add_object(name, at(0.45, -0.2, env.library.asset(name).size[2] / 2))
+        pose_goal(task, obj, at(0.5, 0.25, 0.05))
+
+    episode, _ = run(scene)
+    assert episode.outcome == "success", episode.detail
+
+
+def out_of_reach(task, env) -> None:
+    zone_goal(task, [env.add_object("HOPE/Milk.urdf", at(1.02, 0.1, 0.095))], at(0.5, 0.3, 0.0), (0.2, 0.2, 0.0))
+
+
+def target_out_of_reach(task, env) -> None:
+    pose_goal(task, env.add_object("HOPE/Milk.urdf", at(0.5, 0.1, 0.095)), at(0.9, 0.3, 0.095))
+
+
+def target_too_small(task, env) -> None:
+    zone_goal(task, [env.add_object("HOPE/Cookies.urdf", at(0.5, 0.1, 0.084))], at(0.5, 0.3, 0.0), (0.1, 0.1, 0.0))
+
+
+def too_few_steps(task, env) -> None:
+    cans = [env.add_object("HOPE/Corn.urdf", at(0.4 + 0.12 * i, -0.2, 0.029)) for i in range(3)]
+    zone_goal(task, cans, at(0.5, 0.2, 0.0), (0.4, 0.2, 0.0))
+
+
+def no_goal(task, env) -> None:
+    env.add_object("HOPE/Corn.urdf", at(0.4, 0, 0.029))
+
+
+def met_before(task, env) -> None:
+    pose_goal(task, env.add_object("HOPE/Corn.urdf", at(0.5, 0.1, 0.029)), at(0.5, 0.1, 0.029))
+
+
+def occupied(task, env) -> None:
+    env.add_object(task.fill_template("box/box-template.urdf", {"DIM": (0.18, 0.18, 0.33)}), at(0.5, 0.3, 0.165), "fixed")
+    env.add_object("HOPE/Tuna.urdf", at(0.5, 0.3, 0.347))
+    zone_goal(task, [env.add_object("HOPE/Milk.urdf", at(0.5, -0.1, 0.095))], at(0.5, 0.3, 0.0), (0.2, 0.2, 0.0))
+
+
+def fixed(task, env) -> None:
+    pose_goal(task, env.add_object("HOPE/Corn.urdf", at(0.5, 0.1, 0.029), "fixed"), at(0.5, 0.3, 0.029))
+
+
+@pytest.mark.parametrize(
+    ("scene", "outcome", "words"),
+    [
+        (out_of_reach, "unreachable", ["HOPE/Milk.urdf", "1.02", "0.85 m"]),
+        (target_out_of_reach, "unreachable", ["target of HOPE/Milk.urdf", "0.95 m", "0.85 m"]),
+        (target_too_small, "target_too_small", ["0.10 x 0.10 m", "HOPE/Cookies.urdf"]),
+        (too_few_steps, "step_limit", ["2 of 3 objects", "max_steps=2"]),
+        (no_goal, "nothing_to_do", ["add_goal"]),
+        (met_before, "nothing_to_do", ["already"]),
+        (fixed, "error", ["HOPE/Corn.urdf", "rigid"]),
+    ],
+)
+def test_why_it_stops_is_typed_and_said_with_names_and_numbers(scene, outcome, words) -> None:
+    episode, _ = run(scene, max_steps=2)
+    assert episode.outcome == outcome, episode.detail
+    assert all(word in episode.detail for word in words), episode.detail

@@ -1,0 +1,78 @@
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from sim_scenes import Scripted, at, zone_goal
+
+from grs_agents.content import content_root
+from grs_agents.library import Library
+from grs_agents.sim import SimulationError, TaskInstance, instantiate, rollout, task_class
+
+EXAMPLES = sorted((content_root() / "prompts" / "examples").glob("*.py"))
+
+
+def load(path: Path) -> ModuleType:
+    module = ModuleType("task_code")
+    exec(compile(path.read_text("utf-8"), str(path), "exec"), module.__dict__)
+    return module
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_every_example_program_is_solved_and_doing_nothing_does_not_solve_it(path: Path) -> None:
+    instance = instantiate(task_class(load(path))(), seed=1, library=Library())
+    done = rollout(TaskInstance.model_validate_json(instance.model_dump_json()), Library())
+    assert done.episode.outcome == "success", done.episode.detail
+    assert done.episode.reward == pytest.approx(1, abs=0.01)
+    assert done.idle_reward < 0.5
+    assert len(done.moved) >= 2
+
+
+def packing(task, env) -> None:
+    size, pose = (0.3, 0.2, 0.06), at(0.5, -0.2, 0.03)
+    env.add_object(task.fill_template("container/container-template.urdf", {"DIM": size}), pose, "fixed")
+    cans = [env.add_object("HOPE/Corn.urdf", at(0.45 + 0.12 * i, 0.2, 0.029)) for i in range(2)]
+    zone_goal(task, cans, pose, size)
+
+
+def test_a_recording_holds_the_motion_of_objects_and_links(tmp_path: Path) -> None:
+    done = rollout(instantiate(Scripted(packing), 0), recording=tmp_path / "motion.npz")
+    data = np.load(tmp_path / "motion.npz")
+    names = data["names"].tolist()
+    frames = len(data["times"])
+    assert data["positions"].shape == (frames, len(names), 3)
+    assert data["quaternions"].shape == (frames, len(names), 4)
+    assert data["tool"].shape == (frames, 3)
+    assert "object_2" in names
+    np.testing.assert_allclose(data["positions"][-1, names.index("object_2")], done.final[2][0], atol=1e-3)
+    assert np.diff(data["times"]).mean() == pytest.approx(1 / 30, abs=0.005)
+
+
+def test_a_filled_template_travels_in_the_instance() -> None:
+    instance = instantiate(Scripted(packing), 0)
+    assert instance.objects[0].shapes is not None
+    assert instance.objects[1].shapes is None
+
+
+def test_rewards_that_do_not_add_up_are_scaled_with_a_warning() -> None:
+    def scene(task, env) -> None:
+        for index in range(2):
+            can = env.add_object("HOPE/Corn.urdf", at(0.45 + 0.12 * index, 0.2, 0.029))
+            zone_goal(task, [can], at(0.5, -0.2, 0.0), (0.3, 0.3, 0.0), reward=1)
+
+    instance = instantiate(Scripted(scene), 0)
+    assert [goal.max_reward for goal in instance.goals] == [0.5, 0.5]
+    assert "2.00" in instance.warnings[0]
+
+
+def test_an_instance_out_of_range_is_refused() -> None:
+    instance = instantiate(Scripted(packing), 0).model_dump()
+    instance["objects"][1]["pose"] = ((9.0, 0, 0), (0, 0, 0, 1))
+    with pytest.raises(ValidationError):
+        TaskInstance.model_validate(instance)
+
+
+def test_a_program_without_a_task_is_named() -> None:
+    with pytest.raises(SimulationError, match="Task"):
+        task_class(ModuleType("empty"))

@@ -1,0 +1,78 @@
+"""Files are written whole, or the old one stays and one line says why."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grs_agents.errors import InputError
+from grs_agents.files import write_bytes, write_json, write_text
+
+
+def test_missing_folders_are_made(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a" / "b" / "c.txt", "grün\n")
+    assert path.read_bytes() == "grün\n".encode()
+
+
+def test_a_file_is_replaced_whole_and_nothing_is_left_behind(tmp_path: Path) -> None:
+    write_bytes(tmp_path / "x", b"a long old content")
+    write_bytes(tmp_path / "x", b"new")
+    assert (tmp_path / "x").read_bytes() == b"new"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["x"]
+
+
+def test_a_reader_of_the_old_file_keeps_it_whole(tmp_path: Path) -> None:
+    path = write_bytes(tmp_path / "x", b"old")
+    with path.open("rb") as reader:
+        write_bytes(path, b"new")
+        assert reader.read() == b"old"
+
+
+def test_a_folder_in_the_way_is_an_input_error_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / "x").mkdir()
+    with pytest.raises(InputError, match=r"cannot write .*x: .*--out"):
+        write_bytes(tmp_path / "x", b"new")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["x"]
+
+
+def test_a_file_where_a_folder_should_be_is_an_input_error(tmp_path: Path) -> None:
+    (tmp_path / "x").write_text("")
+    with pytest.raises(InputError, match="cannot write"):
+        write_bytes(tmp_path / "x" / "y", b"new")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full to stand in for a full disk")
+def test_a_full_disk_is_an_input_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def write_to_full(self: Path, data: bytes) -> int:
+        descriptor = os.open("/dev/full", os.O_WRONLY)
+        try:
+            return os.write(descriptor, data)
+        finally:
+            os.close(descriptor)
+
+    monkeypatch.setattr(Path, "write_bytes", write_to_full)
+    with pytest.raises(InputError, match="No space left on device; free space"):
+        write_bytes(tmp_path / "x", b"new")
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=10,
+)
+
+
+@given(value=values)
+def test_json_reads_back_as_it_was(value: object, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = write_json(tmp_path_factory.getbasetemp() / "value.json", value)
+    assert json.loads(path.read_text(encoding="utf-8")) == value
+
+
+def test_json_refuses_nan_and_keeps_the_old_file(tmp_path: Path) -> None:
+    write_json(tmp_path / "x.json", [1])
+    with pytest.raises(ValueError, match="JSON compliant"):
+        write_json(tmp_path / "x.json", [float("nan")])
+    assert json.loads((tmp_path / "x.json").read_text()) == [1]

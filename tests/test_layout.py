@@ -1,0 +1,149 @@
+"""The house: imports go down only, sandboxed code stays light, modules and functions stay small."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "grs_agents"
+
+FLOORS: tuple[frozenset[str], ...] = (
+    frozenset({"errors", "base", "__version__"}),
+    frozenset({"files", "workspace"}),
+    frozenset({"content", "config", "trace"}),
+    frozenset({"library"}),
+    frozenset({"sim", "scene", "sandbox", "models"}),
+    frozenset({"toolkit"}),
+    frozenset({"agents", "tools/", "export"}),
+    frozenset({"audit", "policies"}),
+    frozenset({"state"}),
+    frozenset({"nodes"}),
+    frozenset({"graphs/"}),
+    frozenset({"run", "views"}),
+    frozenset({"evals/", "cli"}),
+    frozenset({"__main__"}),
+)
+"""From the ground up; a room imports only from floors below its own. A slash marks a content folder."""
+
+MODULE_LINES, FUNCTION_LINES = 300, 50
+
+
+def floor_of(room: str) -> int:
+    """The floor a room stands on."""
+    found = [number for number, rooms in enumerate(FLOORS) if room in rooms]
+    assert found, f"{room} stands on no floor: add it to FLOORS in {Path(__file__).name}"
+    return found[0]
+
+
+def sources() -> Iterator[tuple[str, Path]]:
+    """Every Python file of the library and the content, with its room."""
+    for file in sorted(PACKAGE.rglob("*.py")):
+        room = file.relative_to(PACKAGE).parts[0].removesuffix(".py")
+        if room not in ("__init__", "_bundled"):
+            yield room, file
+    for folder in ("tools", "graphs", "evals"):
+        for file in sorted((ROOT / folder).glob("*.py")):
+            yield f"{folder}/", file
+
+
+def imports(file: Path) -> Iterator[str]:
+    """The dotted names a file imports, anywhere in it; ``from a import b`` gives ``a.b``."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}: imports are absolute"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+SOURCES = list(sources())
+
+
+def ours(file: Path) -> Iterator[tuple[str, str]]:
+    """The rooms a file imports from, each with the dotted name."""
+    for name in imports(file):
+        package, _, rest = name.partition(".")
+        if package == PACKAGE.name and rest:
+            yield rest.split(".")[0], name
+
+
+def test_a_room_imports_only_from_floors_below_its_own() -> None:
+    climbing = [
+        f"{file.relative_to(ROOT)} ({room}) imports {other}"
+        for room, file in SOURCES
+        for other, _ in ours(file)
+        if other != room and floor_of(other) >= floor_of(room)
+    ]
+    assert not climbing
+
+
+def test_private_names_stay_in_their_room() -> None:
+    leaks = [
+        f"{file.relative_to(ROOT)} imports {name}"
+        for room, file in SOURCES
+        for other, name in ours(file)
+        if other != room and any(part.startswith("_") for part in name.split(".") if part != "__version__")
+    ]
+    assert not leaks
+
+
+@pytest.mark.parametrize("room", ["sim", "library", "sandbox"])
+def test_what_runs_in_the_sandbox_imports_nothing_heavy(room: str) -> None:
+    heavy = ("langchain_core", "langgraph", "rerun", "cv2", "httpx")
+    probe = f"import sys, grs_agents.{room}; print([name for name in {heavy!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_package_itself_imports_next_to_nothing_and_is_silent() -> None:
+    probe = "import sys, grs_agents; assert not {'numpy', 'pydantic', 'mujoco', 'langchain_core'} & set(sys.modules)"
+    done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout + done.stderr == ""
+
+
+def test_modules_and_functions_stay_small() -> None:
+    large: list[str] = []
+    for _, file in SOURCES:
+        text = file.read_text(encoding="utf-8")
+        if (lines := len(text.splitlines())) > MODULE_LINES:
+            large.append(f"{file.relative_to(ROOT)}: {lines} lines, over {MODULE_LINES}")
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1
+                if lines > FUNCTION_LINES:
+                    large.append(f"{file.relative_to(ROOT)}: {node.name} has {lines} lines, over {FUNCTION_LINES}")
+    assert not large
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "graphs").glob("*.py")), ids=lambda file: file.stem)
+def test_a_graph_is_topology_without_logic(file: Path) -> None:
+    text = file.read_text(encoding="utf-8")
+    logic = (ast.If, ast.For, ast.While, ast.Try, ast.Lambda, ast.ClassDef)
+    assert len(text.splitlines()) <= 100
+    assert not [node for node in ast.walk(ast.parse(text)) if isinstance(node, logic)]
+
+
+def test_every_public_thing_has_a_docstring() -> None:
+    bare: list[str] = []
+    for _, file in SOURCES:
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        things = [node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+        for thing in [tree, *(node for node in things if not node.name.startswith("_"))]:
+            if not ast.get_docstring(thing):
+                bare.append(f"{file.relative_to(ROOT)}: {getattr(thing, 'name', 'the module')}")
+    assert not bare
+
+
+def test_no_check_is_silenced() -> None:
+    markers = ("type: ignore", "pyright: ignore", "noqa", "TODO", "FIXME")
+    silenced = [
+        f"{file.relative_to(ROOT)}:{number}: {line.strip()}"
+        for _, file in SOURCES
+        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1)
+        if any(marker in line for marker in markers)
+    ]
+    assert not silenced

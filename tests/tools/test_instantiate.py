@@ -1,0 +1,87 @@
+"""Programs become data, one instance for each seed; what does not is a typed failure."""
+
+from typing import Any
+
+import pytest
+
+from grs_agents.sim import TaskInstance, rollout
+from grs_agents.toolkit import ToolContext, load_tool
+
+
+def draw(context: ToolContext, simulation: str, seeds: tuple[int, ...] = (0, 1, 2), **limits: float) -> Any:
+    tool = load_tool("instantiate")
+    bounded = ToolContext(context.sandbox, context.library, context.limits.model_copy(update=limits))
+    return tool.run(tool.Request(simulation=simulation, seeds=seeds), bounded)
+
+
+def test_instances_are_valid_repeatable_and_solvable(context: ToolContext, simulation: str) -> None:
+    result = draw(context, simulation)
+    instances = [TaskInstance.model_validate(one) for one in result.instances]
+    assert [one.seed for one in instances] == [0, 1, 2]
+    assert not result.failures
+    assert len({one.objects for one in instances}) == 3
+    assert draw(context, simulation).instances == result.instances
+    assert rollout(instances[0], context.library).episode.reward == pytest.approx(1.0)
+
+
+FAILURES = {
+    "does not parse": ("def", "error"),
+    "no task": ("x = 1", "error"),
+    "raises": ("raise ValueError('no')", "error"),
+    "exits": ("import os; os._exit(0)", "crashed"),
+    "hangs": ("while True: pass", "timeout"),
+    "eats memory": ("x = []\nwhile True: x.append(bytearray(1 << 20))", "memory"),
+}
+
+
+@pytest.mark.parametrize("name", FAILURES)
+def test_program_that_does_not_load_fails_for_every_seed(name: str, context: ToolContext) -> None:
+    simulation, outcome = FAILURES[name]
+    result = draw(context, simulation, (0, 1), wall_seconds=2.0, memory_mib=256)
+    assert not result.instances
+    assert [failure.seed for failure in result.failures] == [0, 1]
+    assert result.failures[0].outcome == outcome, result
+    assert all(failure.message for failure in result.failures)
+
+
+def test_each_seed_fails_for_its_own_reason(context: ToolContext, simulation: str) -> None:
+    faults = (
+        "        import os\n"
+        "        if env.seed_used == 1: raise ValueError('seed one')\n"
+        "        if env.seed_used == 2: env.add_object('block/red_block.urdf', (None, None))\n"
+        "        if env.seed_used == 3: os._exit(0)\n"
+        "        if env.seed_used == 4: env.add_object('block/red_block.urdf', ((9, 0, 0), (0, 0, 0, 1)))\n"
+        "        while env.seed_used == 6: pass\n"
+    )
+    result = draw(context, simulation + faults, (0, 1, 2, 3, 4, 5, 6, 7), wall_seconds=3)
+    assert [one["seed"] for one in result.instances] == [0, 5]
+    assert {failure.seed: failure.outcome for failure in result.failures} == {
+        1: "error", 2: "no_free_space", 3: "crashed", 4: "invalid", 6: "timeout", 7: "not_run"
+    }  # fmt: skip
+    assert "raise ValueError('seed one')" in result.failures[0].traceback
+    assert "while env.seed_used == 6" in result.failures[4].traceback
+
+
+FORGED = {
+    "unknown key": '"x": 1',
+    "another seed": '"seed": 99',
+    "far away": '"objects": [{"id": 1, "asset": "block/red_block.urdf", "pose": [[9, 0, 0], [0, 0, 0, 1]]}]',
+    "text for a number": '"max_steps": "3"',
+    "giant number": '"max_steps": 1' + "0" * 400,
+    "goal of nothing": '"goals": [{"objects": [77]}]',
+}
+
+
+@pytest.mark.parametrize("name", FORGED)
+def test_forged_instances_are_refused_by_the_host(name: str, context: ToolContext, simulation: str) -> None:
+    forged = (
+        "\nimport json\nfrom grs_agents import sim\n"
+        "class Forged:\n"
+        "    def model_dump(self, mode):\n"
+        "        base = {'task': 'T', 'seed': 0, 'max_steps': 3, 'timestep': 0.002, 'objects': [], 'goals': []}\n"
+        f"        return base | json.loads({'{' + FORGED[name] + '}'!r})\n"
+        "sim.instantiate = lambda task, seed, library: Forged()\n"
+    )
+    result = draw(context, simulation + forged, (0,))
+    assert not result.instances
+    assert result.failures[0].outcome == "invalid", result

@@ -1,0 +1,32 @@
+"""Values that are safe to write as JSON."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grs_agents.trace.values import encodable, plain
+
+SCALARS = st.none() | st.booleans() | st.floats() | st.integers(-(2**53), 2**53) | st.text()
+TREES = st.recursive(SCALARS, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=12)
+
+
+@given(st.text(st.characters(exclude_categories=())))
+def test_any_string_becomes_utf8(text: str) -> None:
+    assert encodable(text).encode("utf-8").decode("utf-8") == encodable(text)
+    assert len(encodable(text)) == len(text)
+
+
+@given(TREES)
+def test_plain_data_survives_a_file_and_is_plain_already(value: Any) -> None:
+    once = plain(value)
+    assert json.loads(json.dumps(once, allow_nan=False)) == once == plain(once)
+
+
+def test_tuples_paths_arrays_and_nan_become_json() -> None:
+    value = {"size": (1, 2), "file": Path("a/b"), "pose": np.eye(2), "score": float("nan"), "n": np.int64(3)}
+    expected = {"size": [1, 2], "file": "a/b", "pose": [[1.0, 0.0], [0.0, 1.0]], "score": "NaN", "n": 3}
+    assert plain(value) == expected

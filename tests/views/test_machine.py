@@ -1,0 +1,31 @@
+"""The state machine as a picture."""
+
+import pytest
+
+from grs_agents.views import machine
+
+
+@pytest.mark.parametrize("graph", ["grs", "router", "scene", "no_router", "anything"])
+def test_nodes_stand_apart_and_edges_join_them(graph: str) -> None:
+    nodes = (*machine.expected_nodes(graph), "mine", "yours")
+    spots = machine.places(nodes)
+    assert set(spots) == set(nodes)
+    assert len(set(spots.values())) == len(nodes)
+    assert {end for edge in machine.edges(nodes) for end in edge} <= set(nodes)
+
+
+def test_the_cards_machine_is_whole() -> None:
+    nodes = machine.expected_nodes("router")
+    assert {"generate_sim", "generate_tests", "run_tests", "route", "fix_code", "fix_tests", "audit"} < set(nodes)
+    assert ("route", "fix_code") in machine.edges(nodes)
+    assert "match" not in nodes
+
+
+def test_a_describe_node_stands_between_comprehend_and_match() -> None:
+    edges = machine.edges(("comprehend", "describe", "match"))
+    assert edges == (("comprehend", "describe"), ("describe", "match"))
+
+
+def test_colours_are_stable() -> None:
+    assert machine.color("route") != machine.color("audit")
+    assert machine.color("mine") == machine.color("mine")

@@ -1,0 +1,178 @@
+"""The recording, read back and compared with the events."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rerun.chunk import RrdReader
+
+from grs_agents.library import Library
+from grs_agents.trace import Decision, Event, NodeStarted, ProgramVersion, Reply, Rollout, read_events
+from grs_agents.trace import TestsRun as Tested
+from grs_agents.views.lines import line
+from grs_agents.views.paths import Paths
+from grs_agents.views.rerun_view import RerunView, rebuild
+from grs_agents.views.viewer import rerun_program, viewer_environment
+
+Rows = list[tuple[int, Any]]
+
+
+def column(path: Path, entity: str, component: str) -> Rows:
+    """Event number and value of every row of a component, in order; static rows left out."""
+    rows: Rows = []
+    for chunk in RrdReader(path).stream().filter(content=entity).to_chunks():
+        batch = chunk.to_record_batch()
+        if component in batch.schema.names and "event" in batch.schema.names:
+            values = batch.column(component).to_pylist()
+            pairs = zip(batch.column("event").to_pylist(), values, strict=True)
+            rows.extend((event, value[0]) for event, value in pairs if value)
+    return sorted(rows, key=lambda row: row[0])
+
+
+def entities(path: Path) -> set[str]:
+    """Every entity path in the file."""
+    return {str(chunk.entity_path) for chunk in RrdReader(path).stream().to_chunks()}
+
+
+def of(events: list[Event], kind: type[Any]) -> list[Any]:
+    """The events of one kind."""
+    return [event for event in events if isinstance(event, kind)]
+
+
+def check_whole(path: Path, events: list[Event]) -> None:
+    """Every event, node, program, decision, test run and rollout is in the recording, at its number."""
+    log = column(path, Paths.LOG, "TextLog:text")
+    assert [number for number, _ in log] == [event.sequence for event in events]
+    assert [text.split()[0] for _, text in log] == [line(event).split()[0] for event in events]
+    visited = [(event.sequence, event.node) for event in of(events, NodeStarted)]
+    lane = column(path, Paths.NODE, "StateChange:state")
+    assert [row for row in lane if row[1] != "end"] == visited
+    for program in of(events, ProgramVersion):
+        shown = dict(column(path, Paths.SIMULATION, "TextDocument:text"))[program.sequence]
+        assert f"version {program.number}" in shown
+        assert "class Packing(Task):" in shown
+    decisions = dict(column(path, Paths.DECISION, "TextDocument:text"))
+    assert all(event.explanation in decisions[event.sequence] for event in of(events, Decision))
+    reports = column(path, Paths.REPORT, "TextDocument:text")
+    assert [number for number, _ in reports] == [event.sequence for event in of(events, Tested)]
+    replies = column(path, Paths.REPLY, "TextDocument:text")
+    assert [number for number, _ in replies] == [event.sequence for event in of(events, Reply)]
+    rollouts = [(event.sequence, event.reward) for event in of(events, Rollout)]
+    assert column(path, f"{Paths.METRICS}/reward", "Scalars:scalars") == rollouts
+
+
+def verify(path: Path) -> None:
+    """``rerun rrd verify`` finds nothing wrong."""
+    command = [str(rerun_program()), "rrd", "verify", str(path)]
+    done = subprocess.run(command, env=viewer_environment(), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture
+def watched(script: Callable[[], Any], library: Library) -> Callable[[], tuple[Any, RerunView]]:
+    """Opens the log of the run with a view subscribed."""
+
+    def start() -> tuple[Any, RerunView]:
+        run = script()
+        view = RerunView(run.folder, library)
+        run.log.subscribe(view)
+        return run, view
+
+    return start
+
+
+def test_a_recording_holds_every_event(watched: Callable[[], tuple[Any, RerunView]]) -> None:
+    run, view = watched()
+    run.before_fix()
+    run.after_fix()
+    view.finish()
+    path = run.folder / "trace.rrd"
+    check_whole(path, read_events(run.log.path))
+    verify(path)
+    camera = {f"{Paths.CAMERA}/{name}" for name in ("rgb", "depth", "masks", "boxes")}
+    assert camera | {f"{Paths.SCENE}/points", f"{Paths.SCENE}/boxes", Paths.OBJECTS} <= entities(path)
+    moved = column(path, f"{Paths.WORLD}/object_0", "Transform3D:translation")
+    assert len(moved) > 2 * 90
+    assert moved[0][1] != moved[90][1]
+    still = column(path, f"{Paths.WORLD}/object_1", "Transform3D:translation")
+    assert len(still) <= 4
+    meshes = [name for name in entities(path) if name.startswith(f"{Paths.WORLD}/object_0/looks_")]
+    assert len(meshes) == len(set(meshes)) > 1
+    assert len(column(path, f"{Paths.WORLD}/robot", "LineStrips3D:strips")) > 2 * 90
+    diff = [text for _, text in column(path, Paths.DIFF, "TextLog:text")]
+    assert "+        self.max_steps = 4" in diff
+    assert path.stat().st_size < 4 * 2**20
+
+
+def test_a_resumed_run_ends_in_one_whole_recording(watched: Callable[[], tuple[Any, RerunView]]) -> None:
+    run, _ = watched()
+    run.before_fix()
+    before = len(read_events(run.log.path))
+    run.log.close()
+    run, view = watched()
+    run.after_fix()
+    assert column(run.folder / "trace.1.rrd", Paths.LOG, "TextLog:text")[0][0] == before
+    assert RrdReader(run.folder / "trace.1.rrd").recordings()[0].recording_id == "sample-run"
+    view.finish()
+    check_whole(run.folder / "trace.rrd", read_events(run.log.path))
+    verify(run.folder / "trace.rrd")
+    assert [part.name for part in run.folder.glob("trace*.rrd")] == ["trace.rrd"]
+
+
+def test_a_resumed_run_without_a_recording_shows_what_went_before(
+    script: Callable[[], Any], watched: Callable[[], tuple[Any, RerunView]]
+) -> None:
+    run = script()
+    run.before_fix()
+    run.log.close()
+    run, view = watched()
+    run.after_fix()
+    view.finish()
+    check_whole(run.folder / "trace.rrd", read_events(run.log.path))
+
+
+def test_a_recording_is_rebuilt_from_the_events_alone(script: Callable[[], Any], library: Library) -> None:
+    run = script()
+    run.before_fix()
+    run.after_fix()
+    path = rebuild(run.folder, library)
+    assert path == run.folder / "trace.rrd"
+    check_whole(path, read_events(run.log.path))
+    verify(path)
+
+
+def test_a_missing_file_costs_one_warning_and_nothing_else(watched: Callable[[], tuple[Any, RerunView]]) -> None:
+    run, view = watched()
+    run.before_fix()
+    lost = ProgramVersion(program="tests", number=1, sha256="0", path="history/lost.py")
+    with pytest.warns(RuntimeWarning, match=r"RerunView failed.*lost\.py"):
+        run.log.append(lost)
+    run.after_fix()
+    view.finish()
+    numbers = [number for number, _ in column(run.folder / "trace.rrd", Paths.LOG, "TextLog:text")]
+    assert numbers == list(range(run.log.sequence))
+
+
+def test_a_killed_run_leaves_both_files_readable(tmp_path: Path) -> None:
+    program = """
+import os, pathlib, signal
+from grs_agents.library import Library
+from grs_agents.trace import EventLog, NodeStarted, Note, RunStarted
+from grs_agents.views.rerun_view import RerunView
+log = EventLog(pathlib.Path("events.jsonl"))
+log.subscribe(RerunView(pathlib.Path("."), Library()))
+log.append(RunStarted(run_id="killed", graph="router", seed=0))
+for visit in range(9):
+    log.append(NodeStarted(node="route", visit=visit + 1))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, check=False)
+    assert done.returncode == -9
+    events = read_events(tmp_path / "events.jsonl")
+    assert len(events) == 10
+    check_whole(tmp_path / "trace.rrd", events)

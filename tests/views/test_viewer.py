@@ -1,0 +1,49 @@
+"""Opening the viewer."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from grs_agents.errors import GrsError, InputError
+from grs_agents.views import open_viewer, viewer_command
+from grs_agents.views.viewer import has_display, recordings, viewer_environment
+
+
+def test_the_viewer_listens_to_this_machine_alone(tmp_path: Path) -> None:
+    (tmp_path / "trace.rrd").touch()
+    (tmp_path / "trace.1.rrd").touch()
+    for web in (False, True):
+        command = viewer_command(tmp_path, web)
+        assert command[command.index("--bind") + 1] == "127.0.0.1"
+        assert ("--web-viewer" in command) == web
+        assert {Path(part).name for part in command} >= {"trace.rrd", "trace.1.rrd"}
+
+
+def test_no_usage_data_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    assert viewer_environment()["CI"] == "1"
+    assert "FORCE_RERUN_ANALYTICS" not in viewer_environment()
+
+
+def test_a_folder_without_a_recording_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no recording"):
+        recordings(tmp_path)
+    with pytest.raises(InputError, match="no recording"):
+        open_viewer(tmp_path / "trace.rrd")
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere there is always a display")
+def test_without_a_display_the_error_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "trace.rrd").touch()
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(GrsError, match=r"no display.*--web.*rerun trace.rrd"):
+        open_viewer(tmp_path)
+
+
+def test_a_display_is_x11_wayland_or_another_system() -> None:
+    assert has_display({"WAYLAND_DISPLAY": "wayland-0"}, "linux")
+    assert has_display({"DISPLAY": ":0"}, "linux")
+    assert not has_display({}, "linux")
+    assert has_display({}, "darwin")

@@ -1,0 +1,171 @@
+"""Turn a generated simulation program into task instances, one for each seed: typed data instead of code."""
+
+import json
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import Field, ValidationError
+
+from grs_agents import sandbox
+from grs_agents.base import Frozen
+from grs_agents.sandbox import CallResult, EachResult, Limits, Trace
+from grs_agents.sim import TaskInstance
+from grs_agents.toolkit import ToolContext, open_library
+
+Seed = Annotated[int, Field(ge=0, lt=2**32)]
+FailureOutcome = Literal[
+    "timeout", "crashed", "memory", "not_run", "invalid", "error",
+    "no_free_space", "unreachable", "target_occupied", "target_too_small", "nothing_to_do",
+]  # fmt: skip
+_STOPPED: dict[str, FailureOutcome] = {"timeout": "timeout", "cpu_limit": "timeout", "memory_limit": "memory"}
+
+
+class Request(Frozen):
+    """The program and the seeds to draw.
+
+    Attributes:
+        simulation: source of the simulation program.
+        seeds: one instance is asked for each.
+        library_roots: asset folders, later ones win; none means the library shipped with GRS.
+    """
+
+    simulation: str
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=1000)] = (0, 1, 2)
+    library_roots: tuple[str, ...] = ()
+
+
+class Failure(Frozen):
+    """A seed that gave no instance.
+
+    Attributes:
+        seed: the seed.
+        outcome: ``invalid`` is an instance that breaks its schema; the rest as the simulation types it.
+        message: one line.
+        traceback: of the program, without the machinery.
+    """
+
+    seed: int
+    outcome: FailureOutcome
+    message: str
+    traceback: str = ""
+
+
+class Result(Frozen):
+    """What the program makes of the seeds.
+
+    Attributes:
+        instances: valid task instances as JSON, in the order of their seeds.
+        failures: one for each other seed.
+        seconds: wall time.
+        backend: what separated the program from the host.
+    """
+
+    instances: tuple[dict[str, Any], ...]
+    failures: tuple[Failure, ...]
+    seconds: float
+    backend: str
+
+
+def run(request: Request, context: ToolContext) -> Result:
+    """Run the program in the sandbox and check what it yields; whatever it does is in the result."""
+    try:
+        sandbox.parse(request.simulation, sandbox.SIMULATION_FILE)
+    except SyntaxError as error:
+        trace = sandbox.describe(error)
+        failures = tuple(Failure(seed=seed, outcome="error", **_shown(trace)) for seed in request.seeds)
+        return Result(instances=(), failures=failures, seconds=0.0, backend=context.sandbox.backend)
+    seeds = tuple(dict.fromkeys(request.seeds))
+    each = sandbox.call_each(
+        context.sandbox,
+        "instantiate",
+        request.model_dump(mode="json"),
+        [str(seed) for seed in seeds],
+        context.limits,
+        hopeless=lambda call: True,  # what hangs in reset for one seed hangs for all
+    )
+    drawn = [_draw(seed, each, request.simulation, context.limits) for seed in seeds]
+    return Result(
+        instances=tuple(one.model_dump(mode="json") for one in drawn if isinstance(one, TaskInstance)),
+        failures=tuple(one for one in drawn if isinstance(one, Failure)),
+        seconds=sum(call.seconds for call in each.calls),
+        backend=each.last.backend,
+    )
+
+
+def inside(request: dict[str, Any]) -> dict[str, Any]:
+    """The worker's part: load the program, draw an instance for each seed, report each at once."""
+    from grs_agents import sim
+
+    library = open_library(request["library_roots"])
+    items: Sequence[str] = request["items"]
+    task: Any = None
+    with sandbox.Caught() as loading:
+        sandbox.seed_everything(0)
+        task = sim.task_class(sandbox.load_program(request["simulation"]))
+    for item in items:
+        sandbox.progress({"item": item, "phase": "start"})
+        sandbox.seed_everything(int(item))
+        event: dict[str, Any] = {"instance": None}
+        with sandbox.Caught() as caught:
+            if loading.error is not None:
+                raise loading.error
+            event["instance"] = sim.instantiate(task(), int(item), library).model_dump(mode="json")
+        if isinstance(caught.error, MemoryError):
+            raise caught.error
+        if caught.error is not None:
+            event = _failure(caught.error)
+        sandbox.progress({"item": item, "phase": "end", **event})
+    return {}
+
+
+def _failure(error: BaseException) -> dict[str, str]:
+    shown = _shown(sandbox.describe(error))
+    if isinstance(error, ValidationError):
+        return {**shown, "message": _first(error), "outcome": "invalid"}
+    return {**shown, "outcome": str(getattr(error, "outcome", "error"))}
+
+
+def _draw(seed: int, each: EachResult, source: str, limits: Limits) -> TaskInstance | Failure:
+    item = str(seed)
+    if item in each.stopped:
+        return _stopped(seed, each.stopped[item], source)
+    event = each.ended.get(item)
+    if event is None and not each.last.events:
+        return _stopped(seed, each.last, source)
+    if event is None:
+        message = f"an earlier seed used up the limit of {limits.wall_seconds:g} s for all of them"
+        return Failure(seed=seed, outcome="not_run", message=message)
+    if event.get("instance") is None:
+        outcome: Any = event.get("outcome") if event.get("outcome") in get_args(FailureOutcome) else "error"
+        message, trace = str(event.get("message", ""))[:1000], str(event.get("traceback", ""))[:8000]
+        return Failure(seed=seed, outcome=outcome, message=message, traceback=trace)
+    return _validated(seed, event["instance"])
+
+
+def _validated(seed: int, instance: Any) -> TaskInstance | Failure:
+    try:
+        checked = TaskInstance.model_validate_json(json.dumps(instance), strict=True)
+    except ValidationError as error:
+        return Failure(seed=seed, outcome="invalid", message=_first(error))
+    except RecursionError:
+        return Failure(seed=seed, outcome="invalid", message="the instance is nested too deeply")
+    if checked.seed != seed:
+        return Failure(seed=seed, outcome="invalid", message=f"the instance says seed {checked.seed}, not {seed}")
+    return checked
+
+
+def _stopped(seed: int, call: CallResult, source: str) -> Failure:
+    trace = sandbox.from_stack(call.stack, {sandbox.SIMULATION_FILE: source}, call.error)
+    last = (call.error.strip().splitlines() or [call.outcome])[-1][:1000]
+    outcome = _STOPPED.get(call.outcome, "error" if call.outcome == "error" else "crashed")
+    return Failure(seed=seed, outcome=outcome, message=last, traceback=trace.text if trace else call.error[-8000:])
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return f"{where or 'instance'}: {first['msg']}"[:1000]
+
+
+def _shown(trace: Trace) -> dict[str, str]:
+    return {"message": trace.message, "traceback": trace.text}

@@ -1,0 +1,73 @@
+"""Draw a task instance by casting rays: a PNG of the scene before or after a rollout, no GL needed."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+from grs_agents.base import Frozen, Vec3
+from grs_agents.errors import GrsError
+from grs_agents.sandbox import CallResult
+from grs_agents.toolkit import ToolContext, open_library
+
+
+class Request(Frozen):
+    """What to draw.
+
+    Attributes:
+        instance: a ``TaskInstance`` as JSON.
+        output: the PNG file to write.
+        library_roots: asset folders, later ones win; none means the library shipped with GRS.
+        moment: after settling, or when the oracle has finished.
+        position, target: of the camera and what it looks at, metres, robot frame.
+        width, height: pixels.
+    """
+
+    instance: dict[str, Any]
+    output: str
+    library_roots: tuple[str, ...] = ()
+    moment: Literal["start", "end"] = "start"
+    position: Vec3 = (1.35, 0.0, 0.75)
+    target: Vec3 = (0.45, 0.0, 0.05)
+    width: int = 640
+    height: int = 480
+
+
+class Result(Frozen):
+    """The picture's file, or why there is none."""
+
+    image: str | None
+    error: str = ""
+
+
+def run(request: Request, context: ToolContext) -> Result:
+    """Draw in the sandbox."""
+    call: CallResult = context.sandbox.call("render", request.model_dump(mode="json"), context.limits)
+    if call.value is None:
+        return Result(image=None, error=call.error or call.outcome)
+    return Result.model_validate(call.value)
+
+
+def inside(request: dict[str, Any]) -> dict[str, Any]:
+    """The worker's part."""
+    asked = Request.model_validate(request)
+    try:
+        image = str(_draw(asked))
+    except (GrsError, ValueError) as error:
+        return Result(image=None, error=str(error)).model_dump(mode="json")
+    return Result(image=image).model_dump(mode="json")
+
+
+def _draw(asked: Request) -> Path:
+    from grs_agents import sim
+    from grs_agents.files import write_bytes
+    from grs_agents.sim import rendering
+
+    instance = sim.TaskInstance.model_validate(asked.instance)
+    library = open_library(asked.library_roots)
+    task = sim.InstanceTask(instance)
+    env = sim.Environment(task=task, library=library, seed=instance.seed)
+    env.reset()
+    if asked.moment == "end":
+        sim.solve(env, task)
+    view = rendering.View(asked.position, asked.target, height=asked.height, width=asked.width)
+    picture = rendering.render(env.objects, library, env.physics.joints, [view])[0]
+    return write_bytes(Path(asked.output), rendering.png(picture.color))

@@ -1,0 +1,59 @@
+"""Run the trusted oracle on a task instance and score it; no generated code is involved."""
+
+from pathlib import Path
+from typing import Any
+
+from grs_agents.base import Frozen
+from grs_agents.errors import GrsError
+from grs_agents.sandbox import CallResult
+from grs_agents.toolkit import ToolContext, open_library
+
+
+class Request(Frozen):
+    """What to run.
+
+    Attributes:
+        instance: a ``TaskInstance`` as JSON.
+        library_roots: asset folders, later ones win; none means the library shipped with GRS.
+        recording: an .npz file to write the motion to, or None.
+    """
+
+    instance: dict[str, Any]
+    library_roots: tuple[str, ...] = ()
+    recording: str | None = None
+
+
+class Result(Frozen):
+    """What came of it.
+
+    Attributes:
+        rollout: a ``Rollout`` as JSON, None if the run itself failed.
+        outcome: ``ok``, or how the sandbox ended it.
+        error: one line, when it failed.
+    """
+
+    rollout: dict[str, Any] | None
+    outcome: str = "ok"
+    error: str = ""
+
+
+def run(request: Request, context: ToolContext) -> Result:
+    """Run the oracle in the sandbox."""
+    call: CallResult = context.sandbox.call("rollout", request.model_dump(mode="json"), context.limits)
+    if call.value is None:
+        return Result(rollout=None, outcome=call.outcome, error=call.error)
+    return Result.model_validate(call.value)
+
+
+def inside(request: dict[str, Any]) -> dict[str, Any]:
+    """The worker's part."""
+    from grs_agents import sim
+
+    asked = Request.model_validate(request)
+    try:
+        instance = sim.TaskInstance.model_validate(asked.instance)
+        recording = Path(asked.recording) if asked.recording else None
+        done = sim.rollout(instance, open_library(asked.library_roots), recording)
+    except (GrsError, ValueError) as error:
+        return Result(rollout=None, outcome="error", error=str(error)).model_dump(mode="json")
+    return Result(rollout=done.model_dump(mode="json")).model_dump(mode="json")

@@ -1,0 +1,56 @@
+"""Run a generated test program against a generated simulation program and report every test."""
+
+from typing import Any
+
+from pydantic import Field
+
+from grs_agents import sandbox
+from grs_agents.base import Frozen
+from grs_agents.sandbox import TestReport, TestRun
+from grs_agents.toolkit import ToolContext, open_library
+
+
+class Request(Frozen):
+    """The two programs.
+
+    Attributes:
+        simulation: source of the simulation program.
+        tests: source of its unit tests, which import the program as ``task_code``.
+        simulation_name: another module name the tests may import the program by.
+        library_roots: asset folders, later ones win; none means the library shipped with GRS.
+        seed: seeds ``random`` and ``numpy.random`` before each test.
+    """
+
+    simulation: str
+    tests: str
+    simulation_name: str = "task_code"
+    library_roots: tuple[str, ...] = ()
+    seed: int = Field(default=0, ge=0, lt=2**32)
+
+
+class Result(Frozen):
+    """What became of the tests."""
+
+    report: TestReport
+
+
+def run(request: Request, context: ToolContext) -> Result:
+    """Run the tests in the sandbox; whatever the programs do is in the report."""
+    programs = TestRun(
+        simulation=request.simulation,
+        tests=request.tests,
+        simulation_name=request.simulation_name,
+        seed=request.seed,
+        clear="grs_agents.sim:clear_episodes",
+        episode="grs_agents.sim:last_episode",
+        extra={"library_roots": request.library_roots},
+    )
+    return Result(report=sandbox.run_tests(context.sandbox, "run_tests", programs, context.limits))
+
+
+def inside(request: dict[str, Any]) -> dict[str, Any]:
+    """The worker's part."""
+    from grs_agents import sim
+
+    sim.configure(open_library(request["extra"]["library_roots"]), request["seed"])
+    return sandbox.run_tests_inside(request)

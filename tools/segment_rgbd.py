@@ -1,0 +1,27 @@
+"""Segment a photo by its depth: what stands on the table, cut at jumps and creases. No weights."""
+
+from dataclasses import dataclass
+
+from grs_agents.scene import Candidate, RGBDFrame, TableFrame, candidates_of, segment
+from grs_agents.toolkit import ToolContext
+
+
+@dataclass(frozen=True)
+class Request:
+    """A frame and the table in it."""
+
+    frame: RGBDFrame
+    table: TableFrame
+
+
+@dataclass(frozen=True)
+class Result:
+    """The candidates, in the table's frame."""
+
+    candidates: tuple[Candidate, ...]
+
+
+def run(request: Request, context: ToolContext) -> Result:
+    """Segment and measure."""
+    labels = segment(request.frame, request.table)
+    return Result(candidates_of(request.frame, request.table, labels))
