@@ -22,6 +22,8 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     scenes = sorted(file.parent for file in options.folder.glob("*/camera.json"))
     if not scenes:
-        raise InputError(f"{options.folder} holds no scene", "name a folder of folders with rgb.png, depth.png, camera.json")
+        raise InputError(
+            f"{options.folder} holds no scene", "name a folder of folders with rgb.png, depth.png, camera.json"
+        )
     settings = job_settings(options)
     return run_experiment([Job(scene.name, scene, options.out / scene.name, settings) for scene in scenes], options)

@@ -20,7 +20,12 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--seeds", type=int, default=20, help="how many seeds, from 0")
     options = parser.parse_args(arguments)
     jobs = [
-        Job(f"seed {seed}", options.scene, options.out / f"seed_{seed:03d}", ("--seed", str(seed), *job_settings(options)))
+        Job(
+            f"seed {seed}",
+            options.scene,
+            options.out / f"seed_{seed:03d}",
+            ("--seed", str(seed), *job_settings(options)),
+        )
         for seed in range(options.seeds)
     ]
     return run_experiment(jobs, options)

@@ -1,7 +1,7 @@
 """Files written whole: a reader sees the old content or the new, never half of it."""
 
 import json
-import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -19,9 +19,10 @@ def write_bytes(path: Path, data: bytes) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary.write_bytes(data)
-        os.replace(temporary, path)
+        temporary.replace(path)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # what stands in the way of the file may stand in the way of its removal
+            temporary.unlink()
         raise unwritable(path, error) from error
     return path
 

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+
 from grs_agents import content
 from grs_agents.models.offline.text import read_prompt
 

@@ -92,7 +92,8 @@ def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
     rewards = [rollout.episode.reward for rollout in rollouts]
     shown = ", ".join(f"{reward:.2f}" for reward in rewards) or "none"
     passed = len(rewards) == config.seeds and all(reward >= config.reward for reward in rewards)
-    return Finding(check="solved", passed=passed, detail=f"rewards {shown}; each of {config.seeds} must reach {config.reward}")
+    detail = f"rewards {shown}; each of {config.seeds} must reach {config.reward}"
+    return Finding(check="solved", passed=passed, detail=detail)
 
 
 def _not_idle(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:

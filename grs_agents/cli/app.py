@@ -28,13 +28,14 @@ def _version(wanted: bool) -> None:
 
 
 @app.callback()
-def _common(  # pyright: ignore[reportUnusedFunction]
+def common(
     content_folder: Annotated[
         Path | None,
         typer.Option("--content", help="Your own graphs, tools, prompts and assets; their code is executed."),
     ] = None,
     version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True)] = False,
 ) -> None:
+    """From a photo with depth to a validated MuJoCo robot task."""
     if content_folder is not None:
         content.add_overlay(content_folder)
 
@@ -49,7 +50,7 @@ def run(
     resume: Resume = False,
     json: Json = False,
 ) -> None:
-    """Make a validated simulated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 input, 3 our error."""
+    """Make a validated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 bad input, 3 our error."""
     from grs_agents.cli.running import run_graph
 
     refuse_changes(resume, config, settings, seed)

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from rich.console import Console
 from rich.table import Table
@@ -63,7 +63,7 @@ def diagnose(as_json: bool) -> int:
 def _sandbox() -> Diagnosis:
     """Run an endless program and see it end."""
     limits = Limits(wall_seconds=5, cpu_seconds=1)
-    endless = {"simulation": "while True:\n    pass\n", "tests": _TESTS, "library_roots": [], "seed": 0}
+    endless: dict[str, Any] = {"simulation": "while True:\n    pass\n", "tests": _TESTS, "library_roots": [], "seed": 0}
     with Sandbox(preload=PRELOAD) as sandbox:
         result = sandbox.call("run_tests", endless, limits)
     stopped = result.outcome in ("timeout", "cpu_limit")
@@ -82,7 +82,9 @@ def _gl(name: str) -> Diagnosis:
     )
     if done.returncode == 0:
         return Diagnosis(f"GL {name}", "works", "renders (optional: GRS itself never needs GL)")
-    return Diagnosis(f"GL {name}", "absent", "optional: pictures are ray-cast without it", f"apt install {GL_BACKENDS[name]}")
+    return Diagnosis(
+        f"GL {name}", "absent", "optional: pictures are ray-cast without it", f"apt install {GL_BACKENDS[name]}"
+    )
 
 
 def _provider(name: str) -> Diagnosis:

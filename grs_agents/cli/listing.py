@@ -4,7 +4,7 @@ import ast
 import json
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from rich.console import Console
 from rich.table import Table
@@ -56,7 +56,7 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
     rows: list[tuple[str, Any]] = []
     for key, value in tree.items():
         name = f"{prefix}{key}"
-        rows.extend(_flat(value, f"{name}.") if isinstance(value, dict) else [(name, value)])
+        rows.extend(_flat(cast(dict[str, Any], value), f"{name}.") if isinstance(value, dict) else [(name, value)])
     return rows
 
 

@@ -32,6 +32,4 @@ def refuse_changes(resume: bool, file: Path | None, settings: list[str] | None, 
         ConfigError: a configuration is given together with ``--resume``.
     """
     if resume and (file is not None or settings or seed is not None):
-        raise ConfigError(
-            "--resume goes on with the configuration in run.json", "leave --config, --set and --seed out"
-        )
+        raise ConfigError("--resume goes on with the configuration in run.json", "leave --config, --set and --seed out")

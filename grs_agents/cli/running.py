@@ -1,7 +1,7 @@
 """``grs run`` and ``grs scene``."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -34,7 +34,7 @@ def run_graph(command: str, scene: Path, config: Config, out: Path | None, resum
 
 
 @contextmanager
-def follow(folder: Path, log: EventLog) -> Iterator[None]:
+def follow(folder: Path, log: EventLog) -> Generator[None]:
     """Let the terminal's progress and the rerun recording follow the log; both are closed whatever happens."""
     from grs_agents.views import Progress
     from grs_agents.views.rerun_view import RerunView

@@ -1,4 +1,4 @@
-"""Merge defaults, environment, file and ``--set`` into one validated ``Config`` that knows where each value came from."""
+"""Merge defaults, environment, file and ``--set`` into one ``Config`` that knows where each value came from."""
 
 import os
 import tomllib
@@ -44,32 +44,44 @@ def load_config(
     Raises:
         ConfigError: a file that cannot be read, a malformed setting, an unknown key or a value out of bounds.
     """
-    layers: list[tuple[str, Tree]] = []
+    tree: Tree = Config().model_dump()
+    sources = dict.fromkeys(_leaves(tree), "default")
+    for layer in (_environment(environment), [(f"file {file}", _read(file))] if file else [], _settings(settings)):
+        stated: Tree = {}  # a layer as a whole: base_url may stand before or after the model it belongs to
+        named: dict[str, str] = {}
+        for source, part in layer:
+            expanded = _expand(part)
+            stated = _merge(stated, expanded)
+            named.update(dict.fromkeys(_leaves(expanded), source))
+        for role, model in cast(Tree, stated.get("models", {})).items():
+            if "model" in model:  # another model never inherits the endpoint or key of a layer below
+                tree["models"][role] = {}
+                sources = {key: value for key, value in sources.items() if not key.startswith(f"models.{role}.")}
+        tree = _merge(tree, stated)
+        sources.update(named)
+    return Effective(_validate(tree), sources)
+
+
+def _environment(environment: Mapping[str, str] | None) -> list[tuple[str, Tree]]:
+    found: list[tuple[str, Tree]] = []
     for name, value in sorted((os.environ if environment is None else environment).items()):
         if name.startswith(ENVIRONMENT_PREFIX) and name != ENVIRONMENT_PREFIX:
             dotted = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
-            layers.append((f"environment {name}", _nest(dotted, _value(value))))
-    if file is not None:
-        layers.append((f"file {file}", _read(file)))
-    layers.extend(("--set", _setting(text)) for text in settings)
-    tree: Tree = Config().model_dump()
-    sources = {key: "default" for key in _leaves(tree)}
-    for source, layer in layers:
-        expanded = _expand(layer)
-        for role, model in cast(Tree, expanded.get("models", {})).items():
-            if "model" in model:  # another model never inherits the old one's endpoint or key
-                tree["models"][role] = {}
-                sources = {key: value for key, value in sources.items() if not key.startswith(f"models.{role}.")}
-        tree = _merge(tree, expanded)
-        sources.update({key: source for key in _leaves(expanded)})
-    return Effective(_validate(tree), sources)
+            found.append((f"environment {name}", _nest(dotted, _value(value))))
+    return found
+
+
+def _settings(settings: Sequence[str]) -> list[tuple[str, Tree]]:
+    return [("--set", _setting(text)) for text in settings]
 
 
 def _read(file: Path) -> Tree:
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ConfigError(f"cannot read {file}: {error.strerror}", "name an existing TOML file with --config") from error
+        raise ConfigError(
+            f"cannot read {file}: {error.strerror}", "name an existing TOML file with --config"
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{file} is not TOML: {error}", "mend the line it names") from error
 
@@ -96,8 +108,10 @@ def _nest(keys: Sequence[str], value: Any) -> Tree:
 
 def _expand(layer: Tree) -> Tree:
     """Spell shorthands out: ``models.default = "offline"`` and the model keys beside the roles."""
-    if not isinstance(layer.get("models"), dict):
+    if "models" not in layer:
         return layer
+    if not isinstance(layer["models"], dict):
+        raise ConfigError(f"config models = {layer['models']!r}: not a model by role", "e.g. models.default=offline")
     models: Tree = {}
     for key, value in cast(Tree, layer["models"]).items():
         if key in ("base_url", "key_variable", "temperature", "timeout", "max_tokens"):
@@ -106,6 +120,8 @@ def _expand(layer: Tree) -> Tree:
         role = ROLE_ALIASES.get(key, key)
         if role not in ROLES:
             raise UnknownNameError("model role", key, ROLES)
+        if not isinstance(value, str | dict):
+            raise ConfigError(f"config models.{key} = {value!r}: not a model", f"e.g. models.{key}=openai:NAME")
         models.setdefault(role, {}).update({"model": value} if isinstance(value, str) else value)
     return {**layer, "models": models}
 

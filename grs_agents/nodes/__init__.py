@@ -2,7 +2,7 @@
 
 from grs_agents.nodes.authoring import fix_code, fix_tests, generate_sim, generate_task, generate_tests
 from grs_agents.nodes.comprehension import comprehend, hide_image, match
-from grs_agents.nodes.judging import audit, audited, authored, conclude, routed, run_tests, route, tested
+from grs_agents.nodes.judging import audit, audited, authored, conclude, route, routed, run_tests, tested
 from grs_agents.nodes.services import Services
 
 __all__ = [

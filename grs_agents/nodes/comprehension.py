@@ -114,7 +114,11 @@ def _measurements(record: CandidateRecord) -> dict[str, object]:
 def _undescribed(record: CandidateRecord) -> Description:
     """Stands in where the describer gave no usable reply: what was measured, and nothing else."""
     return Description(
-        is_object=True, description=f"an undescribed {record.shape}", color="unknown", shape=record.shape, category="object"
+        is_object=True,
+        description=f"an undescribed {record.shape}",
+        color="unknown",
+        shape=record.shape,
+        category="object",
     )
 
 

@@ -3,7 +3,8 @@
 from typing import Literal
 
 from grs_agents.agents import TaskDefinition
-from grs_agents.audit import AuditReport, audit as judge
+from grs_agents.audit import AuditReport
+from grs_agents.audit import audit as judge
 from grs_agents.files import write_json
 from grs_agents.nodes.evidence import evidence
 from grs_agents.nodes.instances import measure
@@ -42,9 +43,7 @@ def route(state: RunState, services: Services) -> Update:
         agents=services.agents,
     )
     decision = services.policy.decide(context)
-    services.log.append(
-        Decision(verdict=decision.verdict, explanation=decision.explanation, policy=decision.policy)
-    )
+    services.log.append(Decision(verdict=decision.verdict, explanation=decision.explanation, policy=decision.policy))
     return {"decision": decision.model_dump(mode="json"), "history": [f"route: {decision.verdict}"]}
 
 

@@ -77,4 +77,3 @@ def _unique(words: str, taken: Sequence[str]) -> str:
 
 def _about_z(yaw: float) -> Quat:
     return (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from langgraph.runtime import Runtime
 
@@ -21,8 +21,15 @@ from grs_agents.toolkit import Tool, ToolContext
 from grs_agents.trace import EventLog, NodeEnded, NodeStarted
 
 Update = dict[str, Any]
-Node = Callable[[RunState, Runtime["Services"]], Update]
 Body = Callable[[RunState, "Services"], Update]
+
+
+class Node(Protocol):
+    """What LangGraph calls."""
+
+    def __call__(self, state: RunState, *, runtime: Runtime["Services"]) -> Update:
+        """The state in, its changes out."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -65,7 +72,7 @@ def node(body: Body) -> Node:
     """Wrap a node's body: its start, end, seconds and errors become events."""
 
     @wraps(body)
-    def run(state: RunState, runtime: Runtime[Services]) -> Update:
+    def run(state: RunState, *, runtime: Runtime[Services]) -> Update:
         services = runtime.context
         name = body.__name__
         services.visits[name] += 1

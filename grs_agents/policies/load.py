@@ -13,7 +13,7 @@ ENTRY_POINTS = "grs_agents.policies"
 
 
 def load_policy(name: str) -> Policy:
-    """The policy called ``name``: built in, ``package.module:Class``, or an entry point in ``grs_agents.policies``.
+    """The policy ``name``: built in, ``package.module:Class``, or an entry point in ``grs_agents.policies``.
 
     Raises:
         UnknownNameError: nothing has that name.
@@ -27,7 +27,9 @@ def load_policy(name: str) -> Policy:
         try:
             factory = getattr(import_module(module), attribute)
         except (ImportError, AttributeError) as error:
-            raise ConfigError(f"policy {name!r}: {error}", "give package.module:Class of an importable class") from error
+            raise ConfigError(
+                f"policy {name!r}: {error}", "give package.module:Class of an importable class"
+            ) from error
     elif name in found.names:
         factory = found[name].load()
     else:

@@ -59,9 +59,7 @@ def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
                 seed=order.config.seed,
             ).report
         measured = measure(simulation, services)
-    return report, audit(
-        measured.instances, measured.failures, measured.rollouts, order.config.audit, services.library
-    )
+    return report, audit(measured.instances, measured.failures, measured.rollouts, order.config.audit, services.library)
 
 
 def _read(file: Path) -> str:

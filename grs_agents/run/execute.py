@@ -137,7 +137,12 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
     sandbox.warm()  # its imports overlap with comprehension
     with sandbox, SqliteSaver.from_conn_string(str(folder / "checkpoint.sqlite")) as saver:
         services = Services(
-            config=config, log=log, agents=agents, policy=load_policy(config.policy), sandbox=sandbox, folder=folder.resolve()
+            config=config,
+            log=log,
+            agents=agents,
+            policy=load_policy(config.policy),
+            sandbox=sandbox,
+            folder=folder.resolve(),
         )
         for event in read_events(log.path):
             if event.kind == "node_started":
@@ -162,7 +167,12 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
         started = order.resume and graph.get_state(settings).values
         if started:
             log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
-        begin = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
+        begin: dict[str, Any] = {
+            "scene_path": str(order.source),
+            "max_fixes": config.max_fixes,
+            "fixes": 0,
+            "history": [],
+        }
         final = graph.invoke(None if started else begin, settings, context=services, durability="sync")
         return cast(dict[str, Any], final)
 

@@ -47,5 +47,7 @@ def old_folder(out: Path | None, source: Path) -> tuple[Path, RunRecord]:
         raise InputError("--resume needs the folder of the run", "name it with --out DIR")
     record = read_record(out)
     if Path(record.source).resolve() != source.resolve():
-        raise InputError(f"{out} is a run of {record.source}, not of {source}", "resume it with the scene it was made from")
+        raise InputError(
+            f"{out} is a run of {record.source}, not of {source}", "resume it with the scene it was made from"
+        )
     return out, record

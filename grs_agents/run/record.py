@@ -16,8 +16,18 @@ from grs_agents.files import write_json
 from grs_agents.trace import Event
 
 Status = Literal["running", "accepted", "rejected", "failed", "interrupted"]
-PACKAGES = ("mujoco", "langgraph", "langchain-core", "rerun-sdk", "numpy", "opencv-python-headless", "pydantic", "trimesh")
+PACKAGES = (
+    "mujoco",
+    "langgraph",
+    "langchain-core",
+    "rerun-sdk",
+    "numpy",
+    "opencv-python-headless",
+    "pydantic",
+    "trimesh",
+)
 FILE = "run.json"
+REMEDY = "name a folder that `grs run` wrote"
 
 
 class RunRecord(Frozen):
@@ -58,7 +68,7 @@ class RunRecord(Frozen):
     attempts: int = 1
 
     def write(self, folder: Path) -> "RunRecord":
-        """Write ``run.json`` whole; on a full disk, over the old record, so that it never goes on saying ``running``."""
+        """Write ``run.json`` whole; on a full disk over the old record, which must not go on saying ``running``."""
         try:
             write_json(folder / FILE, self.model_dump(mode="json"))
         except InputError:
@@ -78,9 +88,9 @@ def read_record(folder: Path) -> RunRecord:
     try:
         return RunRecord.model_validate_json(file.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"{folder} holds no run: {FILE}: {error.strerror}", "name a folder that `grs run` wrote") from error
+        raise InputError(f"{folder} holds no run: {FILE}: {error.strerror}", REMEDY) from error
     except ValidationError as error:
-        raise InputError(f"{file} is not a run record: {error.errors()[0]['msg']}", "name a folder that `grs run` wrote") from error
+        raise InputError(f"{file} is not a run record: {error.errors()[0]['msg']}", REMEDY) from error
 
 
 def versions() -> dict[str, str]:

@@ -8,7 +8,20 @@ from rich.table import Table
 
 from grs_agents.run.batch import Done
 
-COLUMNS = ("name", "status", "task", "candidates", "objects", "matched", "reachable", "used", "moved", "fixes", "seconds", "reason")
+COLUMNS = (
+    "name",
+    "status",
+    "task",
+    "candidates",
+    "objects",
+    "matched",
+    "reachable",
+    "used",
+    "moved",
+    "fixes",
+    "seconds",
+    "reason",
+)
 
 
 def row(done: Done) -> dict[str, Any]:

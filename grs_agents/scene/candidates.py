@@ -11,7 +11,7 @@ import numpy as np
 from grs_agents.base import Quat, Vec3
 from grs_agents.errors import InputError
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
-from grs_agents.scene.merging import Labels, inside_hull
+from grs_agents.scene.geometry import Labels, inside_hull
 from grs_agents.scene.table import as_matrix, robot_points
 from grs_agents.scene.types import Aabb, Candidate, Solid, TableFrame, UprightBox
 

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.scene.frame import Array
+from grs_agents.scene.geometry import Labels, inside_hull
 
-Labels = npt.NDArray[np.int32]
 TOUCHING = 0.012
 """Segments nearer than this (m) touch."""
 LEVEL = 0.015
@@ -83,18 +82,6 @@ def gap(one: Part, other: Part) -> float:
 def covered(one: Part, other: Part, margin: float = 0.004) -> float:
     """Share of ``one``'s points over the footprint of ``other``."""
     return float(inside_hull(one.cloud[:, :2], other.hull, margin).mean())
-
-
-def inside_hull(points: Array, hull: Array, margin: float) -> npt.NDArray[np.bool_]:
-    """Which of the (N, 2) ``points`` lie in the convex ``hull`` (M, 2) grown by ``margin`` metres."""
-    if len(hull) < 3:
-        return np.zeros(len(points), np.bool_)
-    edges = np.roll(hull, -1, axis=0) - hull
-    lengths = np.maximum(np.linalg.norm(edges, axis=1), 1e-9)
-    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / lengths[:, None]
-    normals *= np.where(((hull - hull.mean(axis=0)) * normals).sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    offsets = (hull * normals).sum(axis=1)
-    return np.asarray((points @ normals.T - offsets <= margin).all(axis=1), np.bool_)
 
 
 def merge_parts(labels: Labels, points: Array) -> Labels:

@@ -14,6 +14,8 @@ LEAST_SHARE = 0.12
 """A table plane must hold at least this share of the measured pixels."""
 LOWEST_TILT = np.deg2rad(12.0)
 """The camera looks down on the table by at least this angle."""
+UNDER = 0.1
+"""A table hides what is under it: points less than this (m) under a plane speak against it."""
 HORIZONTAL = np.cos(np.deg2rad(12.0))
 """A calibrated table's normal is within 12 degrees of the robot's z axis."""
 
@@ -68,10 +70,11 @@ def _support_plane(points: Array, up: Array | None, rng: np.random.Generator) ->
         unit = cross / length * (-1.0 if cross @ a > 0 else 1.0)
         if not _plausible(unit, up):
             continue
-        count = int((np.abs((points - a) @ unit) < bound).sum())
+        distance = (points - a) @ unit
+        count = int((np.abs(distance) < bound / 2).sum() - ((distance < -bound) & (distance > -UNDER)).sum())
         if count > best:
             best, normal, offset = count, unit, float(-unit @ a)
-    if best < LEAST_SHARE * len(points):
+    if best <= 0:
         return None
     for _ in range(5):
         near = np.abs(points @ normal + offset) < bound
@@ -81,6 +84,8 @@ def _support_plane(points: Array, up: Array | None, rng: np.random.Generator) ->
         offset = float(-normal @ center)
     distance = points @ normal + offset
     near = np.abs(distance) < bound
+    if near.mean() < LEAST_SHARE:
+        return None
     return Plane(normal, offset, float(np.sqrt(np.mean(distance[near] ** 2))), float(near.mean()))
 
 

@@ -30,10 +30,7 @@ def getBasePositionAndOrientation(bodyUniqueId: int, *_: Any, **__: Any) -> tupl
 
 def getAABB(bodyUniqueId: int, *_: Any, **__: Any) -> tuple[Vec3, Vec3]:
     """Lowest and highest corner of an object as it stands, metres."""
-    from grs_agents.sim.geometry import footprint
-
-    env = _environment()
-    prism = footprint(env.shapes(bodyUniqueId), env.get_object_pose(bodyUniqueId))
+    prism = _environment().outline(bodyUniqueId)
     x0, y0, x1, y1 = prism.box
     return (x0, y0, prism.low), (x1, y1, prism.high)
 

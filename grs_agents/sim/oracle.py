@@ -10,6 +10,7 @@ from grs_agents.sim.episode import Stop
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.grasp import find_hold
 from grs_agents.sim.placement import Spot
+from grs_agents.sim.reach import Blocked, reach_note
 from grs_agents.sim.scene_view import SceneView
 
 if TYPE_CHECKING:
@@ -98,36 +99,36 @@ class Oracle:
         hold = self._hold(number, view)
         if isinstance(hold, Stop):
             return hold
-        if isinstance(hold, targets.Blocked):
+        if isinstance(hold, Blocked):
             return self._clear(hold, number, view, depth)
         lift = hold[2] - view.outline(number).low
         target = self._planner.target(goal, row, self.task, view, lift)
         if isinstance(target, Stop):
             return target
-        if isinstance(target, targets.Blocked):
+        if isinstance(target, Blocked):
             return self._clear(target, number, view, depth)
         self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
         return _action(number, hold, target, view)
 
-    def _hold(self, number: int, view: SceneView) -> Vec3 | targets.Blocked | Stop:
+    def _hold(self, number: int, view: SceneView) -> Vec3 | Blocked | Stop:
         """Where to pick an object up, or what lies on it, or why it cannot be picked."""
         name, position = view.name(number), view.pose(number)[0]
         if not view.is_free(number):
             return Stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", (name,))
         if not kinematics.can_reach((position[0], position[1], view.outline(number).high)):
             where = f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f})"
-            note = targets.reach_note((position[0], position[1], view.outline(number).high))
+            note = reach_note((position[0], position[1], view.outline(number).high))
             return Stop("unreachable", f"object {name} at {where} {note}", (name,))
         hold = find_hold(view.physics, number, position, view.outline(number))
         if hold.point is not None:
             return hold.point
         movable = [other for other in hold.covered_by if view.is_free(other)]
         if movable:
-            return targets.Blocked(movable[0])
+            return Blocked(movable[0])
         names = tuple(view.name(other) for other in hold.covered_by)
         return Stop("unreachable", f"the top of {name} is covered by {', '.join(names) or 'nothing known'}", (name,))
 
-    def _clear(self, blocked: targets.Blocked, number: int, view: SceneView, depth: int) -> Action | Stop:
+    def _clear(self, blocked: Blocked, number: int, view: SceneView, depth: int) -> Action | Stop:
         """Move what is in the way: to its own target if it has one, else aside."""
         blocker, name = blocked.blocker, view.name(blocked.blocker)
         stop = Stop("target_occupied", f"{view.name(number)}: its way or target is occupied by {name}, which cannot "
@@ -142,7 +143,7 @@ class Oracle:
                 if not isinstance(plan, Stop):
                     return plan
         hold = self._hold(blocker, view)
-        if isinstance(hold, targets.Blocked):
+        if isinstance(hold, Blocked):
             return self._clear(hold, blocker, view, depth + 1)
         if isinstance(hold, Stop):
             return stop

@@ -12,8 +12,8 @@ from grs_agents.sim.environment import Environment
 from grs_agents.sim.episode import Episode, stop_of
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.instance import InstanceGoal, InstanceZone, TaskInstance
+from grs_agents.sim.reach import Suits
 from grs_agents.sim.recording import Recording
-from grs_agents.sim.targets import Suits
 from grs_agents.sim.task import Task
 
 IDLE_SECONDS: Final = 2.0

@@ -7,7 +7,7 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.library import ObjectModel
 from grs_agents.sim import utils
-from grs_agents.sim.geometry import Prism, footprint, inside_margin, prisms
+from grs_agents.sim.geometry import Prism, inside_margin, turn
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
@@ -23,11 +23,7 @@ class SceneView:
         self.stated_goals = env.task.stated_goals if env.task is not None else []
         self._items = {item.id: item for item in env.objects}
         self._models = {number: env.shapes(number) for number in self._items}
-        self._outlines: dict[int, Prism] = {}
-        self.prisms: list[Prism] = [
-            prism for number, item in self._items.items()
-            for prism in prisms(self._models[number], item.pose, number)
-        ]  # fmt: skip
+        self.prisms: list[Prism] = env.outlines()
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -66,13 +62,11 @@ class SceneView:
 
     def outline(self, number: int) -> Prism:
         """One prism around the whole object."""
-        if number not in self._outlines:
-            self._outlines[number] = footprint(self._models[number], self.pose(number), number)
-        return self._outlines[number]
+        return self.env.outline(number)
 
     def extent(self, number: int) -> tuple[float, float]:
         """Horizontal extents along its own axes as it stands, metres."""
-        outline = self.outline(number).outline @ _turn(self.yaw(number))
+        outline = self.outline(number).outline @ turn(self.yaw(number))
         size = outline.max(axis=0) - outline.min(axis=0)
         return (float(size[0]), float(size[1]))
 
@@ -84,7 +78,3 @@ class SceneView:
         """Whether a point lies above an object's outline, seen from above."""
         offset = np.array([[point[0], point[1]]])
         return bool(inside_margin(_POINT, self.outline(number).outline, offset)[0] >= 0)
-
-
-def _turn(yaw: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])

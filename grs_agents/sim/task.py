@@ -10,7 +10,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Vec3
 from grs_agents.sim import placement, scoring, templates
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
-from grs_agents.sim.geometry import Prism, footprint
+from grs_agents.sim.geometry import Prism
 from grs_agents.sim.goals import Goal, make_goal
 
 if TYPE_CHECKING:
@@ -185,8 +185,7 @@ class Task:
         self, min_x: float, max_x: float, min_y: float, max_y: float, min_z: float, max_z: float
     ) -> FloatArray:
         """A random size (3,) between bounds, metres."""
-        rng = self._env.rng if self._env is not None else np.random.default_rng(0)
-        return rng.uniform((min_x, min_y, min_z), (max_x, max_y, max_z))
+        return self.rng.uniform((min_x, min_y, min_z), (max_x, max_y, max_z))
 
     # --- scoring ----------------------------------------------------------------------------------------
 
@@ -243,6 +242,11 @@ class Task:
         return Oracle(self, env)
 
     @property
+    def rng(self) -> np.random.Generator:
+        """The environment's random numbers: the same seed draws the same scene."""
+        return self.environment.rng
+
+    @property
     def environment(self) -> "Environment":
         """The environment of the last reset.
 
@@ -261,7 +265,7 @@ class Task:
 
 def _standing(env: "Environment") -> list[Prism]:
     """One outline for each object; marks on the table count, since nothing should start on a target."""
-    return [footprint(env.shapes(item.id), item.pose, item.id) for item in env.objects]
+    return [env.outline(item.id) for item in env.objects]
 
 
 def task_class(module: ModuleType) -> type[Task]:

@@ -7,6 +7,13 @@ from grs_agents.views import machine
 from grs_agents.views.paths import Paths
 from grs_agents.views.recording import Recording
 
+_START, _END = "__start__", "__end__"  # as LangGraph calls them
+
+
+def _shown(node: str) -> str:
+    """The name under which a node of the graph is drawn."""
+    return machine.END if node == _END else node
+
 
 class MachineView:
     """Knows the nodes of the run's graph, how often each was visited and which is active."""
@@ -20,9 +27,10 @@ class MachineView:
     def follow(self, event: Event) -> None:
         """Take in an event without showing it."""
         if isinstance(event, RunStarted):
-            nodes = event.nodes or machine.expected_nodes(event.graph)
+            nodes = [_shown(node) for node in event.nodes if node != _START] or machine.expected_nodes(event.graph)
             self.nodes = tuple(dict.fromkeys((*nodes, machine.END)))
-            self._edges = event.edges or machine.edges(self.nodes)
+            joined = tuple((_shown(tail), _shown(head)) for tail, head in event.edges if tail != _START)
+            self._edges = joined or machine.edges(self.nodes)
         elif isinstance(event, NodeStarted):
             self.nodes = tuple(dict.fromkeys((*self.nodes, event.node)))
             self._visits[event.node] = max(event.visit, self._visits.get(event.node, 0))

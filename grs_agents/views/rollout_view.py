@@ -79,6 +79,7 @@ class RolloutView:
         center, size, color = _TABLE
         table = rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid")
         recording.log(f"{Paths.WORLD}/table", table)
+        library = self._with_proxies()
         present: set[str] = set()
         for item in instance.objects:
             position, quaternion = item.pose
@@ -87,18 +88,25 @@ class RolloutView:
             path = _shapes_path(item)
             present.add(path)
             if path not in self._shown:
-                self._show_shapes(recording, path, item)
+                _show_shapes(recording, path, item, library)
         for path in self._shown - present:
             recording.log(path, rr.Clear(recursive=True))
         self._shown = present
 
-    def _show_shapes(self, recording: Recording, path: str, item: InstanceObject) -> None:
-        model = item.shapes or self._library.model(item.asset)
-        for number, shape in enumerate(model.visuals or model.colliders):
-            recording.log(f"{path}/{number}", geometry(shape, self._library, item.color))
-        top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
-        label = drawable(Path(item.asset).stem.replace("_", " "))
-        recording.log(f"{path}/name", rr.Points3D(top, labels=[label], colors=[_WHITE], radii=[0.0005]))
+    def _with_proxies(self) -> Library:
+        """The library with the proxies that this run has made so far."""
+        proxies = self._folder / "assets"
+        return self._library.overlay(proxies) if (proxies / "manifest.json").is_file() else self._library
+
+
+def _show_shapes(recording: Recording, path: str, item: InstanceObject, library: Library) -> None:
+    """What the object looks like, and its name above it."""
+    model = item.shapes or library.model(item.asset)
+    for number, shape in enumerate(model.visuals or model.colliders):
+        recording.log(f"{path}/{number}", geometry(shape, library, item.color))
+    top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
+    label = drawable(Path(item.asset).stem.replace("_", " "))
+    recording.log(f"{path}/name", rr.Points3D(top, labels=[label], colors=[_WHITE], radii=[0.0005]))
 
 
 def _shapes_path(item: InstanceObject) -> str:

@@ -1,5 +1,6 @@
 import numpy as np
-from grs_agents.sim import Environment, Task, utils
+
+from grs_agents.sim import Task, utils
 
 
 class SortCansAndBoxes(Task):

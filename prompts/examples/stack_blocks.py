@@ -1,5 +1,6 @@
 import numpy as np
-from grs_agents.sim import Environment, Task, utils
+
+from grs_agents.sim import Task
 
 
 class StackThreeBlocks(Task):
@@ -24,7 +25,7 @@ class StackThreeBlocks(Task):
             blocks.append(env.add_object(f"block/{color}_block.urdf", pose))
 
         # One goal for each block, from the bottom up: the target is the centre of the block when it is in place.
-        for level, (block, color) in enumerate(zip(blocks, ("green", "red")), start=1):
+        for level, (block, color) in enumerate(zip(blocks, ("green", "red"), strict=True), start=1):
             target = ((0.50, 0.10, side / 2 + level * side), (0, 0, 0, 1))
             self.add_goal(
                 objs=[block],

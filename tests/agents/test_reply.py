@@ -34,7 +34,9 @@ def test_a_broken_program_is_a_version_like_any_other() -> None:
 
 
 def test_json_by_schema() -> None:
-    task = parse_json('```json\n{"task-name": "Pack It!", "task-description": "d", "assets-used": ["a"]}\n```', TaskDefinition)
+    task = parse_json(
+        '```json\n{"task-name": "Pack It!", "task-description": "d", "assets-used": ["a"]}\n```', TaskDefinition
+    )
     assert task.name == "pack-it"
     assert task.as_json() == {"task-name": "pack-it", "task-description": "d", "assets-used": ["a"]}
 

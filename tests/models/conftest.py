@@ -8,8 +8,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import pytest
-from grs_agents import content
 from hypothesis import strategies as st
+
+from grs_agents import content
 
 Json = dict[str, Any]
 COLORS = ("red", "green", "blue", "yellow", "white", "brown")
@@ -142,7 +143,7 @@ def server() -> Iterator[tuple[Scripted, str]]:
             self.wfile.write(data)
 
     running = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=running.serve_forever, daemon=True)
+    thread = threading.Thread(target=running.serve_forever, args=(0.01,), daemon=True)
     thread.start()
     yield script, f"http://127.0.0.1:{running.server_address[1]}/v1"
     running.shutdown()

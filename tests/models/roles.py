@@ -4,7 +4,6 @@ import json
 from typing import Any
 
 from grs_agents.models.offline import OfflineChatModel
-
 from tests.models.conftest import Json, render
 
 API = "# API\n\n## Task\n\n```python\nclass Task: ...\n```\n"
@@ -36,7 +35,7 @@ def simulation_for(task: Json, scene: Json, seed: int = 0) -> str:
     return block(str(OfflineChatModel(seed=seed).invoke(render("simulation", values)).text), "python")
 
 
-def tests_for(task: Json, code: str) -> str:
+def unit_tests_for(task: Json, code: str) -> str:
     """Tests for a program."""
     values = {"task": as_text(task), "code": code, "api": API}
     return block(str(OfflineChatModel().invoke(render("tests", values)).text), "python")

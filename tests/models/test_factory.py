@@ -3,13 +3,13 @@
 import sys
 
 import pytest
+from langchain_core.messages import HumanMessage
+
 from grs_agents.config import ModelConfig
 from grs_agents.errors import ConfigError, UnknownNameError
 from grs_agents.models import PROVIDERS, chat_model, invoke
 from grs_agents.models.factory import is_loopback
 from grs_agents.models.offline import OfflineChatModel
-from langchain_core.messages import HumanMessage
-
 from tests.models.conftest import Scripted
 
 
@@ -47,9 +47,7 @@ def test_a_missing_package_is_named_with_its_extra(provider: str, monkeypatch: p
         chat_model(ModelConfig(model=f"{provider}:any"), seed=0)
 
 
-def test_the_key_comes_from_the_named_variable(
-    server: tuple[Scripted, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_key_comes_from_the_named_variable(server: tuple[Scripted, str], monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("langchain_openai")
     script, url = server
     script.complete()

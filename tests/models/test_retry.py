@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 
 import pytest
+from langchain_core.messages import AIMessage, HumanMessage
+
 from grs_agents.config import ModelConfig
 from grs_agents.errors import GrsError
 from grs_agents.models import ReplyProblem, Retries, chat_model, invoke
-from langchain_core.messages import AIMessage, HumanMessage
-
 from tests.models.conftest import Scripted
 
 pytest.importorskip("langchain_openai")
@@ -93,9 +93,7 @@ def test_a_used_up_quota_is_not_retried(server: tuple[Scripted, str], clock: Clo
 
 
 @pytest.mark.parametrize("body", [b'{"id":"x","choices":[{"ind', b"<html>gateway</html>"])
-def test_a_malformed_answer_is_retried_then_reported(
-    server: tuple[Scripted, str], clock: Clock, body: bytes
-) -> None:
+def test_a_malformed_answer_is_retried_then_reported(server: tuple[Scripted, str], clock: Clock, body: bytes) -> None:
     script, url = server
     script.say(200, body)
     with pytest.raises(GrsError):

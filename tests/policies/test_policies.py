@@ -27,9 +27,18 @@ def case(outcome: str, raised_in: str | None, episode: dict[str, Any] | None = N
     )
 
 
-def context(outcome: str, cases: list[TestCase], raised_in: str | None = None, audit_failed: bool = False) -> RoutingContext:
+def context(
+    outcome: str, cases: list[TestCase], raised_in: str | None = None, audit_failed: bool = False
+) -> RoutingContext:
     report = TestReport.model_validate(
-        {"outcome": outcome, "cases": cases, "message": "m", "raised_in": raised_in, "seconds": 1.0, "backend": "process"}
+        {
+            "outcome": outcome,
+            "cases": cases,
+            "message": "m",
+            "raised_in": raised_in,
+            "seconds": 1.0,
+            "backend": "process",
+        }
     )
     return RoutingContext(TASK, report, report.text(), audit_failed, (), None)  # pyright: ignore[reportArgumentType]
 

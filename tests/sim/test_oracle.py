@@ -80,7 +80,9 @@ def met_before(task, env) -> None:
 
 
 def occupied(task, env) -> None:
-    env.add_object(task.fill_template("box/box-template.urdf", {"DIM": (0.18, 0.18, 0.33)}), at(0.5, 0.3, 0.165), "fixed")
+    env.add_object(
+        task.fill_template("box/box-template.urdf", {"DIM": (0.18, 0.18, 0.33)}), at(0.5, 0.3, 0.165), "fixed"
+    )
     env.add_object("HOPE/Tuna.urdf", at(0.5, 0.3, 0.347))
     zone_goal(task, [env.add_object("HOPE/Milk.urdf", at(0.5, -0.1, 0.095))], at(0.5, 0.3, 0.0), (0.2, 0.2, 0.0))
 

@@ -13,6 +13,8 @@ from grs_agents.models.offline.things import Thing, read_things
 
 _MISSED = frozenset({"dropped", "partial", "step_limit", "target_occupied"})
 _LARGER = 1.25
+_OWN = "for item, label, place, pose"
+"""Stands in every program that this model writes."""
 
 
 def fix_code(prompt: PromptText) -> str:
@@ -48,6 +50,15 @@ def _edited(source: str, evidence: Evidence) -> str | None:
         if oracle.outcome == "target_too_small":
             return edit.scale_areas(source, _LARGER)
     return None
+
+
+def _shortened(source: str, evidence: Evidence) -> str | None:
+    """Another author's program without the object that the oracle has trouble with, while two others remain."""
+    objects = [asset for asset in edit.assets_in(source) if "template" not in asset]
+    concerned = [asset for oracle in evidence.oracles for asset in oracle.objects if asset in objects]
+    if _OWN in source or len(objects) <= 2 or not concerned:
+        return None
+    return edit.drop_asset(source, concerned[0])
 
 
 def _plenty(source: str) -> int:
@@ -99,7 +110,7 @@ def _attempts(present: Sequence[Thing], evidence: Evidence, spots: bool) -> list
     worst = sorted((thing for thing in present if not thing.hollow), key=_trouble, reverse=True)
     suspects = [thing.name for thing in worst if thing.asset in concerned]
     everyone = frozenset(thing.name for thing in present)
-    tries: list[Attempt] = []
+    tries = [] if evidence.oracles or evidence.findings else [Attempt(spots=spots)]
     if outcomes & _MISSED and not spots:
         tries.append(Attempt(spots=True))
     if "unreachable" in outcomes:

@@ -2,7 +2,6 @@
 
 import base64
 import json
-import math
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -11,25 +10,27 @@ import numpy as np
 import numpy.typing as npt
 from langchain_core.messages import HumanMessage
 
+from grs_agents.library.color import COLORS, color_name
 from grs_agents.models.offline.text import Json, PromptText, words
-from grs_agents.models.offline.things import COLORS, numbers
+from grs_agents.models.offline.things import numbers
 
 Image = npt.NDArray[np.uint8]
+"""BGR, as OpenCV decodes it."""
 SLIVER = 0.006
 """Nothing thinner than this is taken for an object, metres."""
-SIZE_TOLERANCE, SIZE_SLACK = 0.15, 0.006
-"""How far a measured extent may be from an asset's: this share of it plus this many metres."""
-_BANDS = (
-    (8, "red"),
-    (20, "orange"),
-    (34, "yellow"),
-    (82, "green"),
-    (128, "blue"),
-    (158, "purple"),
-    (172, "pink"),
-    (181, "red"),
-)
-"""Upper hue (OpenCV's half degrees) of each colour name."""
+SLACK = 0.005
+"""Every measured extent may be wrong by this much (metres) and by a share of the asset's extent."""
+SHORT, LONG = 0.33, 0.12
+"""The share where it is too short across, since the camera sees one side only, and where it is not."""
+SURE = 0.9
+"""The most that an asset may differ, 1 being the bounds above reached by every extent."""
+APART = 0.2
+"""How much better the best asset must be than the next."""
+ACCENT = 0.05
+"""The share of an object's pixels from which a second colour is worth telling."""
+_EITHER = frozenset({"bottle", "jar", "canister", "tub"})
+"""Kinds that look round or angular by the side one sees."""
+_PLAIN = frozenset({"white", "gray", "black"})
 _ROUND = frozenset({"cylinder", "can", "bottle", "jar", "canister", "tub", "mug", "cup", "bowl", "plate", "sphere"})
 
 
@@ -55,7 +56,7 @@ def describe(prompt: PromptText, pictures: Sequence[bytes]) -> str:
     is_object = size is None or _plausible(size, measured)
     what = category if category != "object" else shape
     extent = " x ".join(f"{100 * edge:.0f}" for edge in size) + " cm" if size else "unknown size"
-    second = f" with some {names[1]}" if len(names) > 1 else ""
+    second = f" with some {' and '.join(names[1:])}" if len(names) > 1 else ""
     description = f"A {_build(size)}{names[0]} {what}{second}, {shape}-shaped, about {extent}."
     if not is_object:
         description = f"A {names[0]} segment of {extent}, too thin or too large to be an object."
@@ -76,74 +77,76 @@ def match(prompt: PromptText) -> str:
     size = _size(candidate)
     if candidate.get("is_object") is False or (size is not None and not _plausible(size, candidate)):
         return _fenced({"match": "no_object", "asset": None, "reason": "the segment is no plausible object"})
-    told = " ".join(str(candidate.get(key, "")) for key in ("description", "category", "shape"))
-    color = str(candidate.get("color_name") or candidate.get("color") or "").lower()
+    told = " ".join(str(candidate.get(key, "")) for key in ("description", "category", "shape", "color"))
     scores: list[tuple[float, str]] = []
     for asset in prompt.rows("assets"):
         extent = numbers(asset.get("size"), 3)
-        if size and extent and _same_build(told, asset) and color == str(asset.get("color", "")).lower():
-            difference = _difference(size, extent)
-            if difference <= 1.0:
+        if size and extent and _same_build(told, asset):
+            difference = _difference(size, extent) + _color_difference(told, asset)
+            if difference <= SURE:
                 scores.append((difference, str(asset.get("name"))))
     scores.sort()
     if not scores:
-        return _fenced({"match": "no_asset", "asset": None, "reason": f"no {color} asset of this size and shape"})
-    if len(scores) > 1 and scores[1][0] < scores[0][0] + 0.25:
+        return _fenced({"match": "no_asset", "asset": None, "reason": "no asset of this size, shape and colour"})
+    if len(scores) > 1 and scores[1][0] < scores[0][0] + APART:
         names = " and ".join(name for _, name in scores[:3])
         return _fenced({"match": "no_asset", "asset": None, "reason": f"{names} fit equally well"})
-    reason = f"same colour and shape; extents differ by {100 * SIZE_TOLERANCE * scores[0][0]:.0f} % at most"
+    reason = f"size, shape and colours agree, at {100 * scores[0][0]:.0f} % of what is allowed to differ"
     return _fenced({"match": "asset", "asset": scores[0][1], "reason": reason})
 
 
-def color_names(image: Image) -> list[str]:
-    """The names of the one or two dominant colours in the middle of a BGR picture."""
-    height, width = image.shape[:2]
-    top, left = height // 6, width // 6
-    middle = image[top : height - top, left : width - left]
-    pixels = cv2.cvtColor(middle, cv2.COLOR_BGR2HSV).reshape(-1, 3)
-    counts: dict[str, int] = {}
-    for hue, saturation, value in pixels[:: max(1, len(pixels) // 4000)]:
-        name = color_name(int(hue), int(saturation), int(value))
-        counts[name] = counts.get(name, 0) + 1
-    ranked = sorted(counts, key=lambda name: (-counts[name], name))
-    total = sum(counts.values())
-    return [name for name in ranked[:2] if counts[name] >= 0.2 * total] or ranked[:1]
+def color_names(image: Image, mean: Sequence[float] | None = None) -> list[str]:
+    """The names of the dominant colours of an object in a crop, the largest first.
 
-
-def color_name(hue: int, saturation: int, value: int) -> str:
-    """The plain name of an OpenCV HSV colour (hue 0..179, others 0..255)."""
-    if value < 50:
-        return "black"
-    if saturation < 45:
-        return "white" if value > 175 else "gray"
-    if 5 <= hue < 22 and value < 130:
-        return "brown"
-    return next(name for limit, name in _BANDS if hue < limit)
+    Args:
+        image: the crop; its margin is darker than the object.
+        mean: the object's mean colour (red, green, blue, 0..1), used where the object is as dark as the margin.
+    """
+    rgb = image[..., ::-1] / 255
+    edge = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]]).max(axis=1)
+    pixels = rgb.reshape(-1, 3)[:: max(1, image.shape[0] * image.shape[1] // 6000)]
+    kept = pixels[pixels.max(axis=1) >= float(np.percentile(edge, 90)) + 0.04]
+    if len(kept) < 0.1 * len(pixels):
+        return [color_name((mean[0], mean[1], mean[2]))] if mean else ["gray"]
+    lit = min(1.35, 0.95 / max(0.05, float(np.percentile(kept.max(axis=1), 95))))
+    levels, amounts = np.unique(np.round(np.minimum(kept * max(1.0, lit), 1.0) * 20), axis=0, return_counts=True)
+    shares: dict[str, float] = {}
+    shaded: dict[str, float] = {}
+    for level, amount in zip(levels, amounts, strict=True):
+        red, green, blue = (float(part) / 20 for part in level)
+        name, share = color_name((red, green, blue)), float(amount) / len(kept)
+        shares[name] = shares.get(name, 0.0) + share
+        if name == "brown":  # perhaps something red or orange in its own shade
+            most = max(red, green, blue)
+            lit_name = color_name((red / most, green / most, blue / most))
+            shaded[lit_name] = shaded.get(lit_name, 0.0) + share
+    for name, share in shaded.items():
+        if shares.get(name, 0.0) > 0.5 * share:
+            shares[name] += share
+            shares["brown"] -= share
+    ranked = sorted(shares, key=lambda name: (-shares[name], name))
+    return ranked[:1] + [name for name in ranked[1:4] if shares[name] >= ACCENT]
 
 
 def _colors(measured: Json, pictures: Sequence[bytes]) -> list[str]:
-    name = str(measured.get("color_name") or measured.get("color") or "").lower()
-    if name in COLORS:
-        return [name]
-    rgb = numbers(measured.get("color"), 3)
-    if rgb:
-        pixel = np.array([[[255 * min(1.0, max(0.0, part)) for part in reversed(rgb)]]], np.uint8)
-        return [color_name(*(int(part) for part in cv2.cvtColor(pixel, cv2.COLOR_BGR2HSV)[0, 0]))]
+    mean = numbers(measured.get("mean_color_rgb"), 3)
+    if mean and (not pictures or max(mean) < 0.3):
+        return [color_name((mean[0], mean[1], mean[2]))]
     image = cv2.imdecode(np.frombuffer(pictures[0], np.uint8), cv2.IMREAD_COLOR) if pictures else None
-    return color_names(cast(Image, image)) if image is not None else ["gray"]
+    return color_names(cast(Image, image), mean) if image is not None else ["gray"]
 
 
 def _size(measured: Json) -> tuple[float, ...] | None:
-    return numbers(measured.get("size"), 3)
+    return numbers(measured.get("size_m"), 3)
 
 
 def _shape(measured: Json) -> str:
-    shape = str(measured.get("shape") or "box").lower()
+    shape = str(measured.get("outline") or "box").lower()
     return shape if shape in (*_ROUND, "box") else "box"
 
 
 def _plausible(size: Sequence[float], measured: Json) -> bool:
-    points = measured.get("points")
+    points = measured.get("pixels")
     seen = not isinstance(points, int | float) or points >= 30
     low, middle, high = sorted(size)
     return seen and low >= SLIVER and middle >= 0.012 and high <= 0.6 and high <= 25 * low
@@ -171,15 +174,42 @@ def _build(size: Sequence[float] | None) -> str:
 
 
 def _same_build(told: str, asset: Json) -> bool:
-    """Whether what was told and the asset are both round or both angular."""
+    """Whether what was told and the asset are both round or both angular, as far as that can be seen."""
+    if asset.get("category") in _EITHER:
+        return True
     kind = {*words(str(asset.get("category", ""))), *words(str(asset.get("description", "")))}
     return bool({*words(told)} & _ROUND) == bool(kind & _ROUND)
 
 
 def _difference(measured: Sequence[float], extent: Sequence[float]) -> float:
-    """The largest difference of the sorted extents in units of the tolerance."""
-    pairs = zip(sorted(measured), sorted(extent), strict=True)
-    return max(math.fabs(a - b) / (SIZE_TOLERANCE * b + SIZE_SLACK) for a, b in pairs)
+    """How far the extents disagree, 1 being the most that is allowed; an asset may stand on any of its sides."""
+    across = sorted(measured[:2])
+    best = 10.0
+    for axis in range(3):
+        rest = sorted(edge for number, edge in enumerate(extent) if number != axis)
+        parts = [abs(measured[2] - extent[axis]) / (LONG * extent[axis] + SLACK)]
+        for seen, edge in zip(across, rest, strict=True):
+            parts.append(abs(seen - edge) / ((SHORT if seen < edge else LONG) * edge + SLACK))
+        best = min(best, (max(parts) + sum(parts) / 3) / 2 + (0.0 if axis == 2 else 0.1))
+    return best
+
+
+def _color_difference(told: str, asset: Json) -> float:
+    """How far the colours disagree: 0 where all that stand out are shared, 2 where none is."""
+    own = _color_words(f"{asset.get('color', '')} {asset.get('description', '')}")
+    seen = _color_words(told)
+    vivid = [color for color in seen if color not in _PLAIN]
+    if not vivid:
+        return 2.0 if not {*own} & {*seen} else 0.4 if {*own} - _PLAIN else 0.0
+    if vivid[0] not in own:
+        return 2.0
+    return 0.15 * (len({*own} - _PLAIN - {*vivid}) + len({*vivid} - {*own}))
+
+
+def _color_words(text: str) -> list[str]:
+    """The colours a text names, in order; orange and brown are the same in other light."""
+    named = ["orange" if word == "brown" else word for word in words(text) if word in COLORS]
+    return list(dict.fromkeys(named))
 
 
 def _fenced(value: Json) -> str:

@@ -126,19 +126,36 @@ def _thing(entry: Json) -> Thing | None:
     asset = str(entry.get("asset") or "")
     if position is None or size is None or min(size) <= 0 or not asset:
         return None
+    orientation = numbers(entry.get("orientation"), 4) or (0.0, 0.0, 0.0, 1.0)
+    size = _as_it_stands(size, orientation, box)
     category = str(entry.get("category") or "").lower()
-    hollow = bool(entry.get("hollow")) or bool({category, *words(asset)} & HOLLOW_WORDS)
+    named_hollow = bool({category, *words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")
+    hollow = bool(entry.get("hollow")) or named_hollow
     return Thing(
         name=str(entry.get("name") or asset),
         asset=asset,
         category=category,
         color=str(entry.get("color") or "").lower(),
         position=cast(Vector, position),
-        orientation=cast(Quaternion, numbers(entry.get("orientation"), 4) or (0.0, 0.0, 0.0, 1.0)),
-        size=cast(Vector, size),
+        orientation=cast(Quaternion, orientation),
+        size=size,
         reachable=bool(entry.get("reachable", True)),
         hollow=hollow,
     )
+
+
+def _as_it_stands(size: tuple[float, ...], orientation: tuple[float, ...], box: Any) -> Vector:
+    """The extents along the robot's axes, whether ``size`` tells them or the thing's own, judged by its box."""
+    x, y, z, w = orientation
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    across, along = abs(math.cos(yaw)), abs(math.sin(yaw))
+    turned = (across * size[0] + along * size[1], along * size[0] + across * size[1], size[2])
+    edges = cast(Json, box) if isinstance(box, dict) else {}
+    low, high = numbers(edges.get("low"), 3), numbers(edges.get("high"), 3)
+    if low is None or high is None:
+        return cast(Vector, size)
+    seen = [b - a for a, b in zip(low[:2], high[:2], strict=True)]
+    return cast(Vector, min((size, turned), key=lambda extents: math.dist(extents[:2], seen)))
 
 
 def numbers(value: Any, count: int) -> tuple[float, ...] | None:

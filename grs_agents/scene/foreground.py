@@ -1,0 +1,91 @@
+"""What stands on the table: smoothed depth, the table's extent, and the pixels above it."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.scene.frame import Array, Mask, RGBDFrame
+from grs_agents.scene.geometry import components, hull_of, inside_hull
+from grs_agents.scene.table import tolerance
+
+Depth = npt.NDArray[np.float32]
+TALLEST = 0.6
+"""What rises higher above the table (m) is not an object on it."""
+LOWEST = 0.006
+HIDDEN = 0.15
+"""Pieces of the table nearer than this (m) to each other are one table that objects hide between them."""
+CROSS = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
+
+
+def smoothed(frame: RGBDFrame) -> RGBDFrame:
+    """The frame with small holes of its depth filled and noise smoothed without crossing edges."""
+    depth = frame.depth.copy()
+    closed = cv2.morphologyEx(depth, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    depth[depth == 0] = closed[depth == 0]
+    depth = cv2.medianBlur(depth, 5)
+    soft = cv2.bilateralFilter(depth, 9, 0.012, 4).astype(np.float32)
+    soft[depth == 0] = 0
+    return RGBDFrame(frame.rgb, soft, frame.camera, frame.source)
+
+
+def jumps(depth: Depth) -> tuple[Mask, Mask]:
+    """Where a pixel and its lower, and its right, neighbour lie on different surfaces: two (H, W) masks."""
+    bound = 0.008 + 0.008 * depth
+    below, right = np.zeros(depth.shape, np.bool_), np.zeros(depth.shape, np.bool_)
+    below[:-1] = np.abs(np.diff(depth, axis=0)) > bound[:-1]
+    right[:, :-1] = np.abs(np.diff(depth, axis=1)) > bound[:, :-1]
+    return below, right
+
+
+def foreground(points: Array, depth: Depth) -> Mask:
+    """(H, W) pixels that are above the table and over it, or stand on it.
+
+    Args:
+        points: (H, W, 3) in the robot frame, NaN where unknown.
+        depth: (H, W) metres.
+    """
+    height = points[..., 2]
+    bound = tolerance(depth.astype(np.float64))
+    flat = np.abs(np.nan_to_num(height, nan=9.0)) < bound
+    hull = _table_hull(points, flat)
+    if hull is None:
+        return np.zeros(depth.shape, np.bool_)
+    above = np.nan_to_num(height, nan=-9.0) > np.maximum(bound, LOWEST)
+    above &= np.nan_to_num(height, nan=9.0) < TALLEST
+    above = cv2.morphologyEx(above.astype(np.uint8), cv2.MORPH_OPEN, CROSS).astype(np.bool_)
+    rows, columns = np.nonzero(above)
+    inside = np.zeros(depth.shape, np.bool_)
+    inside[rows, columns] = inside_hull(points[rows, columns, :2], hull, margin=0.02)
+    return _standing(above, inside, depth)
+
+
+def _standing(above: Mask, inside: Mask, depth: Depth) -> Mask:
+    """Whole surfaces of which most is over the table: things reach beyond what is seen of it."""
+    below, right = jumps(depth)
+    cut = below | right
+    cut[1:] |= below[:-1]
+    cut[:, 1:] |= right[:, :-1]
+    blobs = components((above & ~cut).astype(np.uint8), 1)
+    total = np.bincount(blobs.ravel())
+    over = np.bincount(blobs[inside], minlength=len(total))
+    keep = over > 0.4 * total
+    keep[0] = False
+    return keep[blobs] | inside & (blobs == 0)
+
+
+def _table_hull(points: Array, flat: Mask) -> Array | None:
+    """(M, 2) corners of the visible table, over the gaps that objects make in it."""
+    labels = components(cv2.erode(flat.astype(np.uint8), np.ones((5, 5), np.uint8)), 50)
+    if labels.max() == 0:
+        return None
+    areas = np.bincount(labels.ravel())
+    areas[0] = 0
+    order = [int(label) for label in np.argsort(-areas)[:20] if areas[label] > 0.005 * areas.max()]
+    pieces = [points[labels == label][::7, :2] for label in order]
+    hull = hull_of(pieces.pop(0))
+    while True:
+        near = [piece for piece in pieces if inside_hull(piece, hull, HIDDEN).mean() > 0.02]
+        if not near:
+            return hull
+        pieces = [piece for piece in pieces if not any(piece is one for one in near)]
+        hull = hull_of(np.concatenate([hull, *near]))

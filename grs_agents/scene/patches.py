@@ -1,0 +1,113 @@
+"""Cut the foreground into smooth patches and join those that meet without a crease.
+
+First many patches, cut wherever the surface bends inwards or jumps at all; then neighbours are joined, the smoothest
+border first, as long as the mean strength of their whole common border is low. So noise at one place does not cut an
+object, and a gap in a crease does not join two."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.scene.foreground import Depth, jumps
+from grs_agents.scene.frame import Array, Mask, RGBDFrame
+from grs_agents.scene.geometry import Labels, components
+
+CREASE = 0.075
+"""Sagitta over chord of a concave crease; 0.075 is a bend of about 17 degrees."""
+REACH = 0.010
+"""Creases are looked for across this distance on the surface, metres."""
+JOINED = 0.75
+"""Patches are joined while the mean strength of their border is below this; 1 is a crease."""
+SHORTEST = 6
+"""Borders shorter than this (pixels) say nothing."""
+DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+
+def patches(frame: RGBDFrame, foreground: Mask) -> Labels:
+    """(H, W) labels of the smooth, jump-free surfaces in the foreground; 0 elsewhere."""
+    bend = bends(frame, foreground)
+    below, right = jumps(frame.depth)
+    cut = (bend > 0.5 * CREASE) | below | right
+    cut[1:] |= below[:-1]
+    cut[:, 1:] |= right[:, :-1]
+    cores = cv2.morphologyEx((foreground & ~cut).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    labels = grown(components(cores, 12), foreground, frame.depth)
+    return _joined(labels, bend, below, right)
+
+
+def bends(frame: RGBDFrame, foreground: Mask) -> Array:
+    """(H, W) how much the surface bends inwards at each pixel: sagitta over chord, the most of four directions."""
+    points = frame.points()
+    known = frame.depth > 0
+    middle = float(np.median(frame.depth[foreground])) if foreground.any() else 1.0
+    step = int(np.clip(np.rint(REACH * frame.camera.fx / middle), 3, 24))
+    found = np.zeros(known.shape)
+    for down, across in DIRECTIONS:
+        length = max(2, round(step / float(np.hypot(down, across))))
+        shift = (down * length, across * length)
+        before, after = np.roll(points, shift, (0, 1)), np.roll(points, (-shift[0], -shift[1]), (0, 1))
+        chord = np.linalg.norm(after - before, axis=-1)
+        sag = points[..., 2] - (before[..., 2] + after[..., 2]) / 2
+        valid = np.roll(known, shift, (0, 1)) & np.roll(known, (-shift[0], -shift[1]), (0, 1)) & (chord < 6 * REACH)
+        np.maximum(found, np.where(valid & known, sag / np.maximum(chord, 1e-6), 0.0), out=found)
+    return found
+
+
+def grown(labels: Labels, foreground: Mask, depth: Depth, rounds: int = 14) -> Labels:
+    """Give the foreground's other pixels to the segment they touch, step by step and never across a depth jump."""
+    result = labels.copy()
+    below, right = jumps(depth)
+    for _ in range(rounds):
+        empty = foreground & (result == 0)
+        if not empty.any():
+            break
+        update = result.copy()
+        _pull(update[:-1], result[1:], empty[:-1] & ~below[:-1])
+        _pull(update[1:], result[:-1], empty[1:] & ~below[:-1])
+        _pull(update[:, :-1], result[:, 1:], empty[:, :-1] & ~right[:, :-1])
+        _pull(update[:, 1:], result[:, :-1], empty[:, 1:] & ~right[:, :-1])
+        result = update
+    return result
+
+
+def _pull(target: Labels, neighbour: Labels, allowed: Mask) -> None:
+    take = allowed & (target == 0) & (neighbour > 0)
+    target[take] = neighbour[take]
+
+
+def _joined(labels: Labels, bend: Array, below: Mask, right: Mask) -> Labels:
+    strength = np.minimum(cv2.dilate(bend, np.ones((3, 3), np.uint8)) / CREASE, 1.5)
+    length, total = _borders(labels, strength, below, right)
+    owner = np.arange(len(length))
+    mean = np.where(length >= SHORTEST, total / np.maximum(length, 1), np.inf)
+    np.fill_diagonal(mean, np.inf)
+    while mean.size and mean.min() < JOINED:
+        one, other = divmod(int(mean.argmin()), len(mean))
+        owner[owner == other] = one
+        for table in (length, total):
+            table[one] += table[other]
+            table[:, one] = table[one]
+            table[other] = table[:, other] = 0
+            table[one, one] = 0
+        mean[other] = mean[:, other] = np.inf
+        row = np.where(length[one] >= SHORTEST, total[one] / np.maximum(length[one], 1), np.inf)
+        mean[one] = mean[:, one] = row
+    _, numbers = np.unique(owner, return_inverse=True)
+    return numbers.astype(np.int32)[labels]
+
+
+def _borders(labels: Labels, strength: Array, below: Mask, right: Mask) -> tuple[Array, Array]:
+    """Length (pixels) and summed strength of the border of every two labels, as (N+1, N+1) symmetric tables."""
+    count = int(labels.max()) + 1
+    length, total = np.zeros((count, count)), np.zeros((count, count))
+    views: tuple[tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], Array, Mask], ...] = (
+        (labels[:-1], labels[1:], np.maximum(strength[:-1], strength[1:]), below[:-1]),
+        (labels[:, :-1], labels[:, 1:], np.maximum(strength[:, :-1], strength[:, 1:]), right[:, :-1]),
+    )
+    for one, other, strong, jump in views:
+        border = (one != other) & (one > 0) & (other > 0)
+        index = one[border].astype(np.int64) * count + other[border]
+        length += np.bincount(index, minlength=count**2).reshape(count, count)
+        weight = np.where(jump, 1.5, strong)[border]
+        total += np.bincount(index, weights=weight, minlength=count**2).reshape(count, count)
+    return length + length.T, total + total.T

@@ -1,0 +1,60 @@
+"""What the arm can serve and how targets are spoken of: shared by the ways of choosing a target."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.sim import kinematics
+from grs_agents.sim.episode import Stop
+from grs_agents.sim.geometry import Prism
+from grs_agents.sim.placement import Spot
+
+FloatArray = npt.NDArray[np.float64]
+TALLEST_STACK: Final = 0.32
+"""The arm carries things safely over stacks up to this height, metres."""
+_APPROACH: Final = 0.04
+
+
+@dataclass(frozen=True)
+class Blocked:
+    """The target is taken by something that can be moved away first."""
+
+    blocker: int
+    keep_free: tuple[Prism, ...] = ()
+
+
+Target = Spot | Blocked | Stop
+
+
+def wrap(angle: float, period: float = 2 * np.pi) -> float:
+    """The angle nearest zero that differs by a multiple of ``period``."""
+    return float(angle - period * np.round(angle / period))
+
+
+@dataclass(frozen=True)
+class Suits:
+    """A test of offsets (N, 2) and rest heights (N,): can the arm bring the cup there and come down from above?"""
+
+    lift: float
+
+    def __call__(self, offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
+        tips = np.column_stack([offsets, heights + self.lift])
+        above = tips + np.array([0.0, 0.0, _APPROACH])
+        return kinematics.reachable(tips) & kinematics.reachable(above)
+
+
+def reach_note(tip: Sequence[float]) -> str:
+    """How a point lies out of reach, in words."""
+    distance = float(np.hypot(tip[0], tip[1]))
+    if distance > kinematics.REACH:
+        return f"is {distance:.2f} m from the base, reach is {kinematics.REACH:.2f} m"
+    if distance < kinematics.NEAREST:
+        return f"is {distance:.2f} m from the base, nearest is {kinematics.NEAREST:.2f} m"
+    return f"cannot be reached at height {tip[2]:.2f} m with the tool down, {distance:.2f} m from the base"
+
+
+def at(point: Sequence[float]) -> str:
+    return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f})"

@@ -1,0 +1,204 @@
+"""The table: typed objects, where they stand, and the running world that is compiled from them."""
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.library import Library, ObjectModel
+from grs_agents.sim import geometry, templates, utils, world
+from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
+from grs_agents.sim.goals import as_pose
+from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.physics import Budget, Physics
+
+FloatArray = npt.NDArray[np.float64]
+_Outline = tuple[Pose, list[geometry.Prism], geometry.Prism]
+
+
+class Tabletop:
+    """Objects on a table, compiled into a world when they have changed.
+
+    Args:
+        library: 3D assets.
+        budget: simulated steps that its worlds may use together.
+    """
+
+    def __init__(self, library: Library, budget: Budget) -> None:
+        self.library, self.budget = library, budget
+        self.timestep = world.TIMESTEP
+        self._objects: dict[int, InstanceObject] = {}
+        self._outlines: dict[int, _Outline] = {}
+        self._physics: Physics | None = None
+        self._stale = False
+
+    def clear(self) -> None:
+        """Take everything off the table; the arm goes home."""
+        self._objects.clear()
+        self._outlines.clear()
+        self._physics, self._stale = None, False
+
+    def add_object(
+        self,
+        urdf: str,
+        pose: Any,
+        category: Literal["fixed", "rigid"] = "rigid",
+        color: str | Sequence[float] | None = None,
+        **_: Any,
+    ) -> int:
+        """Put an object on the table.
+
+        Args:
+            urdf: library-relative name, e.g. ``"HOPE/Milk.urdf"``, or what ``task.fill_template`` returned.
+            pose: ``((x, y, z), (qx, qy, qz, qw))`` of the centre of its bounding box, metres, robot frame.
+            category: ``"rigid"`` can be moved, ``"fixed"`` (containers, zones) cannot.
+            color: a name of ``utils.COLORS`` or (r, g, b) 0..1, laid over the asset's own.
+
+        Returns:
+            The object's id.
+
+        Raises:
+            UnknownNameError: no such asset; the message lists the nearest names.
+            NoFreeSpaceError: ``pose`` is None, as ``get_random_pose`` returns when nothing is free.
+        """
+        name = templates.asset_name(urdf, self.library)
+        if pose is None or pose[0] is None:
+            raise NoFreeSpaceError(
+                f"add_object({name!r}) was given the pose None: no free place was found for it",
+                "add fewer or smaller objects, or give a fixed pose",
+            )
+        shapes = templates.filled_model(name)
+        if shapes is None:
+            self.library.asset(name)
+        if category not in ("fixed", "rigid"):
+            raise SimulationError(f"add_object: category {category!r} is not supported", "use 'fixed' or 'rigid'")
+        return self.insert(
+            InstanceObject(
+                id=0, asset=name, shapes=shapes, pose=as_pose(pose, f"add_object({name!r})"), category=category,
+                color=None if color is None else _rgba(color),
+            )
+        )  # fmt: skip
+
+    def insert(self, item: InstanceObject) -> int:
+        """Add a typed object; returns the id it has here."""
+        number = max(self._objects, default=0) + 1
+        self._objects[number] = item.model_copy(update={"id": number})
+        self._stale = True
+        return number
+
+    def set_color(self, obj: int, color: str | Sequence[float]) -> None:
+        """Recolour an object: a name of ``utils.COLORS`` or (r, g, b) 0..1."""
+        self._objects[obj] = self.object(obj).model_copy(update={"color": _rgba(color)})
+
+    set_object_color = set_color
+
+    @property
+    def objects(self) -> tuple[InstanceObject, ...]:
+        """Every object with its present pose."""
+        return tuple(item.model_copy(update={"pose": self.get_object_pose(item.id)}) for item in self._objects.values())
+
+    @property
+    def obj_ids(self) -> dict[str, list[int]]:
+        """Ids of objects by category: ``fixed``, ``rigid``, ``deformable``."""
+        return {
+            kind: [item.id for item in self._objects.values() if item.category == kind]
+            for kind in ("fixed", "rigid", "deformable")
+        }
+
+    def object(self, obj: int) -> InstanceObject:
+        """The object with an id.
+
+        Raises:
+            SimulationError: there is none.
+        """
+        if obj not in self._objects:
+            raise SimulationError(f"there is no object {obj!r}", f"use one of the ids {sorted(self._objects)}")
+        return self._objects[obj]
+
+    def shapes(self, obj: int) -> ObjectModel:
+        """What an object is made of."""
+        return world.model_of(self.object(obj), self.library)
+
+    def is_free(self, obj: int) -> bool:
+        """Whether an object can be moved."""
+        return world.is_free(self.object(obj), self.shapes(obj))
+
+    def get_object_pose(self, obj: int) -> Pose:
+        """Position (m) of the centre of an object's box and its rotation (xyzw)."""
+        item = self.object(obj)
+        if self._physics is not None and obj in self._physics.world.bodies:
+            return self._physics.pose(obj)
+        return item.pose
+
+    def get_object_size(self, obj: int) -> Vec3:
+        """Upright extents x, y, z of an object, metres."""
+        return self.shapes(obj).size
+
+    def outlines(self) -> list[geometry.Prism]:
+        """The upright prisms of every object's colliders as it stands now."""
+        return [prism for number in self._objects for prism in self._outline(number)[1]]
+
+    def outline(self, obj: int) -> geometry.Prism:
+        """One upright prism around a whole object as it stands now."""
+        return self._outline(obj)[2]
+
+    def _outline(self, number: int) -> _Outline:
+        """Pose, prisms and outline of an object; made anew only when it has moved."""
+        pose, known = self.get_object_pose(number), self._outlines.get(number)
+        if known is None or known[0] != pose:
+            shapes = self.shapes(number)
+            known = (pose, geometry.prisms(shapes, pose, number), geometry.footprint(shapes, pose, number))
+            self._outlines[number] = known
+        return known
+
+    @property
+    def is_static(self) -> bool:
+        """Whether everything rests."""
+        return self.physics.speed() < 0.01
+
+    @property
+    def physics(self) -> Physics:
+        """The running world, compiled from the objects when they have changed."""
+        if self._physics is None or self._stale:
+            joints = None if self._physics is None else self._physics.joints
+            current = self.objects
+            self._objects = {item.id: item for item in current}
+            observer = None if self._physics is None else self._physics.observer
+            self._physics = Physics(world.build(current, self.library, self.timestep), self.budget, joints)
+            self._physics.observer = observer
+            self._stale = False
+        return self._physics
+
+    def step_simulation(self, steps: int = 1) -> None:
+        """Simulate a number of time steps."""
+        self.physics.step(steps)
+
+    def lift_out_of_table(self) -> None:
+        """Raise what reaches below the table top, as objects placed from noisy depth may."""
+        for number in list(self._objects):
+            if not self.is_free(number):
+                continue
+            pose = self.get_object_pose(number)
+            low = self.outline(number).low
+            if low < 0:
+                (x, y, z), rotation = pose
+                self.place_object(number, ((x, y, z - low + 0.0002), rotation))
+
+    def place_object(self, obj: int, pose: Pose) -> None:
+        """Set an object down at a pose at once, without the arm."""
+        self._objects[obj] = self.object(obj).model_copy(update={"pose": pose})
+        if self._physics is not None and not self._stale:
+            self._physics.teleport(obj, pose)
+
+
+def _rgba(color: str | Sequence[float]) -> tuple[float, float, float, float]:
+    if isinstance(color, str):
+        if color not in utils.COLORS:
+            raise SimulationError(f"colour {color!r} is unknown", f"use one of {', '.join(sorted(utils.COLORS))}")
+        return (*utils.COLORS[color], 1.0)
+    values = [min(max(float(value), 0.0), 1.0) for value in color]
+    if len(values) not in (3, 4):
+        raise SimulationError(f"colour {list(color)!r} is not (r, g, b)", "give three numbers in 0..1")
+    return (values[0], values[1], values[2], values[3] if len(values) == 4 else 1.0)

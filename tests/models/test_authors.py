@@ -1,0 +1,87 @@
+"""Task and simulation authors: any scene gives a task and a program that fit each other."""
+
+import ast
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grs_agents.models.offline import edit
+from tests.models.conftest import Json, rich_scene, scene_object, scenes
+from tests.models.roles import simulation_for, task_for, unit_tests_for
+
+TEMPLATES = {"container/container-template.urdf", "zone/zone-template.urdf"}
+
+
+def assets_of(scene: Json) -> set[str]:
+    return {str(thing["asset"]) for thing in scene["objects"]}
+
+
+@settings(max_examples=40, deadline=None)
+@given(scene=scenes(), seed=st.integers(0, 1000))
+def test_any_scene_gives_a_task_a_program_and_tests_that_fit_each_other(scene: Json, seed: int) -> None:
+    task = task_for(scene, seed)
+    assert set(task) == {"task-name", "task-description", "assets-used"}
+    assert set(task["assets-used"]) <= assets_of(scene) | TEMPLATES
+    code = simulation_for(task, scene, seed)
+    ast.parse(code)
+    assert edit.assets_in(code) <= set(task["assets-used"])
+    tests = unit_tests_for(task, code)
+    ast.parse(tests)
+    assert f"from task_code import {edit.task_class(code)}" in tests
+
+
+def test_a_rich_scene_gives_many_families() -> None:
+    verbs = {task_for(rich_scene(), seed)["task-name"].split("-")[0] for seed in range(30)}
+    assert verbs >= {"pack", "sort", "place", "clear", "distribute"}
+    assert len(verbs) >= 6
+
+
+def test_the_program_uses_the_task_s_assets_and_the_photo_s_positions() -> None:
+    scene = rich_scene()
+    for seed in range(12):
+        task = task_for(scene, seed)
+        code = simulation_for(task, scene, seed)
+        assert edit.assets_in(code) == set(task["assets-used"])
+        for thing in scene["objects"]:
+            if thing["asset"] in task["assets-used"]:
+                x, y, _ = thing["position"]
+                assert f'"{thing["asset"]}", (({x:g}, {y:g}, ' in code
+
+
+def test_at_least_two_objects_move_where_two_are_in_reach() -> None:
+    scene = {
+        "objects": [
+            scene_object("near_1", (0.4, 0.0), (0.05, 0.05, 0.05)),
+            scene_object("near_2", (0.41, 0.01), (0.05, 0.05, 0.05), height=0.075),
+            scene_object("far_1", (1.4, 0.0), (0.05, 0.05, 0.05), reachable=False),
+        ]
+    }
+    for seed in range(8):
+        used = set(task_for(scene, seed)["assets-used"]) & assets_of(scene)
+        assert len(used) >= 2
+
+
+def test_a_single_object_is_put_on_a_zone() -> None:
+    scene = {"objects": [scene_object("box_1", (0.5, 0.0), (0.1, 0.1, 0.1))]}
+    task = task_for(scene)
+    assert task["task-name"].startswith("place-")
+    assert set(task["assets-used"]) == {"proxy/box_1.urdf", "zone/zone-template.urdf"}
+
+
+def test_a_task_of_another_author_is_understood() -> None:
+    scene = rich_scene()
+    task = {
+        "task-name": "organize-things",
+        "task-description": "Pick up the red box and the blue can and place them into the container.",
+        "assets-used": ["proxy/red_box_1.urdf", "proxy/blue_can_1.urdf", "container/container-template.urdf"],
+    }
+    code = simulation_for(task, scene)
+    assert edit.assets_in(code) == set(task["assets-used"])
+    assert "class OrganizeThings(Task):" in code
+
+
+def test_out_of_reach_objects_are_put_elsewhere() -> None:
+    scene = {"objects": [scene_object("box_1", (1.3, 0.0), (0.1, 0.1, 0.1), reachable=False)]}
+    code = simulation_for(task_for(scene), scene)
+    assert "1.3" not in code
+    assert "find_place" in code

@@ -1,0 +1,182 @@
+"""The fixers: repairs by the evidence, in programs of their own making and in others'."""
+
+import ast
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grs_agents.models.offline import edit
+from grs_agents.models.offline.evidence import read_evidence
+from tests.models.conftest import Json, rich_scene, scenes
+from tests.models.roles import fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
+
+OUTCOMES = (
+    "partial", "step_limit", "unreachable", "dropped", "toppled", "target_occupied", "target_too_small",
+    "no_free_space", "nothing_to_do", "error",
+)  # fmt: skip
+
+
+def report(outcome: str, objects: list[str], steps: str = "9/9") -> str:
+    named = ", ".join(f'"{name}"' for name in objects)
+    return (
+        "failed: 0 of 1 tests passed\nTestX.test_a: failed (raised in tests): it fell short\n"
+        f"  oracle: outcome={outcome} reward=0.50 steps={steps} detail=told so objects=[{named}]"
+    )
+
+
+def error(kind: str, message: str, where: str = "simulation") -> str:
+    return f"error: 0 of 0 tests passed\nraised in: {where}\n  {kind}: {message}"
+
+
+@pytest.fixture
+def made() -> tuple[Json, Json, str]:
+    """A scene, a task for it that moves four objects onto one zone, and its program."""
+    scene = rich_scene()
+    task = {
+        "task-name": "place-things-on-green-zone",
+        "task-description": "Put the things on the green zone.",
+        "assets-used": [thing["asset"] for thing in scene["objects"][:4]] + ["zone/zone-template.urdf"],
+    }
+    return scene, task, simulation_for(task, scene)
+
+
+@settings(max_examples=30, deadline=None)
+@given(scene=scenes(), outcome=st.sampled_from(OUTCOMES), seed=st.integers(0, 50))
+def test_every_outcome_gives_another_program_that_compiles(scene: Json, outcome: str, seed: int) -> None:
+    task = task_for(scene, seed)
+    code = simulation_for(task, scene, seed)
+    concerned = [asset for asset in task["assets-used"] if "template" not in asset][:1]
+    fixed = fixed_code(task, scene, code, report(outcome, concerned), seed)
+    ast.parse(fixed)
+    assert edit.assets_in(fixed) <= set(task["assets-used"])
+    assert edit.task_class(fixed) == edit.task_class(code)
+
+
+@pytest.mark.parametrize("outcome", OUTCOMES)
+def test_a_rich_program_always_changes(made: tuple[Json, Json, str], outcome: str) -> None:
+    scene, task, code = made
+    for _ in range(4):
+        fixed = fixed_code(task, scene, code, report(outcome, [task["assets-used"][0]]))
+        assert fixed != code
+        code = fixed
+
+
+def test_too_few_steps_are_raised_and_nothing_else(made: tuple[Json, Json, str]) -> None:
+    scene, task, code = made
+    short = edit.set_max_steps(code, 2)
+    assert short is not None
+    fixed = fixed_code(task, scene, short, report("step_limit", [], "2/2"))
+    steps = edit.max_steps(fixed)
+    assert steps is not None and steps >= 4
+    assert edit.set_max_steps(fixed, 2) == short
+
+
+def test_small_areas_are_enlarged(made: tuple[Json, Json, str]) -> None:
+    scene, task, code = made
+    fixed = fixed_code(task, scene, code, report("target_too_small", []))
+    changed = [line for line in fixed.splitlines() if line not in code.splitlines()]
+    assert len(changed) == 1
+    assert "green_zone_size" in changed[0]
+
+
+def test_unreachable_objects_stand_elsewhere(made: tuple[Json, Json, str]) -> None:
+    scene, task, code = made
+    asset = task["assets-used"][0]
+    fixed = fixed_code(task, scene, code, report("unreachable", [asset]))
+    x, y, _ = scene["objects"][0]["position"]
+    assert f'"{asset}", (({x:g}, {y:g}, ' not in fixed
+
+
+def test_objects_that_topple_are_left_out_while_two_remain(made: tuple[Json, Json, str]) -> None:
+    scene, task, code = made
+    asset = task["assets-used"][0]
+    fixed = fixed_code(task, scene, code, report("toppled", [asset]))
+    assert asset not in fixed
+    assert len(edit.assets_in(fixed)) == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "line"), [("np", "import numpy as np"), ("utils", "from grs_agents.sim import utils")]
+)
+def test_a_forgotten_import_is_added(made: tuple[Json, Json, str], name: str, line: str) -> None:
+    scene, task, _ = made
+    foreign = '"""A program of another author."""\nfrom grs_agents.sim import Task\n\n\nclass Mine(Task):\n    pass\n'
+    fixed = fixed_code(task, scene, foreign, error("NameError", f"name '{name}' is not defined"))
+    assert line in fixed
+    assert "class Mine(Task):" in fixed
+    assert fixed.startswith('"""A program')
+
+
+def test_a_misspelt_attribute_is_spelt_as_python_suggests(made: tuple[Json, Json, str]) -> None:
+    scene, task, code = made
+    wrong = code.replace("env.add_object", "env.add_objekt")
+    message = "'Environment' object has no attribute 'add_objekt'. Did you mean: 'add_object'?"
+    assert fixed_code(task, scene, wrong, error("AttributeError", message)).strip() == code.strip()
+
+
+def test_a_program_that_is_not_python_is_written_anew(made: tuple[Json, Json, str]) -> None:
+    scene, task, _ = made
+    fixed = fixed_code(task, scene, "class Mine(Task)\n  x = (", error("SyntaxError", "expected ':'"))
+    ast.parse(fixed)
+    assert "class Mine(Task):" in fixed
+    assert len(edit.assets_in(fixed)) == 5
+
+
+def test_the_audit_s_demand_for_two_moved_objects_brings_objects_back(made: tuple[Json, Json, str]) -> None:
+    scene, task, code = made
+    single = simulation_for({**task, "assets-used": [task["assets-used"][0], "zone/zone-template.urdf"]}, scene)
+    audit = "passed: 3 of 3 tests passed\n\naudit: failed\n- moved: FAILED: objects moved: [1, 1, 1]; at least 2 must"
+    assert len(edit.assets_in(fixed_code(task, scene, single, audit))) >= 3
+
+
+FOREIGN = """import numpy as np
+from grs_agents.sim import Task
+
+
+class Mine(Task):
+    def reset(self, env):
+        super().reset(env)
+        boxes = [
+            {"urdf": "proxy/red_box_1.urdf", "at": (0.4, -0.3, 0.025)},
+            {"urdf": "proxy/red_can_1.urdf", "at": (0.42, -0.12, 0.04)},
+            {"urdf": "proxy/blue_box_1.urdf", "at": (0.42, 0.06, 0.02)},
+        ]
+        for box in boxes:
+            env.add_object(box["urdf"], (box["at"], (0, 0, 0, 1)))
+"""
+
+
+def test_an_object_is_taken_out_of_another_author_s_program(made: tuple[Json, Json, str]) -> None:
+    scene, task, _ = made
+    fixed = fixed_code(task, scene, FOREIGN, report("toppled", ["proxy/red_can_1.urdf"]))
+    lines = FOREIGN.splitlines()
+    assert fixed.splitlines() == [line for line in lines if "red_can_1" not in line]
+
+
+def test_tests_get_their_missing_import(made: tuple[Json, Json, str]) -> None:
+    _, task, code = made
+    tests = unit_tests_for(task, code)
+    broken = tests.replace("import numpy as np\n", "")
+    fixed = fixed_tests(task, code, broken, error("NameError", "name 'np' is not defined", "tests"))
+    assert "import numpy as np" in fixed
+    ast.parse(fixed)
+
+
+def test_tests_of_another_class_are_written_anew(made: tuple[Json, Json, str]) -> None:
+    _, task, code = made
+    wrong = "from task_code import Other\n"
+    message = "cannot import name 'Other' from 'task_code'"
+    fixed = fixed_tests(task, code, wrong, error("ImportError", message, "tests"))
+    assert f"from task_code import {edit.task_class(code)}" in fixed
+
+
+def test_tests_that_keep_failing_still_change(made: tuple[Json, Json, str]) -> None:
+    _, task, code = made
+    tests = unit_tests_for(task, code)
+    assert fixed_tests(task, code, tests, report("success", [])) != tests
+
+
+@given(st.text())
+def test_any_text_can_be_read_as_a_report(text: str) -> None:
+    assert read_evidence(text).text == text

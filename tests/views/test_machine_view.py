@@ -1,0 +1,36 @@
+"""The state machine in the recording."""
+
+from pathlib import Path
+
+from rerun.chunk import RrdReader
+
+from grs_agents.trace import NodeStarted, RunEnded, RunStarted
+from grs_agents.views.blueprint import blueprint
+from grs_agents.views.machine_view import MachineView
+from grs_agents.views.paths import Paths
+from grs_agents.views.recording import Recording
+
+
+def test_the_graph_of_the_run_is_shown_with_visits(tmp_path: Path) -> None:
+    view = MachineView()
+    edges = (("__start__", "route"), ("route", "mine"), ("mine", "__end__"))
+    nodes = ("__start__", "route", "mine", "__end__")
+    view.follow(RunStarted(run_id="a", graph="mine", seed=0, nodes=nodes, edges=edges))
+    view.follow(NodeStarted(node="route", visit=1))
+    view.follow(NodeStarted(node="route", visit=2))
+    assert view.nodes == ("route", "mine", "end")
+    recording = Recording(tmp_path / "a.rrd", "a", blueprint(view.nodes))
+    view.prepare(recording)
+    view.show(recording)
+    view.follow(RunEnded(status="accepted"))
+    view.show(recording)
+    recording.close()
+    labels: list[list[str]] = []
+    for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content=Paths.MACHINE).to_chunks():
+        batch = chunk.to_record_batch()
+        if "GraphNodes:labels" in batch.schema.names:
+            labels += batch.column("GraphNodes:labels").to_pylist()
+        else:
+            drawn = batch.column("GraphEdges:edges").to_pylist()[0]
+            assert [tuple(edge.values()) for edge in drawn] == [("route", "mine"), ("mine", "end")]
+    assert labels == [["● route ×2", "mine", "end"], ["route ×2", "mine", "● end"]]
