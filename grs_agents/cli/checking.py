@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from grs_agents.audit import AuditReport
 from grs_agents.config import Config
@@ -38,12 +39,14 @@ def _print(report: TestReport | None, audit: AuditReport, accepted: bool) -> Non
     console = Console()
     table = Table("check", "result", "detail", title="accepted" if accepted else "rejected")
     for case in report.cases if report is not None else ():
-        table.add_row(case.id, case.outcome, case.message)
+        table.add_row(*map(Text, (case.id, case.outcome, case.message)))
     if report is not None and not report.cases:
-        table.add_row("tests", report.outcome, report.message)
+        table.add_row(*map(Text, ("tests", report.outcome, report.message)))
     for finding in audit.findings:
-        table.add_row(finding.check, "passed" if finding.passed else "failed", finding.detail)
+        table.add_row(*map(Text, (finding.check, "passed" if finding.passed else "failed", finding.detail)))
     for rollout in audit.rollouts:
         episode = rollout.episode
-        table.add_row(f"seed {rollout.seed}", episode.outcome, f"reward {episode.reward:.2f}: {episode.detail}")
+        table.add_row(
+            *map(Text, (f"seed {rollout.seed}", episode.outcome, f"reward {episode.reward:.2f}: {episode.detail}"))
+        )
     console.print(table)

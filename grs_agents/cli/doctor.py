@@ -6,14 +6,17 @@ import os
 import subprocess
 import sys
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from grs_agents.library import Library
 from grs_agents.run import versions
 from grs_agents.run.execute import PRELOAD
 from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.toolkit import ToolContext, load_tool
 
 PROVIDERS = {
     "openai": ("langchain_openai", "OPENAI_API_KEY"),
@@ -55,20 +58,20 @@ def diagnose(as_json: bool) -> int:
     else:
         table = Table("what", "state", "found", "how to get it")
         for one in found:
-            table.add_row(one.subject, one.state, one.detail, one.remedy)
+            table.add_row(*map(Text, (one.subject, one.state, one.detail, one.remedy)))
         Console().print(table)
     return 3 if any(one.state == "broken" for one in found) else 0
 
 
 def _sandbox() -> Diagnosis:
     """Run an endless program and see it end."""
-    limits = Limits(wall_seconds=5, cpu_seconds=1)
-    endless: dict[str, Any] = {"simulation": "while True:\n    pass\n", "tests": _TESTS, "library_roots": [], "seed": 0}
+    limits = Limits(wall_seconds=10, cpu_seconds=1)
+    tool = load_tool("run_tests")
     with Sandbox(preload=PRELOAD) as sandbox:
-        result = sandbox.call("run_tests", endless, limits)
-    stopped = result.outcome in ("timeout", "cpu_limit")
-    detail = f"{result.backend}: an endless program was stopped after {result.seconds:.1f} s ({result.outcome})"
-    return Diagnosis("sandbox", "works" if stopped else "broken", detail)
+        context = ToolContext(sandbox=sandbox, library=Library(), limits=limits)
+        report = tool.run(tool.Request(simulation="while True:\n    pass\n", tests=_TESTS), context).report
+    found = f"{report.backend}: an endless program ended as {report.outcome!r} after {report.seconds:.1f} s"
+    return Diagnosis("sandbox", "works" if report.outcome == "timeout" else "broken", found)
 
 
 _TESTS = "import unittest\nclass T(unittest.TestCase):\n    def test_a(self):\n        import task_code\n"

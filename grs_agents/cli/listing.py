@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from grs_agents import content
 from grs_agents.config import Effective
@@ -35,7 +36,7 @@ def list_content(as_json: bool) -> None:
     for kind, things in found.items():
         table = Table("name", "what it is", title=kind, title_justify="left", expand=False)
         for name, text in things.items():
-            table.add_row(name, text)
+            table.add_row(Text(name), Text(text))
         console.print(table)
 
 
@@ -48,7 +49,7 @@ def list_config(effective: Effective, as_json: bool) -> None:
         return
     table = Table("key", "value", "source")
     for key, value in rows:
-        table.add_row(key, json.dumps(value), sources[key])
+        table.add_row(key, Text(json.dumps(value)), Text(sources[key]))
     Console().print(table)
 
 

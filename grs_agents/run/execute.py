@@ -3,6 +3,7 @@
 import errno
 import os
 import sqlite3
+from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -129,25 +130,11 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
     os.environ.setdefault("LANGGRAPH_STRICT_MSGPACK", "true")  # a tampered checkpoint must not call functions on load
     from langgraph.checkpoint.sqlite import SqliteSaver
 
-    module = content.load_module("graphs", config.graph)
-    agents = Agents(config=config, log=log, folder=folder)
-    for role in config.models:
-        agents.model(role)
-    sandbox = Sandbox(preload=PRELOAD)
-    sandbox.warm()  # its imports overlap with comprehension
-    with sandbox, SqliteSaver.from_conn_string(str(folder / "checkpoint.sqlite")) as saver:
-        services = Services(
-            config=config,
-            log=log,
-            agents=agents,
-            policy=load_policy(config.policy),
-            sandbox=sandbox,
-            folder=folder.resolve(),
-        )
-        for event in read_events(log.path):
-            if event.kind == "node_started":
-                services.visits[event.node] += 1
-        graph = module.build().compile(checkpointer=saver)
+    checkpoints = str(folder / "checkpoint.sqlite")
+    with Sandbox(preload=PRELOAD) as sandbox, SqliteSaver.from_conn_string(checkpoints) as saver:
+        sandbox.warm()  # its imports overlap with comprehension
+        services = _services(config, folder, log, sandbox)
+        graph = content.load_module("graphs", config.graph).build().compile(checkpointer=saver)
         drawn = graph.get_graph()
         log.append(
             RunStarted(
@@ -164,17 +151,33 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
             "configurable": {"thread_id": record.id},
             "recursion_limit": 25 + 4 * config.max_fixes,
         }
-        started = order.resume and graph.get_state(settings).values
-        if started:
-            log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
-        begin: dict[str, Any] = {
+        begin: dict[str, Any] | None = {
             "scene_path": str(order.source),
             "max_fixes": config.max_fixes,
             "fixes": 0,
             "history": [],
         }
-        final = graph.invoke(None if started else begin, settings, context=services, durability="sync")
-        return cast(dict[str, Any], final)
+        if order.resume and graph.get_state(settings).values:
+            log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
+            begin = None
+        return cast(dict[str, Any], graph.invoke(begin, settings, context=services, durability="sync"))
+
+
+def _services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> Services:
+    """What the nodes work with; every model is made now, so that a missing key ends the run before it begins."""
+    agents = Agents(config=config, log=log, folder=folder)
+    for role in config.models:
+        agents.model(role)
+    visits = Counter(event.node for event in read_events(log.path) if event.kind == "node_started")
+    return Services(
+        config=config,
+        log=log,
+        agents=agents,
+        policy=load_policy(config.policy),
+        sandbox=sandbox,
+        folder=folder.resolve(),
+        visits=visits,
+    )
 
 
 def _finished(record: RunRecord, log: EventLog, state: dict[str, Any]) -> RunRecord:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 from grs_agents.run.batch import Done
 
@@ -48,7 +49,7 @@ def table(title: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) ->
     """The rows for a terminal."""
     made = Table(*columns, title=title)
     for one in rows:
-        made.add_row(*(str(one[column]) for column in columns))
+        made.add_row(*(Text(str(one[column])) for column in columns))
     return made
 
 

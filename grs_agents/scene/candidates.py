@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import cast
 
 import cv2
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from grs_agents.base import Quat, Vec3
 from grs_agents.errors import InputError
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
-from grs_agents.scene.geometry import Labels, inside_hull
+from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
 from grs_agents.scene.table import as_matrix, robot_points
 from grs_agents.scene.types import Aabb, Candidate, Solid, TableFrame, UprightBox
 
@@ -61,16 +60,11 @@ def _measure(number: int, frame: RGBDFrame, mask: Mask, cloud: Array, others: Se
     inner = cloud[((cloud >= low) & (cloud <= high)).all(axis=1)]
     bottom = _bottom(inner, others)
     top = max(float(high[2]), bottom + THINNEST)
-    footprint = inner[:, :2].astype(np.float32)
-    (x, y), (length, width), angle = cv2.minAreaRect(footprint)
-    hull = cv2.contourArea(cv2.convexHull(footprint))
-    length, width = max(float(length), THINNEST), max(float(width), THINNEST)
-    round_outline = hull < 0.87 * length * width and 0.75 < length / width < 1.33
-    shape: Solid = "cylinder" if round_outline else "box"
-    yaw = math.radians(float(angle))
-    yaw = (yaw + math.pi / 4) % (math.pi / 2) - math.pi / 4  # within 45 degrees: swap the sides instead
-    if abs(math.sin(yaw - math.radians(float(angle)))) > 0.5:
-        length, width = width, length
+    (x, y), (length, width), yaw = _rectangle(cloud[(cloud[:, 2] >= low[2]) & (cloud[:, 2] <= high[2])])
+    shape: Solid = "box"
+    if (circle := _circle(inner)) is not None:
+        shape, ((x, y), length) = "cylinder", circle
+        width = length
     color = frame.rgb[mask].mean(axis=0) / 255
     return Candidate(
         id=number,
@@ -78,14 +72,40 @@ def _measure(number: int, frame: RGBDFrame, mask: Mask, cloud: Array, others: Se
         crop=_crop(frame, mask),
         box=Aabb(low=_vec((*low[:2], bottom)), high=_vec((*high[:2], top))),
         upright=UprightBox(
-            center=(float(x), float(y), (bottom + top) / 2),
+            center=(x, y, (bottom + top) / 2),
             size=(length, width, top - bottom),
             yaw=0.0 if shape == "cylinder" else yaw,
         ),
         color=_vec(color),
         shape=shape,
         points=len(cloud),
+        hollow=is_open(inner, np.zeros((0, 3))),
     )
+
+
+def _circle(cloud: Array) -> tuple[tuple[float, float], float] | None:
+    """Centre and diameter (m) of a footprint whose corners are missing and whose sides are alike."""
+    footprint = cloud[:, :2].astype(np.float32)
+    (x, y), (length, width), _ = cv2.minAreaRect(footprint)
+    area = cv2.contourArea(hull_of(cloud).astype(np.float32))
+    if min(length, width) < THINNEST or area > 0.87 * length * width or not 0.75 < length / width < 1.33:
+        return None
+    return (float(x), float(y)), (float(length) + float(width)) / 2
+
+
+def _rectangle(cloud: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
+    """Centre, sides (m) and yaw (rad, within 45 degrees) of the smallest rectangle that holds 98 % of each side."""
+    flat = cloud[:: len(cloud) // 2000 + 1, :2]
+    best: tuple[float, tuple[float, float], tuple[float, float], float] | None = None
+    for yaw in np.deg2rad(np.arange(-45.0, 45.0, 1.5)):
+        axes = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+        low, high = np.percentile(flat @ axes.T, (1, 99), axis=0)
+        length, width = (max(float(side), THINNEST) for side in high - low)
+        if best is None or length * width < best[0]:
+            x, y = (low + high) / 2 @ axes
+            best = length * width, (float(x), float(y)), (length, width), float(yaw)
+    assert best is not None
+    return best[1:]
 
 
 def _bottom(cloud: Array, others: Sequence[Array]) -> float:
@@ -94,8 +114,7 @@ def _bottom(cloud: Array, others: Sequence[Array]) -> float:
     if lowest < 0.025:
         return 0.0
     for other in others:
-        hull = cv2.convexHull(other[:, :2].astype(np.float32)).reshape(-1, 2).astype(np.float64)
-        covered = float(inside_hull(cloud[:, :2], hull, margin=0.005).mean())
+        covered = float(inside_hull(cloud[:, :2], hull_of(other), margin=0.005).mean())
         if covered > 0.4 and abs(float(np.percentile(other[:, 2], 95)) - lowest) < 0.04:
             return lowest
     return 0.0
@@ -188,4 +207,4 @@ def quaternion(rotation: Array) -> Quat:
 
 def _vec(values: "Array | Sequence[float]") -> Vec3:
     x, y, z = (float(value) for value in values)
-    return cast(Vec3, (x, y, z))
+    return (x, y, z)

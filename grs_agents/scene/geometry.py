@@ -1,21 +1,28 @@
 """Small geometry on masks and footprints."""
 
 import cv2
+import cv2.typing
 import numpy as np
 import numpy.typing as npt
 
 from grs_agents.scene.frame import Array, Mask
 
 Labels = npt.NDArray[np.int32]
+RIM = 0.015
+"""A rim is this high and wide (m)."""
+DEEP = 0.015
+"""The floor of a hollow thing lies at least this (m) below its rim."""
+SURROUNDED = 0.6
+"""The rim of a hollow thing encloses at least this share of its footprint."""
 
 
-def components(mask: npt.NDArray[np.uint8], smallest: int) -> Labels:
+def components(mask: cv2.typing.MatLike, smallest: int) -> Labels:
     """Number the 4-connected components of at least ``smallest`` pixels from 1; the rest is 0."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
     keep = np.zeros(count, np.int32)
     big = [label for label in range(1, count) if stats[label, cv2.CC_STAT_AREA] >= max(smallest, 1)]
     keep[big] = np.arange(1, len(big) + 1)
-    return keep[labels]
+    return keep[np.asarray(labels, np.int32)]
 
 
 def hull_of(points: Array) -> Array:
@@ -33,3 +40,24 @@ def inside_hull(points: Array, hull: Array, margin: float) -> Mask:
     normals *= np.where(((hull - hull.mean(axis=0)) * normals).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     offsets = (hull * normals).sum(axis=1)
     return np.asarray((points @ normals.T - offsets <= margin).all(axis=1), np.bool_)
+
+
+def is_open(cloud: Array, table: Array) -> bool:
+    """Whether an object is hollow: its highest points surround an inside that lies deeper.
+
+    Args:
+        cloud: (N, 3) points of the object, z up, metres above the table.
+        table: (M, 3) points of the table, of which some may be seen through or taken for its floor.
+    """
+    top = float(np.percentile(cloud[:, 2], 98))
+    if top < 2 * DEEP:
+        return False
+    hull = hull_of(cloud)
+    area = float(cv2.contourArea(hull.astype(np.float32)))
+    rim = cloud[cloud[:, 2] > top - RIM]
+    if area < 5e-4 or float(cv2.contourArea(hull_of(rim).astype(np.float32))) < SURROUNDED * area:
+        return False
+    near = table[((table[:, :2] >= hull.min(axis=0)) & (table[:, :2] <= hull.max(axis=0))).all(axis=1)]
+    points = np.concatenate([cloud, near])
+    inner = points[inside_hull(points[:, :2], hull, -min(RIM, 0.15 * area**0.5))]
+    return float((inner[:, 2] > top - DEEP).sum()) < 0.25 * len(inner) or len(inner) < 10

@@ -12,12 +12,14 @@ from grs_agents.scene.foreground import Depth, jumps
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
 from grs_agents.scene.geometry import Labels, components
 
-CREASE = 0.075
-"""Sagitta over chord of a concave crease; 0.075 is a bend of about 17 degrees."""
+BENT = 0.037
+"""Sagitta over chord where patches are first cut: a concave bend of about 8 degrees, often mere noise."""
+CREASE = 0.19
+"""The mean over a border above which two patches stay apart."""
+JUMP = 0.3
+"""What a depth jump counts in a border's mean, and the most that a bend counts."""
 REACH = 0.010
-"""Creases are looked for across this distance on the surface, metres."""
-JOINED = 0.75
-"""Patches are joined while the mean strength of their border is below this; 1 is a crease."""
+"""Bends are measured across this distance on the surface, metres."""
 SHORTEST = 6
 """Borders shorter than this (pixels) say nothing."""
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
@@ -27,7 +29,7 @@ def patches(frame: RGBDFrame, foreground: Mask) -> Labels:
     """(H, W) labels of the smooth, jump-free surfaces in the foreground; 0 elsewhere."""
     bend = bends(frame, foreground)
     below, right = jumps(frame.depth)
-    cut = (bend > 0.5 * CREASE) | below | right
+    cut = (bend > BENT) | below | right
     cut[1:] |= below[:-1]
     cut[:, 1:] |= right[:, :-1]
     cores = cv2.morphologyEx((foreground & ~cut).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
@@ -36,21 +38,33 @@ def patches(frame: RGBDFrame, foreground: Mask) -> Labels:
 
 
 def bends(frame: RGBDFrame, foreground: Mask) -> Array:
-    """(H, W) how much the surface bends inwards at each pixel: sagitta over chord, the most of four directions."""
+    """(H, W) how much the surface bends inwards at each pixel: sagitta over chord, the most of four directions.
+
+    0 where the chord would cross a depth jump: that is no bend of one surface.
+    """
     points = frame.points()
-    known = frame.depth > 0
+    below, right = jumps(frame.depth)
+    jump = (below | right | (frame.depth <= 0)).astype(np.uint8)
     middle = float(np.median(frame.depth[foreground])) if foreground.any() else 1.0
     step = int(np.clip(np.rint(REACH * frame.camera.fx / middle), 3, 24))
-    found = np.zeros(known.shape)
+    found = np.zeros(jump.shape)
     for down, across in DIRECTIONS:
         length = max(2, round(step / float(np.hypot(down, across))))
         shift = (down * length, across * length)
         before, after = np.roll(points, shift, (0, 1)), np.roll(points, (-shift[0], -shift[1]), (0, 1))
         chord = np.linalg.norm(after - before, axis=-1)
         sag = points[..., 2] - (before[..., 2] + after[..., 2]) / 2
-        valid = np.roll(known, shift, (0, 1)) & np.roll(known, (-shift[0], -shift[1]), (0, 1)) & (chord < 6 * REACH)
-        np.maximum(found, np.where(valid & known, sag / np.maximum(chord, 1e-6), 0.0), out=found)
+        whole = cv2.dilate(jump, _line(down, across, length)) == 0
+        np.maximum(found, np.where(whole & (chord < 6 * REACH), sag / np.maximum(chord, 1e-6), 0.0), out=found)
     return found
+
+
+def _line(down: int, across: int, length: int) -> npt.NDArray[np.uint8]:
+    """A kernel that is a line through its middle, ``length`` pixels to both sides."""
+    kernel = np.zeros((2 * length + 1, 2 * length + 1), np.uint8)
+    steps = np.arange(-length, length + 1)
+    kernel[length + down * steps, length + across * steps] = 1
+    return kernel
 
 
 def grown(labels: Labels, foreground: Mask, depth: Depth, rounds: int = 14) -> Labels:
@@ -76,12 +90,12 @@ def _pull(target: Labels, neighbour: Labels, allowed: Mask) -> None:
 
 
 def _joined(labels: Labels, bend: Array, below: Mask, right: Mask) -> Labels:
-    strength = np.minimum(cv2.dilate(bend, np.ones((3, 3), np.uint8)) / CREASE, 1.5)
+    strength = np.minimum(bend, JUMP)
     length, total = _borders(labels, strength, below, right)
     owner = np.arange(len(length))
     mean = np.where(length >= SHORTEST, total / np.maximum(length, 1), np.inf)
     np.fill_diagonal(mean, np.inf)
-    while mean.size and mean.min() < JOINED:
+    while mean.size and mean.min() < CREASE:
         one, other = divmod(int(mean.argmin()), len(mean))
         owner[owner == other] = one
         for table in (length, total):
@@ -108,6 +122,6 @@ def _borders(labels: Labels, strength: Array, below: Mask, right: Mask) -> tuple
         border = (one != other) & (one > 0) & (other > 0)
         index = one[border].astype(np.int64) * count + other[border]
         length += np.bincount(index, minlength=count**2).reshape(count, count)
-        weight = np.where(jump, 1.5, strong)[border]
+        weight = np.where(jump, JUMP, strong)[border]
         total += np.bincount(index, weights=weight, minlength=count**2).reshape(count, count)
     return length + length.T, total + total.T

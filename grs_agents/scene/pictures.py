@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents.files import write_bytes
 from grs_agents.scene.frame import Image, RGBDFrame
@@ -44,6 +46,7 @@ def save_candidates(frame: RGBDFrame, candidates: Sequence[Candidate], run: Path
                 color=one.color,
                 shape=one.shape,
                 points=one.points,
+                hollow=one.hollow,
             )
         )
     _write(run / "scene/masks.png", labels)
@@ -67,5 +70,5 @@ def annotate(frame: RGBDFrame, candidates: Sequence[Candidate]) -> Image:
     return picture
 
 
-def _write(file: Path, image: "np.ndarray[tuple[int, ...], np.dtype[np.uint8] | np.dtype[np.uint16]]") -> None:
+def _write(file: Path, image: "npt.NDArray[np.integer[Any] | np.floating[Any]]") -> None:
     write_bytes(file, cv2.imencode(".png", image)[1].tobytes())

@@ -26,7 +26,8 @@ def read_scene(folder: Path) -> RGBDFrame:
             measured, or the depth is in another unit than ``depth_scale`` says.
     """
     if not folder.is_dir():
-        raise InputError(f"scene folder {folder} does not exist", "name a folder with rgb.png, depth.png and camera.json")
+        remedy = "name a folder with rgb.png, depth.png and camera.json"
+        raise InputError(f"scene folder {folder} does not exist", remedy)
     camera = read_camera(folder / "camera.json")
     rgb = _read_rgb(folder / "rgb.png", camera)
     raw = _read_depth(folder / "depth.png", camera)
@@ -117,6 +118,7 @@ def _check_depth(folder: Path, raw: npt.NDArray[np.uint16], camera: Camera) -> N
         factor = 1000.0 if median < NEAREST else 0.001
         other = camera.depth_scale * factor
         raise InputError(
-            f"{file}: depth_scale {camera.depth_scale:g} gives a median depth of {median:g} m, outside {NEAREST}..{FARTHEST} m",
+            f"{file}: depth_scale {camera.depth_scale:g} gives a median depth of {median:g} m, "
+            f"outside {NEAREST}..{FARTHEST} m",
             f"with depth_scale {other:g} it would be {median * factor:g} m: correct depth_scale in camera.json",
         )

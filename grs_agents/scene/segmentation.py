@@ -1,10 +1,11 @@
 """Segment what stands on the table: the foreground's smooth patches, with the parts of one object merged."""
 
+import cv2
 import numpy as np
 
 from grs_agents.scene.foreground import foreground, smoothed
-from grs_agents.scene.frame import RGBDFrame
-from grs_agents.scene.geometry import Labels
+from grs_agents.scene.frame import Array, RGBDFrame
+from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
 from grs_agents.scene.merging import merge_parts
 from grs_agents.scene.patches import patches
 from grs_agents.scene.table import robot_points
@@ -12,6 +13,10 @@ from grs_agents.scene.types import TableFrame
 
 SMALLEST = 0.0004
 """The least share of the picture that an object covers."""
+BROKEN = 15
+"""Gaps in a rim narrower than this (pixels) do not open it."""
+FLATTEST = 0.012
+"""What is lower than this (m) is no object."""
 
 
 def segment(frame: RGBDFrame, table: TableFrame) -> Labels:
@@ -22,7 +27,35 @@ def segment(frame: RGBDFrame, table: TableFrame) -> Labels:
     labels = merge_parts(patches(smooth, above), points)
     smallest = int(SMALLEST * above.size)
     areas = np.bincount(labels.ravel())
-    kept = [label for label in range(1, len(areas)) if areas[label] >= smallest]
+    kept = [
+        label
+        for label in range(1, len(areas))
+        if areas[label] >= smallest and not _is_ghost(points[labels == label], 4 * smallest)
+    ]
     numbers = np.zeros(len(areas), np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
-    return numbers[labels]
+    return _filled(numbers[labels], points)
+
+
+def _is_ghost(cloud: Array, small: int) -> bool:
+    """Whether a segment is a bump of the sensor's noise on the table."""
+    top = float(np.nanpercentile(cloud[:, 2], 95))
+    return top < FLATTEST or (top < 2 * FLATTEST and len(cloud) < small)
+
+
+def _filled(labels: Labels, points: Array) -> Labels:
+    """Give the table seen inside a hollow thing to it: that is its floor."""
+    result = labels.copy()
+    low = (labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < 0.015)
+    for label in range(1, int(labels.max()) + 1):
+        mask = labels == label
+        cloud = points[mask & np.isfinite(points[..., 2])]
+        if len(cloud) < 3 or not is_open(cloud, np.zeros((0, 3))):
+            continue
+        closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((BROKEN, BROKEN), np.uint8))
+        outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        whole = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)
+        rows, columns = np.nonzero(low & (whole > 0))
+        floor = inside_hull(points[rows, columns, :2], hull_of(cloud), -0.005)
+        result[rows[floor], columns[floor]] = label
+    return result

@@ -73,6 +73,7 @@ class Candidate:
         color: mean red, green, blue, 0..1.
         shape: which solid fits better.
         points: how many depth pixels it has.
+        hollow: open at the top, with an inside that lies deeper than its rim: bowls, boxes, mugs.
     """
 
     id: int
@@ -83,6 +84,7 @@ class Candidate:
     color: Vec3
     shape: Solid
     points: int
+    hollow: bool = False
 
 
 class CandidateRecord(Frozen):
@@ -96,6 +98,7 @@ class CandidateRecord(Frozen):
     color: Vec3
     shape: Solid
     points: int
+    hollow: bool = False
 
 
 class SceneObject(Frozen):

@@ -11,6 +11,8 @@ import rerun.blueprint as rrb
 from grs_agents.views.clock import Moment
 
 APPLICATION = "grs"
+FLUSH_SECONDS = 10.0
+"""How long the file may take to swallow one event."""
 
 
 class Recording:
@@ -24,6 +26,7 @@ class Recording:
 
     def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint) -> None:
         self.moment = Moment()
+        self._broken = False
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
         self._stream.save(path, default_blueprint=blueprint)
         self._stream.set_log_time_enabled(False)
@@ -51,8 +54,18 @@ class Recording:
         self._stream.send_columns(path, indexes, columns, strict=True)
 
     def flush(self) -> None:
-        """Put everything logged so far into the file, so that a killed run leaves a readable one."""
-        self._stream.flush()
+        """Put everything logged so far into the file, so that a killed run leaves a readable one.
+
+        Raises:
+            RuntimeError: the file cannot be written, e.g. the disk is full; the recording ends there.
+        """
+        if self._broken:  # rerun would wait for ever for a file that it has given up
+            return
+        try:
+            self._stream.flush(timeout_sec=FLUSH_SECONDS)
+        except RuntimeError:
+            self._broken = True
+            raise
 
     def close(self) -> None:
         """Write what is left and the footer."""

@@ -105,7 +105,7 @@ def _show_shapes(recording: Recording, path: str, item: InstanceObject, library:
     for number, shape in enumerate(model.visuals or model.colliders):
         recording.log(f"{path}/{number}", geometry(shape, library, item.color))
     top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
-    label = drawable(Path(item.asset).stem.replace("_", " "))
+    label = drawable(Path(item.asset.partition("#")[0]).stem.replace("_", " "))
     recording.log(f"{path}/name", rr.Points3D(top, labels=[label], colors=[_WHITE], radii=[0.0005]))
 
 

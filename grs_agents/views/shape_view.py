@@ -52,7 +52,7 @@ def _mesh(shape: Shape, library: Library, color: Rgba | None) -> rr.Mesh3D:
     return rr.Mesh3D(
         vertex_positions=vertices,
         triangle_indices=np.asarray(mesh.faces),
-        vertex_normals=np.asarray(mesh.vertex_normals) @ turn.T,
+        vertex_normals=_vertex_normals(mesh) @ turn.T,
         vertex_texcoords=texcoords if texture is not None else None,
         albedo_texture=texture,
         albedo_factor=rgba,
@@ -63,6 +63,17 @@ def _mesh(shape: Shape, library: Library, color: Rgba | None) -> rr.Mesh3D:
 def _load_mesh(path: Path) -> Any:
     """The mesh of an OBJ file, one vertex for each of its texture coordinates."""
     return trimesh.load_mesh(path, process=False)
+
+
+def _vertex_normals(mesh: Any) -> npt.NDArray[np.float64]:
+    """(N, 3) unit normals, weighted by area; trimesh's own want scipy."""
+    faces = np.asarray(mesh.faces)
+    corners = np.asarray(mesh.vertices, dtype=np.float64)[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros((len(mesh.vertices), 3))
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], across)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
 
 @lru_cache(maxsize=128)

@@ -1,11 +1,36 @@
-"""The ``grs`` command as a user runs it."""
+"""The ``grs`` command, run inside the test's process: its imports are paid for once."""
 
-import subprocess
+import contextlib
+import io
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
+
+from grs_agents.cli import main
 
 
-def grs(*arguments: str, folder: Path, timeout: float = 240) -> "subprocess.CompletedProcess[str]":
+@dataclass(frozen=True)
+class Done:
+    """What a command did: its exit status and what it printed."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def grs(*arguments: str, folder: Path) -> Done:
     """Run ``grs`` with ``arguments`` in ``folder``."""
-    command = [sys.executable, "-m", "grs_agents", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=timeout, check=False)
+    out, err = io.StringIO(), io.StringIO()
+    status = 0
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        patch.object(sys, "argv", ["grs", *arguments]),
+    ):
+        try:
+            main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+    return Done(status, out.getvalue(), err.getvalue())

@@ -5,13 +5,14 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from tests.cli.command import grs
+from tests.cli.command import Done, grs
 
 
 def copy_scene(sample_scene: Path, folder: Path) -> Path:
@@ -20,7 +21,7 @@ def copy_scene(sample_scene: Path, folder: Path) -> Path:
     return scene
 
 
-def assert_refused(done: "subprocess.CompletedProcess[str]", *words: str) -> None:
+def assert_refused(done: Done, *words: str) -> None:
     assert done.returncode == 2, done.stderr
     lines = done.stderr.strip().splitlines()
     assert lines[-1].startswith("grs: ")
@@ -85,9 +86,11 @@ def no_plane(scene: Path) -> None:
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_a_bad_scene(tmp_path: Path, sample_scene: Path, spoil: object, words: tuple[str, ...]) -> None:
+def test_a_bad_scene(
+    tmp_path: Path, sample_scene: Path, spoil: Callable[[Path], None], words: tuple[str, ...]
+) -> None:
     scene = copy_scene(sample_scene, tmp_path)
-    spoil(scene)  # type: ignore[operator]
+    spoil(scene)
     done = grs("run", str(scene), "--out", "run", folder=tmp_path)
     assert_refused(done, *words)
     assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "failed"
@@ -135,8 +138,10 @@ def test_a_full_disk(tmp_path: Path, sample_scene: Path) -> None:
     if mounted.returncode != 0:
         pytest.skip("no small disk can be mounted here")
     try:
-        done = grs("run", str(sample_scene), "--out", str(disk / "run"), folder=tmp_path)
-        assert_refused(done, "cannot write", "--out")
+        # A process of its own: its files must be closed before the disk can go.
+        command = [sys.executable, "-m", "grs_agents", "run", str(sample_scene), "--out", str(disk / "run")]
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        assert_refused(Done(ended.returncode, ended.stdout, ended.stderr), "cannot write", "--out")
         assert json.loads((disk / "run" / "run.json").read_text())["status"] == "failed"
     finally:
-        subprocess.run(["umount", str(disk)], check=True)
+        subprocess.run(["umount", "--lazy", str(disk)], check=True)

@@ -124,7 +124,7 @@ def test_a_program_that_is_not_python_is_written_anew(made: tuple[Json, Json, st
 
 
 def test_the_audit_s_demand_for_two_moved_objects_brings_objects_back(made: tuple[Json, Json, str]) -> None:
-    scene, task, code = made
+    scene, task, _ = made
     single = simulation_for({**task, "assets-used": [task["assets-used"][0], "zone/zone-template.urdf"]}, scene)
     audit = "passed: 3 of 3 tests passed\n\naudit: failed\n- moved: FAILED: objects moved: [1, 1, 1]; at least 2 must"
     assert len(edit.assets_in(fixed_code(task, scene, single, audit))) >= 3

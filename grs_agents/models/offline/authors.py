@@ -82,13 +82,15 @@ def plan_task(task: Json, things: Sequence[Thing], margin: float = 1.0) -> Plan 
     moved = _as_described([t for t in used if t not in holders] or used, description)
     wish = read_wish(name, description, [t.on_table() for t in holders if t not in moved and in_reach(t)])
     wish = Wish(wish.color, wish.holders, wish.note, margin)
+    foreign: list[Plan] = []
     for count in range(min(MOST, len(moved)), 0, -1):
         ready = settled(moved[:count])
-        plan = FAMILIES[family](ready, wish) if ready else None
-        plan = plan or (FAMILIES["place"](ready, wish) if ready else None)
-        if plan is not None:
-            return plan
-    return None
+        for name in (family, "place", "pack") if ready else ():
+            plan = FAMILIES[name](ready, wish)
+            if plan is not None and set(plan.assets) <= {*assets}:
+                return plan
+            foreign += [plan] if plan else []
+    return foreign[0] if foreign else None
 
 
 def _holders(things: Sequence[Thing]) -> tuple[Thing, ...]:

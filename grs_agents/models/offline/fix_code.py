@@ -21,7 +21,8 @@ def fix_code(prompt: PromptText) -> str:
     """Reply to the ``fix_code`` prompt: the next version of the program."""
     source, evidence = prompt.body("program"), read_evidence(prompt.body("test report"))
     task, things = prompt.json("task"), read_things(prompt.json("scene"))
-    fixed = mend_python(source, evidence) or _edited(source, evidence) or _replanned(source, evidence, task, things)
+    fixed = mend_python(source, evidence) or _edited(source, evidence) or _shortened(source, evidence)
+    fixed = fixed or _replanned(source, evidence, task, things)
     return f"```python\n{fixed.rstrip()}\n```"
 
 

@@ -1,0 +1,57 @@
+"""Footprints: hulls and hollow things."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from grs_agents.scene.geometry import components, hull_of, inside_hull, is_open
+
+POINTS = arrays.arrays(np.float64, st.tuples(st.integers(3, 40), st.just(2)), elements=st.floats(-1, 1, width=32))
+
+
+@given(points=POINTS)
+def test_every_point_is_inside_its_own_hull(points: np.ndarray) -> None:
+    hull = hull_of(points)
+    if len(hull) >= 3:
+        assert inside_hull(points, hull, margin=1e-5).all()
+
+
+@given(points=POINTS, turn=st.floats(0, 6.28), shift=st.tuples(st.floats(-3, 3), st.floats(-3, 3)))
+def test_insideness_moves_with_the_hull(points: np.ndarray, turn: float, shift: tuple[float, float]) -> None:
+    square = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
+    clear = np.abs(np.abs(points).max(axis=1) - 0.5) > 1e-6
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    moved = inside_hull(points @ rotation.T + shift, square @ rotation.T + shift, margin=0.0)
+    assert (moved == inside_hull(points, square, margin=0.0))[clear].all()
+
+
+def test_a_hull_of_two_corners_holds_nothing() -> None:
+    assert not inside_hull(np.zeros((4, 2)), np.zeros((2, 2)), margin=1.0).any()
+
+
+def test_components_below_the_bound_are_dropped() -> None:
+    mask = np.zeros((10, 10), np.uint8)
+    mask[1:4, 1:4] = mask[7, 7] = 1
+    labels = components(mask, 2)
+    assert labels.max() == 1
+    assert (labels > 0).sum() == 9
+
+
+def _grid(step: float = 0.004) -> np.ndarray:
+    x, y = np.meshgrid(np.arange(-0.06, 0.061, step), np.arange(-0.06, 0.061, step))
+    return np.stack([x.ravel(), y.ravel()], axis=1)
+
+
+def test_a_bowl_is_open_and_a_lid_is_not() -> None:
+    flat = _grid()
+    radius = np.linalg.norm(flat, axis=1)
+    flat, radius = flat[radius < 0.06], radius[radius < 0.06]
+    bowl = np.column_stack([flat, 0.06 * (radius / 0.06) ** 2 + 0.005])
+    assert is_open(bowl, np.zeros((0, 3)))
+    assert not is_open(np.column_stack([flat, np.full(len(flat), 0.06)]), np.zeros((0, 3)))
+
+
+def test_a_slope_is_not_open() -> None:
+    flat = _grid()
+    assert not is_open(np.column_stack([flat, 0.1 + flat[:, 0]]), np.zeros((0, 3)))

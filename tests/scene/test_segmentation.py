@@ -1,0 +1,56 @@
+"""Whole segmentations, against the truth of synthetic and real scenes."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from grs_agents.scene import RGBDFrame, find_table, read_scene, segment
+from tests.scene.conftest import Rendered, render
+
+
+def _segment(frame: RGBDFrame) -> np.ndarray:
+    return segment(frame, find_table(frame, np.random.default_rng(0)))
+
+
+def _ious(found: np.ndarray, truth: np.ndarray) -> list[float]:
+    """For each true object, the best overlap with a segment."""
+    masks = [found == label for label in range(1, int(found.max()) + 1)]
+    wholes = [truth == label for label in np.unique(truth) if label]
+    return [max(float((whole & mask).sum() / (whole | mask).sum()) for mask in masks) for whole in wholes]
+
+
+def test_separate_things_are_found_whole(rendered: Rendered) -> None:
+    labels = _segment(rendered.frame)
+    assert labels.max() == 4
+    assert min(_ious(labels, rendered.labels)) > 0.85
+
+
+def test_stacked_and_touching_things_are_told_apart(stacked: Rendered) -> None:
+    labels = _segment(stacked.frame)
+    assert labels.max() == 4
+    assert min(_ious(labels, stacked.labels)) > 0.75
+
+
+def test_an_empty_table_has_no_segments() -> None:
+    assert _segment(render(()).frame).max() == 0
+
+
+def test_the_sample_scene_has_its_eleven_objects(sample_scene: Path) -> None:
+    labels = _segment(read_scene(sample_scene))
+    truth = cv2.imread(str(sample_scene / "labels.png"), cv2.IMREAD_UNCHANGED)
+    assert labels.max() == 11
+    assert min(_ious(labels, truth)) > 0.75
+
+
+@pytest.mark.parametrize(
+    ("name", "share"), [("osd_test49", 0.99), ("osd_test51", 0.85), ("osd_test55", 0.85), ("6dof_red_mug", 0.99)]
+)
+def test_real_scenes(real_scenes: Path, name: str, share: float) -> None:
+    if not (real_scenes / name).is_dir():
+        pytest.skip(f"no real scene {name}")
+    labels = _segment(read_scene(real_scenes / name))
+    overlaps = _ious(labels, cv2.imread(str(real_scenes / name / "labels.png"), cv2.IMREAD_UNCHANGED))
+    assert np.mean([overlap > 0.5 for overlap in overlaps]) >= share
+    assert labels.max() <= 1.4 * len(overlaps)

@@ -1,0 +1,20 @@
+"""The segmentation tool, as comprehension calls it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from grs_agents import content
+from grs_agents.scene import find_table, read_scene
+from grs_agents.toolkit import ToolContext
+
+
+def test_the_sample_scene_gives_its_candidates(sample_scene: Path, context: ToolContext) -> None:
+    tool = content.load_module("tools", "segment_rgbd")
+    frame = read_scene(sample_scene)
+    request = tool.Request(frame=frame, table=find_table(frame, np.random.default_rng(0)))
+    candidates = tool.run(request, context).candidates
+    assert [one.id for one in candidates] == list(range(1, 12))
+    assert sum(one.hollow for one in candidates) == 2
+    total = sum(one.mask.astype(int) for one in candidates)
+    assert total.max() == 1
