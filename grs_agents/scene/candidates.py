@@ -34,7 +34,7 @@ def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[
     for label, cloud in clouds.items():
         if len(cloud) < 30:
             continue
-        others = [other for key, other in clouds.items() if key != label and len(other) >= 30]
+        others = [other[::5] for key, other in clouds.items() if key != label and len(other) >= 30]
         candidate = _measure(len(found) + 1, frame, labels == label, cloud, others)
         if max(candidate.upright.size) > LARGEST:
             giant = candidate.upright.size
@@ -58,7 +58,7 @@ def _cloud(points: Array, mask: Mask) -> Array:
 def _measure(number: int, frame: RGBDFrame, mask: Mask, cloud: Array, others: Sequence[Array]) -> Candidate:
     low, high = np.percentile(cloud, 1, axis=0), np.percentile(cloud, 99, axis=0)
     inner = cloud[((cloud >= low) & (cloud <= high)).all(axis=1)]
-    bottom = _bottom(inner, others)
+    bottom = _bottom(inner[::5], others)
     top = max(float(high[2]), bottom + THINNEST)
     (x, y), (length, width), yaw = _rectangle(cloud[(cloud[:, 2] >= low[2]) & (cloud[:, 2] <= high[2])])
     shape: Solid = "box"
@@ -95,17 +95,14 @@ def _circle(cloud: Array) -> tuple[tuple[float, float], float] | None:
 
 def _rectangle(cloud: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
     """Centre, sides (m) and yaw (rad, within 45 degrees) of the smallest rectangle that holds 98 % of each side."""
-    flat = cloud[:: len(cloud) // 2000 + 1, :2]
-    best: tuple[float, tuple[float, float], tuple[float, float], float] | None = None
-    for yaw in np.deg2rad(np.arange(-45.0, 45.0, 1.5)):
-        axes = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-        low, high = np.percentile(flat @ axes.T, (1, 99), axis=0)
-        length, width = (max(float(side), THINNEST) for side in high - low)
-        if best is None or length * width < best[0]:
-            x, y = (low + high) / 2 @ axes
-            best = length * width, (float(x), float(y)), (length, width), float(yaw)
-    assert best is not None
-    return best[1:]
+    flat = cloud[:: len(cloud) // 1000 + 1, :2]
+    yaws = np.deg2rad(np.arange(-45.0, 45.0, 1.5))
+    axes = np.stack([np.cos(yaws), np.sin(yaws), -np.sin(yaws), np.cos(yaws)], axis=1).reshape(-1, 2, 2)
+    low, high = np.percentile(flat @ axes.reshape(-1, 2).T, (1, 99), axis=0).reshape(2, -1, 2)
+    sides = np.maximum(high - low, THINNEST)
+    best = int(sides.prod(axis=1).argmin())
+    x, y = (low[best] + high[best]) / 2 @ axes[best]
+    return (float(x), float(y)), (float(sides[best, 0]), float(sides[best, 1])), float(yaws[best])
 
 
 def _bottom(cloud: Array, others: Sequence[Array]) -> float:

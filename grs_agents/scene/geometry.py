@@ -26,8 +26,11 @@ def components(mask: cv2.typing.MatLike, smallest: int) -> Labels:
 
 
 def hull_of(points: Array) -> Array:
-    """(M, 2) corners of the convex footprint of (N, 2 or 3) points."""
-    return cv2.convexHull(points[:, :2].astype(np.float32)).reshape(-1, 2).astype(np.float64)
+    """(M, 2) corners of the convex footprint of (N, 2 or 3) points; one corner where all points are the same."""
+    footprint = np.asarray(points[:, :2], np.float32)
+    if len(footprint) == 0 or not np.ptp(footprint, axis=0).any():
+        return footprint[:1].astype(np.float64)
+    return cv2.convexHull(footprint).reshape(-1, 2).astype(np.float64)
 
 
 def inside_hull(points: Array, hull: Array, margin: float) -> Mask:

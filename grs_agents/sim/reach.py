@@ -57,4 +57,5 @@ def reach_note(tip: Sequence[float]) -> str:
 
 
 def at(point: Sequence[float]) -> str:
+    """A point (x, y, z) in words, to the centimetre."""
     return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f})"

@@ -86,9 +86,7 @@ def no_plane(scene: Path) -> None:
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_a_bad_scene(
-    tmp_path: Path, sample_scene: Path, spoil: Callable[[Path], None], words: tuple[str, ...]
-) -> None:
+def test_a_bad_scene(tmp_path: Path, sample_scene: Path, spoil: Callable[[Path], None], words: tuple[str, ...]) -> None:
     scene = copy_scene(sample_scene, tmp_path)
     spoil(scene)
     done = grs("run", str(scene), "--out", "run", folder=tmp_path)

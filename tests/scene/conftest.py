@@ -66,7 +66,7 @@ def _surfaces(thing: Thing, points: Array) -> npt.NDArray[np.bool_]:
 
 
 def render(things: Sequence[Thing], noise: float = 0.001, seed: int = 0, calibrated: bool = False) -> Rendered:
-    """March along each pixel's ray in steps of 2 mm until it enters a thing or the table (1.4 x 1.4 m)."""
+    """March along each pixel's ray in small steps until it enters a thing or the table (1.4 x 1.4 m)."""
     pose = look_at((-0.25, 0.0, 0.75), (0.5, 0.0, 0.0))
     rows, columns = np.indices((HEIGHT, WIDTH))
     rays = np.stack([(columns - WIDTH / 2) / FOCAL, (rows - HEIGHT / 2) / FOCAL, np.ones((HEIGHT, WIDTH))], axis=-1)
@@ -84,7 +84,7 @@ def render(things: Sequence[Thing], noise: float = 0.001, seed: int = 0, calibra
         near = np.flatnonzero(np.linalg.norm(rays * along[:, None] - toward, axis=1) < reach)
         start = np.maximum((eye[2] - top) / -rays[near, 2], 0.05)
         hit = np.full(len(near), np.inf)
-        for step in np.arange(0.0, 2.2 * reach / 0.8, 0.002):
+        for step in np.arange(0.0, 2.2 * reach / 0.8, max(0.002, reach / 80)):
             open_rays = np.flatnonzero(np.isinf(hit))
             at = start[open_rays] + step
             points = eye + at[:, None] * rays[near[open_rays]]

@@ -67,7 +67,9 @@ def read_family(name: str, description: str) -> Family:
 def read_wish(name: str, description: str, holders: Sequence[Thing], margin: float = 1.0) -> Wish:
     """The colour and the order that a task's words ask for."""
     text = f"{description} {name.replace('-', ' ')}".lower()
-    found = re.search(rf"\b({'|'.join(COLORS)}) (?:container|zone|strip|area|mark|place|square|box)\b", text)
+    colors = "|".join(COLORS)
+    found = re.search(rf"\b({colors}) (?:container|zone|strip|area|mark|place|square)\b", text)
+    found = found or re.search(rf"\b({colors}) box\b", text)  # a box may also be one of the objects
     note = "color" if re.search(r"by colou?r", text) else "kind" if re.search(r"by (kind|category|type)", text) else ""
     return Wish(found.group(1) if found else PALETTE[0], tuple(holders), note, margin)
 
