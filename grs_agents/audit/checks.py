@@ -122,7 +122,7 @@ def _assets_of_task(instances: Sequence[TaskInstance], task: TaskDefinition) -> 
         detail += f"; not in the task definition: {', '.join(foreign)}"
     if unused:
         detail += f"; named by the task definition but not used: {', '.join(unused)}"
-    return Finding(check="assets_of_task", passed=not foreign, detail=detail)
+    return Finding(check="assets_of_task", passed=not foreign and not unused, detail=detail)
 
 
 def _assets_of_scene(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:

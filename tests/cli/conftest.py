@@ -23,15 +23,17 @@ class ScriptedServer:
         url: its base URL.
         roles: role of each request, in order.
         images: how many pictures each role was shown.
+        spoilt: replies given to a role before it answers as it should; ``{reply}`` stands for that answer.
     """
 
     url: str = ""
     roles: list[str] = field(default_factory=list[str])
     images: dict[str, int] = field(default_factory=dict[str, int])
+    spoilt: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
 
     def answer(self, body: dict[str, Any]) -> str:
         """The scripted reply: the rules of the offline model, over the wire of another provider."""
-        parts = body["messages"][-1]["content"]
+        parts = body["messages"][0]["content"]
         parts = [{"type": "text", "text": parts}] if isinstance(parts, str) else parts
         text = "\n".join(part["text"] for part in parts if part["type"] == "text")
         role = text.split("\n", 1)[0].removeprefix("# Role: ").strip()
@@ -44,7 +46,9 @@ class ScriptedServer:
             {"type": "image", "base64": url.partition("base64,")[2], "mime_type": "image/jpeg"} for url in urls
         ]
         model = chat_model(ModelConfig(model="offline"), 0)
-        return str(model.invoke([HumanMessage([*blocks, {"type": "text", "text": text}])]).text)
+        reply = str(model.invoke([HumanMessage([*blocks, {"type": "text", "text": text}])]).text)
+        waiting = self.spoilt.get(role, [])
+        return waiting.pop(0).replace("{reply}", reply) if waiting else reply
 
 
 @pytest.fixture

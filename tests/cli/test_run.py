@@ -108,14 +108,85 @@ def _text(file: Path) -> str:
 
 def test_another_provider_carries_a_whole_run(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
-    settings = ["--set", "models.default=openai:any", "--set", f"models.base_url={scripted_server.url}"]
-    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings, folder=tmp_path)
+    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["counts"]["model_calls"] == len(scripted_server.roles)
     assert {"describe", "match", "task", "simulation", "tests"} <= set(scripted_server.roles)
     for role in ("describe", "match", "task", "simulation"):
         assert scripted_server.images[role] > 0
     assert scripted_server.images["tests"] == 0
+
+
+def settings(server: Any) -> list[str]:
+    """Options that make the scripted server every role's model."""
+    return ["--set", "models.default=openai:any", "--set", f"models.base_url={server.url}"]
+
+
+def test_a_broken_program_is_routed_to_the_code_fixer(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
+    pytest.importorskip("langchain_openai")
+    scripted_server.spoilt["simulation"] = ["```python\nimport numpy as np\n\nraise RuntimeError('no task')\n```"]
+    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    record = json.loads(done.stdout)
+    assert record["status"] == "accepted", record["reason"]
+    assert record["counts"]["code_fixes"] >= 1
+    assert "raise RuntimeError" in (tmp_path / "run" / "history" / "simulation_002.diff").read_text()
+    assert scripted_server.images["fix_code"] > 0
+
+
+def test_broken_tests_are_routed_to_the_test_fixer(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
+    pytest.importorskip("langchain_openai")
+    broken = (
+        "```python\nimport unittest\n\nclass TestIt(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n```"
+    )
+    scripted_server.spoilt["tests"] = [broken]
+    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    record = json.loads(done.stdout)
+    assert record["status"] == "accepted", record["reason"]
+    assert (record["counts"]["code_fixes"], record["counts"]["test_fixes"]) == (0, 1)
+    assert scripted_server.images.get("fix_tests", 0) == 0
+
+
+def test_an_unusable_reply_is_asked_for_again(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
+    pytest.importorskip("langchain_openai")
+    scripted_server.spoilt["task"] = ["I had rather not.", '```json\n{"task-name": "t"}\n```']
+    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    assert json.loads(done.stdout)["status"] == "accepted"
+    assert scripted_server.roles.count("task") == 3
+
+
+def test_a_model_that_never_answers_usably_is_an_outcome(
+    tmp_path: Path, sample_scene: Path, scripted_server: Any
+) -> None:
+    pytest.importorskip("langchain_openai")
+    scripted_server.spoilt["simulation"] = ["No."] * 3
+    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    record = json.loads(done.stdout)
+    assert (done.returncode, record["status"]) == (1, "rejected")
+    assert "simulation model gave no usable reply in 3 tries" in record["reason"]
+
+
+def test_fixes_run_out(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
+    pytest.importorskip("langchain_openai")
+    hopeless = "```python\nraise RuntimeError('hopeless')\n```"
+    scripted_server.spoilt.update({"simulation": [hopeless], "fix_code": [hopeless] * 9})
+    options = [*settings(scripted_server), "--set", "max_fixes=2"]
+    done = grs("run", str(sample_scene), "--out", "run", "--json", *options, folder=tmp_path)
+    record = json.loads(done.stdout)
+    assert (done.returncode, record["status"]) == (1, "rejected")
+    assert "2 of 2 fixes used" in record["reason"]
+    assert record["counts"]["code_fixes"] + record["counts"]["test_fixes"] == 2
+
+
+@pytest.mark.parametrize("graph", ["no_router", "no_fix", "llm_only"])
+def test_the_ablations_come_to_a_verdict(tmp_path: Path, sample_scene: Path, graph: str) -> None:
+    done = grs("run", str(sample_scene), "--out", "run", "--json", "--set", f"graph={graph}", folder=tmp_path)
+    record = json.loads(done.stdout)
+    assert record["status"] in ("accepted", "rejected")
+    assert len(record["rewards"]) == 3
+    prompts = [event for event in read_events(tmp_path / "run" / "events.jsonl") if event.kind == "prompt"]
+    assert ("tests" in {prompt.role for prompt in prompts}) == (graph == "no_router")
+    shown = {prompt.role for prompt in prompts if prompt.images}
+    assert ("simulation" in shown) == (graph != "llm_only")
 
 
 @pytest.mark.parametrize("name", ["uois_0", "osd_test45"])

@@ -10,7 +10,7 @@ from grs_agents.models.offline.families import FAMILIES, PALETTE, Wish
 from grs_agents.models.offline.layout import in_reach
 from grs_agents.models.offline.plan import ZONE, Family, Plan
 from grs_agents.models.offline.program import class_name, write_program
-from grs_agents.models.offline.telling import read_family, read_wish, task_description, task_name, told
+from grs_agents.models.offline.telling import UNTOLD, read_family, read_wish, task_description, task_name, told
 from grs_agents.models.offline.text import Json, PromptText
 from grs_agents.models.offline.things import Thing, read_things
 
@@ -102,9 +102,12 @@ def _holders(things: Sequence[Thing]) -> tuple[Thing, ...]:
 
 
 def _as_described(things: Sequence[Thing], description: str) -> list[Thing]:
-    """Of objects called alike, as many as the description counts; at least one of each asset."""
+    """Of objects called alike, as many as the description counts; of one asset those it speaks of, at least one."""
+    spoken = {thing.asset for thing in things if told(thing.label, description) < UNTOLD}
     kept: list[Thing] = []
     for thing in things:
+        if thing.asset in spoken and told(thing.label, description) == UNTOLD:
+            continue
         same = [other for other in kept if other.label == thing.label]
         if thing.asset not in {other.asset for other in same} or len(same) < told(thing.label, description):
             kept.append(thing)

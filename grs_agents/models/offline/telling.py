@@ -81,10 +81,14 @@ def listed(labels: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
+UNTOLD = 1000
+"""More than any description counts: it does not mention them."""
+
+
 def told(label: str, description: str) -> int:
     """How many objects called ``label`` a description counts; very many where it does not mention them."""
     found = re.findall(rf"\bthe (?:(\d+) )?{re.escape(label)}(?:e?s)?\b", description)
-    return sum(int(number or 1) for number in found) if found else 1000
+    return sum(int(number or 1) for number in found) if found else UNTOLD
 
 
 def _plural(label: str) -> str:
