@@ -91,7 +91,7 @@ def _pictures() -> rrb.Vertical:
         origin=Paths.WORLD,
         contents=f"{Paths.WORLD}/**",
         name="Rollout",
-        eye_controls=_eye((1.4, -0.95, 0.75), (0.4, 0.0, 0.18)),
+        eye_controls=_eye((1.05, -0.75, 0.6), (0.42, 0.0, 0.12)),
         line_grid=False,
     )
     return rrb.Vertical(scene, rollout, row_shares=[5, 6])

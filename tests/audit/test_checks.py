@@ -152,9 +152,7 @@ def test_one_object_is_enough_where_one_is_in_reach() -> None:
     alone = {
         "instances": [instance(seed, MILK, ZONE) for seed in range(3)],
         "rollouts": [rollout(seed, moved=(MILK,)) for seed in range(3)],
-        "task": TaskDefinition.model_validate(
-            {"task-name": "t", "task-description": "d", "assets-used": [MILK, ZONE]}
-        ),
+        "task": TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": [MILK, ZONE]}),
         "scene": scene(MILK),
     }
     assert judge(**alone).accepted

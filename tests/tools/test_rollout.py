@@ -1,0 +1,42 @@
+"""The trusted oracle in a process of its own."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from grs_agents.sim import Rollout
+from grs_agents.toolkit import ToolContext, load_tool
+
+
+@pytest.fixture
+def instance(context: ToolContext, simulation: str) -> dict[str, Any]:
+    tool = load_tool("instantiate")
+    return tool.run(tool.Request(simulation=simulation, seeds=(0,)), context).instances[0]
+
+
+def test_an_instance_is_solved_and_recorded(context: ToolContext, instance: dict[str, Any], tmp_path: Path) -> None:
+    tool = load_tool("rollout")
+    file = tmp_path / "motion.npz"
+    result = tool.run(tool.Request(instance=instance, recording=str(file)), context)
+    rollout = Rollout.model_validate(result.rollout)
+    assert (rollout.episode.outcome, rollout.idle_reward) == ("success", 0.0)
+    assert rollout.moved == ("block/red_block.urdf",)
+    with np.load(file) as motion:
+        frames, bodies = motion["positions"].shape[:2]
+        assert motion["quaternions"].shape == (frames, bodies, 4)
+        assert len(motion["names"]) == bodies
+
+
+def test_the_same_instance_gives_the_same_episode(context: ToolContext, instance: dict[str, Any]) -> None:
+    tool = load_tool("rollout")
+    first, second = (tool.run(tool.Request(instance=instance), context).rollout for _ in range(2))
+    assert first == second
+
+
+def test_an_instance_off_schema_is_a_value(context: ToolContext, instance: dict[str, Any]) -> None:
+    tool = load_tool("rollout")
+    result = tool.run(tool.Request(instance={**instance, "max_steps": -1}), context)
+    assert result.rollout is None
+    assert result.outcome == "error" and result.error
