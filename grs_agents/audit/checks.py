@@ -137,6 +137,9 @@ def _assets_of_scene(instances: Sequence[TaskInstance], scene: SceneDescription,
             limit = sum(place.asset == name for place in scene.objects)
             if name not in fixtures and count > limit:
                 foreign.append(f"{name} ({count} used, {limit} in the photo)")
+        for thing in instance.objects:  # shapes of its own would let anything pass under an asset's name
+            if thing.shapes is not None and library_name(thing) not in library.templates():
+                foreign.append(f"{thing.asset} (with shapes that are not the library's)")
     detail = f"the photo shows {len(seen)} assets"
     if foreign:
         detail += f"; not there: {', '.join(sorted(set(foreign)))}"

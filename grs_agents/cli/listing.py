@@ -62,11 +62,12 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 
 def _headline(file: Path) -> str:
-    """The first line of a module's docstring, or of a Markdown file, without importing anything."""
+    """The first line of a module's docstring, or the first sentence of a prompt, without importing anything."""
     text = file.read_text(encoding="utf-8")
-    if file.suffix != ".py":
-        return _first_line(text).lstrip("# ")
-    return _first_line(ast.get_docstring(ast.parse(text)))
+    if file.suffix == ".py":
+        return _first_line(ast.get_docstring(ast.parse(text)))
+    paragraphs = [part for part in text.split("\n\n") if not part.startswith("#")]
+    return " ".join(paragraphs[0].split()).partition(". ")[0].rstrip(".") + "."
 
 
 def _first_line(text: str | None) -> str:

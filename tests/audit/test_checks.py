@@ -148,6 +148,15 @@ def test_each_fault_fails_its_own_check(changed: dict[str, Any], checks: set[str
     assert "FAILED" in report.text()
 
 
+def test_an_asset_with_shapes_of_its_own_is_not_that_asset() -> None:
+    tiny = Library().model("block/red_block.urdf")
+    forged = [
+        one.model_copy(update={"objects": (one.objects[0].model_copy(update={"shapes": tiny}), *one.objects[1:])})
+        for one in (instance(seed, MILK, CAN, ZONE) for seed in range(3))
+    ]
+    assert failed(judge(instances=forged)) == {"assets_of_scene"}
+
+
 def test_one_object_is_enough_where_one_is_in_reach() -> None:
     alone = {
         "instances": [instance(seed, MILK, ZONE) for seed in range(3)],
