@@ -10,7 +10,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
-from grs_agents.sim import bullet, templates
+from grs_agents.sim import bullet, ends, templates
 from grs_agents.sim.episode import (
     ActionRecord,
     Episode,
@@ -111,6 +111,7 @@ class Environment(Tabletop):
         self.recorder = Recorder(max_steps=int(self.task.max_steps))
         remember(self.recorder)
         try:
+            ends.check(self.task)
             self.task.reset(self)
         except GrsError as error:
             self.recorder.stop = stop_of(error)

@@ -28,6 +28,10 @@ class SimulationBudgetError(SimulationError):
     """The environment used up its simulated steps."""
 
 
+class UnsupportedError(SimulationError):
+    """The program asks for physics that this runtime does not have yet."""
+
+
 class ActionRecord(Frozen):
     """One pick-and-place.
 

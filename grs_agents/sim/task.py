@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.sim import placement, scoring, templates
+from grs_agents.sim import ends, placement, scoring, templates
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.geometry import Prism
 from grs_agents.sim.goals import Goal, make_goal
@@ -65,8 +65,8 @@ class Task:
         self.zone_bounds: FloatArray = np.copy(self.bounds)
         self.pix_size = 0.003125
         self.mode = "train"
-        self.ee = "suction"
-        self.primitive = "pick_place"
+        self.ee: Any = ends.Suction
+        self.primitive: Any = ends.PickPlace()
         self.goals: list[Goal] = []
         self.lang_goals: list[str] = []
         self.progress = 0.0
