@@ -95,7 +95,9 @@ def run(request: Request, context: ToolContext) -> Result:
 def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part: load the program, draw an instance for each seed, report each at once."""
     from grs_agents import sim
+    from grs_agents.sim import compatibility
 
+    compatibility.install()
     library = open_library(request["library_roots"])
     items: Sequence[str] = request["items"]
     task: Any = None

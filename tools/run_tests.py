@@ -51,6 +51,8 @@ def run(request: Request, context: ToolContext) -> Result:
 def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part."""
     from grs_agents import sim
+    from grs_agents.sim import compatibility
 
+    compatibility.install()
     sim.configure(open_library(request["extra"]["library_roots"]), request["seed"])
     return sandbox.run_tests_inside(request)

@@ -10,6 +10,7 @@ from grs_agents.sim.episode import (
     Outcome,
     SimulationBudgetError,
     SimulationError,
+    UnsupportedError,
     clear_episodes,
     last_episode,
 )  # fmt: skip
@@ -24,6 +25,6 @@ from grs_agents.sim.templates import configure
 __all__ = [
     "NEAREST", "REACH", "ActionRecord", "Environment", "Episode", "InstanceGoal", "InstanceObject", "InstanceTask",
     "InstanceZone", "NoFreeSpaceError", "Oracle", "Outcome", "Rollout", "SimulationBudgetError", "SimulationError",
-    "Task", "TaskInstance", "api_reference", "clear_episodes", "configure", "instantiate", "last_episode", "p",
-    "rollout", "solve", "task_class", "utils",
+    "Task", "TaskInstance", "UnsupportedError", "api_reference", "clear_episodes", "configure", "instantiate",
+    "last_episode", "p", "rollout", "solve", "task_class", "utils",
 ]  # fmt: skip

@@ -1,13 +1,17 @@
-"""A few read-only calls under PyBullet's names, on the most recent environment; ``from grs_agents.sim import p``."""
+"""A few of PyBullet's calls and constants, on the most recent environment; ``from grs_agents.sim import p``."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.sim import utils
-from grs_agents.sim.episode import SimulationError
+from grs_agents.sim.episode import SimulationError, UnsupportedError
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
+
+GEOM_SPHERE, GEOM_BOX, GEOM_CYLINDER, GEOM_MESH = 2, 3, 4, 5
+JOINT_PRISMATIC, JOINT_FIXED, JOINT_POINT2POINT = 1, 4, 5
+_GEOMS: Final = {"sphere": GEOM_SPHERE, "box": GEOM_BOX, "cylinder": GEOM_CYLINDER, "mesh": GEOM_MESH}
 
 _current: "list[Environment]" = []
 
@@ -40,6 +44,65 @@ def changeVisualShape(objectUniqueId: int, linkIndex: int = -1, rgbaColor: Any =
     del linkIndex
     if rgbaColor is not None:
         _environment().set_color(objectUniqueId, rgbaColor)
+
+
+def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[Any, ...], ...]:
+    """One entry for each visual shape of an object, in PyBullet's order.
+
+    ``(id, link, GEOM_*, dimensions, mesh file, position, rotation, rgba)``: dimensions (m) are the full extents of a
+    box, (length, radius, 0) of a cylinder, the radius three times of a sphere, the scale of a mesh.
+    """
+    env = _environment()
+    own = env.object(objectUniqueId).color
+    found: list[tuple[Any, ...]] = []
+    for shape in env.shapes(objectUniqueId).visuals:
+        dimensions = shape.size
+        if shape.kind == "cylinder":
+            dimensions = (shape.size[1], shape.size[0], 0.0)
+        elif shape.kind == "sphere":
+            dimensions = shape.size * 3
+        color = own or shape.color or (1.0, 1.0, 1.0, 1.0)
+        entry = (dimensions, (shape.mesh or "").encode(), shape.position, shape.quaternion, color)
+        found.append((objectUniqueId, -1, _GEOMS[shape.kind], *entry))
+    return tuple(found)
+
+
+def resetBasePositionAndOrientation(bodyUniqueId: int, posObj: Any, ornObj: Any, *_: Any, **__: Any) -> None:
+    """Set an object down at a pose at once."""
+    _environment().place_object(bodyUniqueId, (utils.vec3(posObj), utils.quat(ornObj)))
+
+
+def getNumBodies(*_: Any, **__: Any) -> int:
+    """How many objects there are."""
+    return len(_environment().objects)
+
+
+def multiplyTransforms(
+    positionA: Any, orientationA: Any, positionB: Any, orientationB: Any, *_: Any, **__: Any
+) -> tuple[Vec3, Quat]:
+    """Transform B, given in the frame of A, in the frame that A is given in."""
+    return utils.multiply((positionA, orientationA), (positionB, orientationB))
+
+
+def invertTransform(position: Any, orientation: Any, *_: Any, **__: Any) -> tuple[Vec3, Quat]:
+    """The inverse of a transform."""
+    return utils.invert((position, orientation))
+
+
+def createConstraint(*_: Any, **__: Any) -> int:
+    """Tie two objects together.
+
+    Raises:
+        UnsupportedError: always, objects that hang together are not there yet.
+    """
+    raise UnsupportedError("p.createConstraint: objects tied together are not there yet", "use objects on their own")
+
+
+def __getattr__(name: str) -> Any:
+    if name.startswith("_"):
+        raise AttributeError(name)
+    known = ", ".join(sorted(known for known in globals() if known[0] in "gcimrs" and not known.startswith("_")))
+    raise AttributeError(f"p.{name} is not there; there are {known}")
 
 
 def getEulerFromQuaternion(quaternion: Quat) -> Vec3:

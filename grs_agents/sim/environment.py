@@ -10,7 +10,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
-from grs_agents.sim import bullet, templates
+from grs_agents.sim import bullet, ends, templates
 from grs_agents.sim.episode import (
     ActionRecord,
     Episode,
@@ -23,6 +23,7 @@ from grs_agents.sim.goals import as_pose
 from grs_agents.sim.observation import Observation
 from grs_agents.sim.physics import DEFAULT_BUDGET, Budget, home_joints
 from grs_agents.sim.primitives import PickPlace, PickPlaceResult
+from grs_agents.sim.strict import StrictScorer
 from grs_agents.sim.tabletop import Tabletop
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ class Environment(Tabletop):
         self.recorder = Recorder()
         self.warnings: list[str] = []
         self.failed_placements = 0
+        self._scorer: StrictScorer | None = None
         self.seed(templates.default_seed() if seed is None else seed)
         bullet.attach(self)
         if task is not None:
@@ -105,9 +107,11 @@ class Environment(Tabletop):
         self.clear()
         self.failed_placements = 0
         self.warnings.clear()
+        self._scorer = None
         self.recorder = Recorder(max_steps=int(self.task.max_steps))
         remember(self.recorder)
         try:
+            ends.check(self.task)
             self.task.reset(self)
         except GrsError as error:
             self.recorder.stop = stop_of(error)
@@ -117,6 +121,7 @@ class Environment(Tabletop):
             self.lift_out_of_table()
             self.physics.relax()
             self.physics.settle()
+            self._scorer = StrictScorer(self.task, self)
             self._note()
         return self.observation
 
@@ -187,3 +192,6 @@ class Environment(Tabletop):
         self.recorder.reward = self.task.total_reward
         self.recorder.complete = self.task.done()
         self.recorder.placed, self.recorder.wanted = self.task.count()
+        if self._scorer is not None:
+            score = self._scorer.score()
+            self.recorder.strict, self.recorder.shortfalls = score.value, score.shortfalls

@@ -28,6 +28,10 @@ class SimulationBudgetError(SimulationError):
     """The environment used up its simulated steps."""
 
 
+class UnsupportedError(SimulationError):
+    """The program asks for physics that this runtime does not have yet."""
+
+
 class ActionRecord(Frozen):
     """One pick-and-place.
 
@@ -51,20 +55,25 @@ class Episode(Frozen):
 
     Attributes:
         outcome: why it ended.
-        reward: total, 0..1.
+        reward: total, 0..1, as published: height and tilt do not count, what was met once stays met.
+        strict: 0..1, every goal judged on the scene as it stood at the end: height, support, upright, each target
+            claimed once, nothing else knocked over.
         steps, max_steps: actions taken and allowed.
         detail: one sentence with names, numbers and bounds.
         objects: asset names concerned.
         actions: what was done.
+        shortfalls: for each object that the strict score misses, one clause that says why.
     """
 
     outcome: Outcome
     reward: float
+    strict: float = 0.0
     steps: int
     max_steps: int
     detail: str
     objects: tuple[str, ...] = ()
     actions: tuple[ActionRecord, ...] = ()
+    shortfalls: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,6 +97,8 @@ class Recorder:
     actions: list[ActionRecord] = field(default_factory=list[ActionRecord])
     stop: Stop | None = None
     reward: float = 0.0
+    strict: float = 0.0
+    shortfalls: tuple[str, ...] = ()
     max_steps: int = 0
     placed: int = 0
     wanted: int = 0
@@ -99,11 +110,13 @@ class Recorder:
         return Episode(
             outcome=stop.outcome,
             reward=round(self.reward, 9),
+            strict=self.strict,
             steps=len(self.actions),
             max_steps=self.max_steps,
             detail=stop.detail,
             objects=stop.objects,
             actions=tuple(self.actions),
+            shortfalls=self.shortfalls,
         )
 
     def _ending(self) -> Stop:

@@ -16,6 +16,8 @@ from grs_agents.sim.world import World
 FloatArray = npt.NDArray[np.float64]
 DEFAULT_BUDGET: Final = 500_000
 _STILL: Final = 0.01
+_ARRIVED: Final = 0.002
+"""Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
 _GENTLE: Final = 0.15
 """Fastest a body may be pushed out of another while the scene settles at reset, m/s."""
 
@@ -112,6 +114,14 @@ class Physics:
         velocity = np.abs(self.data.qvel[6:].reshape(-1, 6))
         return float(max(velocity[:, :3].max(), 0.1 * velocity[:, 3:].max()))
 
+    def speed_of(self, number: int) -> float:
+        """The speed of one object, m/s (turning counts a radian as 0.1 m); 0 for what cannot move."""
+        if number not in self.world.addresses:
+            return 0.0
+        start = self.model.body_dofadr[self.world.bodies[number]]
+        velocity = np.abs(self.data.qvel[start : start + 6])
+        return float(max(velocity[:3].max(), 0.1 * velocity[3:].max()))
+
     def settle(self, seconds: float = 1.2) -> None:
         """Wait until everything rests, at most ``seconds`` of simulated time."""
         chunk = 12
@@ -187,6 +197,13 @@ class Physics:
                 return True
         control[:6] = path[-1]
         return False
+
+    def arrive(self, joints: FloatArray, steps: int = 60) -> None:
+        """Let the arm, which lags behind a fast motion, come to joint angles (6,), at most ``steps`` time steps."""
+        for _ in range(0, steps, 4):
+            if float(np.abs(self.data.qpos[:6] - joints).max()) < _ARRIVED:
+                return
+            self.step(4)
 
     def height_below(self, x: float, y: float, top: float = 1.0) -> tuple[float, int]:
         """Where a ray straight down first meets something that can be touched: (height, object id or -1)."""

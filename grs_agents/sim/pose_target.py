@@ -27,7 +27,7 @@ def pose_target(goal: Goal, row: int, task: "Task", view: SceneView, lift: float
     free.sort(key=lambda index: (round(goal.targ_poses[index][0][2], 3), _distance(goal.targ_poses[index], pose)))
     reasons: list[Target] = []
     for index in free or allowed:
-        target = _at_pose(goal.targ_poses[index], number, goal.symmetries[row], view, lift)
+        target = _at_pose(goal.targ_poses[index], number, goal.symmetries[row], task, view, lift)
         if isinstance(target, Spot):
             return target
         reasons.append(target)
@@ -52,7 +52,7 @@ def _claimed(goal: Goal, index: int, row: int, task: "Task", view: SceneView) ->
     )
 
 
-def _at_pose(target: Pose, number: int, symmetry: float, view: SceneView, lift: float) -> Target:
+def _at_pose(target: Pose, number: int, symmetry: float, task: "Task", view: SceneView, lift: float) -> Target:
     name, pose, body = view.name(number), view.pose(number), view.outline(number)
     offset = np.array([[target[0][0], target[0][1]]])
     turn = utils.yaw_of(target[1]) - view.yaw(number)
@@ -71,7 +71,7 @@ def _at_pose(target: Pose, number: int, symmetry: float, view: SceneView, lift: 
     shape = turned(body, np.asarray(pose[0][:2]), angle)
     wanted = target[0][2] - (pose[0][2] - body.low)
     blocker = _blocker(shape, offset, others, height, max(0.0, wanted) + 0.02, view)
-    if blocker is None or _stackable(blocker, shape, target, height, view):
+    if blocker is None or _stackable(blocker, shape, target, height, task, view):
         return Spot((target[0][0], target[0][1]), angle, height)
     if not view.is_free(blocker):
         return Spot((target[0][0], target[0][1]), angle, height)
@@ -93,10 +93,15 @@ def _blocker(
     return movable[0] if movable else None
 
 
-def _stackable(blocker: int, shape: Prism, target: Pose, height: float, view: SceneView) -> bool:
+def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: "Task", view: SceneView) -> bool:
     """Whether to stand an object on what is in its way: that is wanted there too, and its top is wide and flat."""
-    wanted = {number for goal, _ in view.stated_goals for number in goal.objs}
-    if blocker not in wanted or height + (shape.high - shape.low) >= TALLEST_STACK:
+    wanted = [
+        place
+        for goal, _ in view.stated_goals if blocker in goal.objs
+        for place in (goal.targ_poses if goal.metric == "pose" else [zone[0] for zone in goal.params])
+    ]  # fmt: skip
+    there = any(_distance(place, target) < task.pos_eps for place in wanted)
+    if not there or height + (shape.high - shape.low) >= TALLEST_STACK:
         return False
     center = np.array([[target[0][0], target[0][1]]])
     tops = [prism.outline for prism in view.prisms if prism.owner == blocker and prism.high > height - 0.003]

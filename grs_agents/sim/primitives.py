@@ -219,6 +219,7 @@ class PickPlace:
             return False
         for motion in motions:
             self._follow(motion)
+        self.physics.arrive(motions[-1].joints[-1])
         self.yaw = yaw
         return True
 

@@ -18,6 +18,7 @@ from grs_agents.sim.instance import InstanceObject
 FloatArray = npt.NDArray[np.float64]
 _LIGHT = np.array([0.2, -0.3, 0.93])
 _GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
+_NO_ARM = np.array([1, 0, 1, 0, 0, 0], dtype=np.uint8)
 
 
 @dataclass(frozen=True)
@@ -62,26 +63,47 @@ def render(
     objects: Sequence[InstanceObject], library: Library, joints: FloatArray, views: Sequence[View]
 ) -> list[Picture]:
     """One picture for each view of objects and the arm at ``joints`` (6,)."""
+    scene, data = _seen(objects, library, joints)
+    return [
+        _picture(scene, data, np.asarray(view.position), rays(view).reshape(view.height, view.width, 3), _GROUPS)
+        for view in views
+    ]
+
+
+def cast(
+    objects: Sequence[InstanceObject], library: Library, joints: FloatArray | None, eye: FloatArray,
+    directions: FloatArray,
+) -> Picture:  # fmt: skip
+    """The picture that rays (H, W, 3) from ``eye`` (m) make, each of length 1 along the optical axis.
+
+    ``joints`` (6,) of the arm; None leaves the arm out.
+    """
+    scene, data = _seen(objects, library, np.zeros(6) if joints is None else joints)
+    return _picture(scene, data, eye, directions, _NO_ARM if joints is None else _GROUPS)
+
+
+def _seen(objects: Sequence[InstanceObject], library: Library, joints: FloatArray) -> tuple[world.World, Any]:
     scene = world.build(objects, library, visuals=True)
     data = mujoco.MjData(scene.model)
     data.qpos[:6] = joints
     mujoco.mj_forward(scene.model, data)
-    return [_picture(scene, data, view) for view in views]
+    return scene, data
 
 
-def _picture(scene: world.World, data: Any, view: View) -> Picture:
-    directions = rays(view)
-    count = len(directions)
+def _picture(
+    scene: world.World, data: Any, eye: FloatArray, directions: FloatArray, groups: npt.NDArray[np.uint8]
+) -> Picture:
+    shape = (directions.shape[0], directions.shape[1])
+    count = shape[0] * shape[1]
     geom, distance, normal = np.full(count, -1, np.int32), np.empty(count), np.empty(3 * count)
     mujoco.mj_multiRay(
-        scene.model, data, np.asarray(view.position), directions.ravel(), _GROUPS, 1, -1, geom, distance, normal,
+        scene.model, data, eye, directions.ravel(), groups, 1, -1, geom, distance, normal,
         count, 1e10,
     )  # fmt: skip
     hit = geom >= 0
     paint = np.asarray(scene.model.geom_rgba)[:, :3]
     shade = np.clip(np.abs(normal.reshape(-1, 3) @ _LIGHT), 0.3, 1.0)
     color = np.where(hit[:, None], paint[geom] * shade[:, None], 0.93) * 255
-    shape = (view.height, view.width)
     owner = np.where(hit, np.asarray(scene.owners, dtype=np.int32)[geom], -1)
     return Picture(
         color.astype(np.uint8).reshape(*shape, 3),

@@ -44,6 +44,16 @@ class Rollout(Frozen):
     recording: str | None = None
     warnings: tuple[str, ...] = ()
 
+    @property
+    def reward(self) -> float:
+        """The published reward at the end, 0..1."""
+        return self.episode.reward
+
+    @property
+    def strict(self) -> float:
+        """The strict score at the end, 0..1."""
+        return self.episode.strict
+
 
 class InstanceTask(Task):
     """A task that sets up what an instance says."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from grs_agents.sim.zone_target import members_of, pack, why_not
 
 if TYPE_CHECKING:
     from grs_agents.sim.task import Task
+
+_CLIMB: Final = 0.012
+"""What is put aside comes to rest no more than this above where it was: never on top of its neighbours, metres."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ def aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float)
     for region, gap in (*((region, 0.003) for region in regions), (table, 0.03), (table, 0.01)):
         obstacles = [*view.others(number), *reserved] if region is not table else solid
         spot = find_spot(body, center, turns, region, obstacles, gap, Suits(lift), spread=True, near=center)
-        if spot is not None:
+        if spot is not None and spot.height <= max(body.low, 0.0) + _CLIMB:
             return spot
     return None
 

@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.sim import placement, scoring, templates
+from grs_agents.sim import ends, placement, scoring, templates
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.geometry import Prism
 from grs_agents.sim.goals import Goal, make_goal
+from grs_agents.sim.task_kit import TaskKit
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
@@ -21,7 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 _PATIENCE = 200
 
 
-class Task:
+class Task(TaskKit):
     """A robot task: derive from it, set the scene up in ``reset`` and state the goals.
 
     Attributes:
@@ -55,24 +56,21 @@ class Task:
     """
 
     def __init__(self) -> None:
+        super().__init__()
         self.max_steps = 10
         self.lang_template = ""
         self.task_completed_desc = "task completed."
         self.sixdof = False
         self.pos_eps = scoring.POSITION_TOLERANCE
         self.rot_eps = scoring.ROTATION_TOLERANCE
-        self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
         self.zone_bounds: FloatArray = np.copy(self.bounds)
-        self.pix_size = 0.003125
-        self.mode = "train"
-        self.ee = "suction"
-        self.primitive = "pick_place"
+        self.ee: Any = ends.Suction
+        self.primitive: Any = ends.PickPlace()
         self.goals: list[Goal] = []
         self.lang_goals: list[str] = []
         self.progress = 0.0
         self.total_reward = 0.0
         self._all_goals: list[tuple[Goal, str]] = []
-        self._env: Environment | None = None
 
     # --- set-up -----------------------------------------------------------------------------------------
 
@@ -181,12 +179,6 @@ class Task:
             )
         return None, None
 
-    def get_random_size(
-        self, min_x: float, max_x: float, min_y: float, max_y: float, min_z: float, max_z: float
-    ) -> FloatArray:
-        """A random size (3,) between bounds, metres."""
-        return self.rng.uniform((min_x, min_y, min_z), (max_x, max_y, max_z))
-
     # --- scoring ----------------------------------------------------------------------------------------
 
     def scores(self, goal: Goal) -> list[float]:
@@ -240,22 +232,6 @@ class Task:
         from grs_agents.sim.oracle import Oracle
 
         return Oracle(self, env)
-
-    @property
-    def rng(self) -> np.random.Generator:
-        """The environment's random numbers: the same seed draws the same scene."""
-        return self.environment.rng
-
-    @property
-    def environment(self) -> "Environment":
-        """The environment of the last reset.
-
-        Raises:
-            SimulationError: there was none.
-        """
-        if self._env is None:
-            raise SimulationError("the task was not reset yet", "call env.set_task(task) and env.reset()")
-        return self._env
 
     @property
     def stated_goals(self) -> list[tuple[Goal, str]]:

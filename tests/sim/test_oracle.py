@@ -24,6 +24,25 @@ def test_it_moves_what_stands_on_a_target() -> None:
     assert episode.steps == 2
 
 
+def test_it_places_within_two_millimetres_however_far_it_carries() -> None:
+    def scene(task, env) -> None:
+        pose_goal(task, env.add_object("HOPE/Mustard.urdf", at(0.4, 0.4, 0.08)), at(0.66, -0.2, 0.08))
+
+    _, env = run(scene)
+    np.testing.assert_allclose(env.get_object_pose(1)[0], (0.66, -0.2, 0.08), atol=0.002)
+
+
+def test_it_frees_a_taken_target_rather_than_stack_on_what_is_wanted_elsewhere() -> None:
+    def scene(task, env) -> None:
+        places = [at(0.45, -0.18, 0.042), at(0.55, 0.2, 0.027)]
+        soup = env.add_object("HOPE/AlphabetSoup.urdf", places[0])
+        yogurt = env.add_object("HOPE/Yogurt.urdf", places[1])
+        pose_goal(task, soup, at(0.55, 0.2, 0.042), reward=0.5)
+        pose_goal(task, yogurt, at(0.45, -0.18, 0.027), reward=0.5)
+
+    assert run(scene)[0].strict == 1.0
+
+
 def test_it_turns_an_object_to_the_yaw_asked_for() -> None:
     turned = ((0.5, 0.2, 0.027), (0.0, 0.0, float(np.sin(0.6)), float(np.cos(0.6))))
 

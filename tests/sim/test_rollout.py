@@ -25,6 +25,7 @@ def test_every_example_program_is_solved_and_doing_nothing_does_not_solve_it(pat
     done = rollout(TaskInstance.model_validate_json(instance.model_dump_json()), Library())
     assert done.episode.outcome == "success", done.episode.detail
     assert done.episode.reward == pytest.approx(1, abs=0.01)
+    assert done.strict == pytest.approx(1, abs=0.01), done.episode.shortfalls
     assert done.idle_reward < 0.5
     assert len(done.moved) >= 2
 

@@ -63,3 +63,15 @@ def test_the_same_seed_gives_the_same_rewards(context: ToolContext, simulation: 
     request = tool.Request(simulation=simulation, tests=TESTS, seed=5)
     first, second = (tool.run(request, context).report for _ in range(2))
     assert [case.episode for case in first.cases] == [case.episode for case in second.cases]
+
+
+def test_programs_with_the_original_import_lines_run_unchanged(context: ToolContext, simulation: str) -> None:
+    tool = load_tool("run_tests")
+    original = "from cliport.tasks.task import Task\nfrom cliport.utils import utils\nimport pybullet as p"
+    program = simulation.replace("from grs_agents.sim import Task", original)
+    tests = TESTS.replace("from grs_agents.sim import", "from cliport.environments.environment import")
+    assert program != simulation
+    report = tool.run(tool.Request(simulation=program, tests=tests), context).report
+    assert report.ok, report.text()
+    drawn = load_tool("instantiate")
+    assert len(drawn.run(drawn.Request(simulation=program, seeds=(0,)), context).instances) == 1

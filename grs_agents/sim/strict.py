@@ -1,0 +1,197 @@
+"""How far goals hold at the end of an episode, strictly: height, support, upright, one object a target.
+
+The published score (``scoring``) ignores height and tilt, lets two objects claim one target and keeps credit for what
+was undone later. Here every goal is judged on the scene as it stands. An object counts where the published score
+counts it and, besides,
+
+* it rests at the height that the target says: its centre or its underside is within ``pos_eps`` of the target, or
+  the target lies in or on another object and it rests on that object (a plate's rim is higher than its bottom); in a
+  zone, its underside lies no higher than the zone's top; things that share a target or a zone may rest on each other;
+* it stands no more than ``rot_eps`` more tilted than at the start, and lies still, let go by the robot;
+* no other object claims its target, unless the goal lets objects share.
+
+An object that later goals speak of too is judged there. Other objects that were knocked over lower the whole score.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from grs_agents.base import Pose
+from grs_agents.sim import scoring
+from grs_agents.sim.geometry import Prism, gaps
+from grs_agents.sim.goals import Goal
+from grs_agents.sim.scene_view import SceneView
+
+if TYPE_CHECKING:
+    from grs_agents.sim.environment import Environment
+    from grs_agents.sim.task import Task
+
+_TOUCHING: Final = 0.006
+_OVERLAP: Final = -0.0005
+_STILL: Final = 0.05
+_POINT: Final = np.zeros((1, 2))
+
+
+@dataclass(frozen=True)
+class StrictScore:
+    """``value`` 0..1, and for each object that falls short of it one clause that says how."""
+
+    value: float
+    shortfalls: tuple[str, ...] = ()
+
+
+class StrictScorer:
+    """Scores a scene strictly; made when the scene has settled, before anything acts.
+
+    Args:
+        task: its goals are scored.
+        env: the reset environment.
+    """
+
+    def __init__(self, task: "Task", env: "Environment") -> None:
+        self.task, self.env = task, env
+        view = SceneView(env)
+        self._tilts = {number: view.tilt(number) for number in view.ids}
+        self._places = {number: view.pose(number) for number in view.ids}
+        self._spans = {number: (view.outline(number).low, view.outline(number).high) for number in view.ids}
+
+    def score(self) -> StrictScore:
+        """The score of the scene as it stands now."""
+        view = SceneView(self.env)
+        notes: dict[int, str] = {}
+        value = 0.0
+        final: dict[int, float] = {}
+        goals = [goal for goal, _ in self.task.stated_goals]
+        for goal in reversed(goals):
+            rows = self._goal(goal, view, {number for number in goal.objs if number not in final}, notes)
+            for row, number in enumerate(goal.objs):
+                rows[row] = max(rows[row], final.get(number, 0.0))
+                final.setdefault(number, rows[row])
+            value += goal.step_max_reward * float(np.mean(rows))
+        bystanders = [number for number in view.ids if view.is_free(number) and number not in final]
+        fallen = [number for number in bystanders if self._toppled(number, view)]
+        notes.update({number: f"{view.name(number)} was knocked over" for number in fallen})
+        standing = 1 - len(fallen) / len(bystanders) if fallen else 1.0
+        return StrictScore(round(min(1.0, value) * standing, 9), tuple(notes.values()))
+
+    def _goal(self, goal: Goal, view: SceneView, last: set[int], notes: dict[int, str]) -> list[float]:
+        """The score of each object of one goal; ``notes`` gains a clause for each of ``last`` that falls short."""
+        claimed = self._claims(goal, view)
+        scores: list[float] = []
+        for row, number in enumerate(goal.objs):
+            share, trouble = self._share(goal, row, claimed, view)
+            scores.append(share)
+            if trouble and number in last:
+                notes.setdefault(number, f"{view.name(number)} {trouble}")
+        return scores
+
+    def _share(self, goal: Goal, row: int, claimed: dict[int, int], view: SceneView) -> tuple[float, str]:
+        number = goal.objs[row]
+        if self._toppled(number, view):
+            return 0.0, "does not stand upright"
+        if not self._rests(number):
+            return 0.0, "does not lie still"
+        if goal.metric == "zone":
+            return self._zone_share(goal, number, view)
+        return (1.0, "") if row in claimed else (0.0, "is at no target that is its own, height included")
+
+    def _zone_share(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
+        model, ceiling = view.model(number), float(self.task.zone_bounds[2, 1])
+        share = scoring.share_inside(model, view.pose(number), goal.params, ceiling)
+        if share < 0.01:
+            return 0.0, "is not in its zone"
+        top = max(zone[0][0][2] + zone[1][2] / 2 for zone in goal.params)
+        high = view.outline(number).low > max(0.0, top) + self.task.pos_eps
+        if high and not self._on_fellows(number, self._fellows(goal), view):
+            return 0.0, f"rests at {view.outline(number).low:.2f} m, above its zone"
+        return (1.0, "") if share > 0.985 else (share, f"is {share:.0%} in its zone")
+
+    def _claims(self, goal: Goal, view: SceneView) -> dict[int, int]:
+        """Row to target for ``pose`` goals: as many rows as can have a target that holds them, each its own."""
+        if goal.metric != "pose":
+            return {}
+        options = [
+            [int(index) for index in np.flatnonzero(goal.matches[row]) if self._holds(goal, row, int(index), view)]
+            for row in range(len(goal.objs))
+        ]
+        if goal.replace:
+            return {row: targets[0] for row, targets in enumerate(options) if targets}
+        return assign(options)
+
+    def _holds(self, goal: Goal, row: int, index: int, view: SceneView) -> bool:
+        number, target = goal.objs[row], goal.targ_poses[index]
+        pose = view.pose(number)
+        if not self.task.is_match(pose, target, goal.symmetries[row]):
+            return False
+        heights = (pose[0][2], view.outline(number).low)
+        if any(abs(height - target[0][2]) <= self.task.pos_eps for height in heights):
+            return True
+        half = heights[0] - heights[1] + self.task.pos_eps
+        if any(self._is_place(other, target, half) for other in supporters(number, view)):
+            return True
+        return goal.replace and self._on_fellows(number, self._fellows(goal), view)
+
+    def _is_place(self, number: int, target: Pose, half: float) -> bool:
+        """Whether a target lies in an object as it stood at the start, or on it, ``half`` above its top at most."""
+        (low, high), (x, y, _) = self._spans[number], self._places[number][0]
+        aside = max(abs(target[0][0] - x), abs(target[0][1] - y))
+        return aside <= self.task.pos_eps and low <= target[0][2] <= high + half
+
+    def _fellows(self, goal: Goal) -> set[int]:
+        """Objects that goals want in the same zones or at the same targets."""
+        return {
+            number
+            for other, _ in self.task.stated_goals
+            if other is goal or (other.params and other.params == goal.params)
+            for number in other.objs
+        }
+
+    def _on_fellows(self, number: int, fellows: set[int], view: SceneView) -> bool:
+        under = supporters(number, view)
+        return bool(under) and all(other in fellows for other in under)
+
+    def _toppled(self, number: int, view: SceneView) -> bool:
+        shapes = view.model(number).colliders
+        if all(shape.kind == "sphere" for shape in shapes):
+            return False
+        return view.tilt(number) > self._tilts.get(number, 0.0) + self.task.rot_eps
+
+    def _rests(self, number: int) -> bool:
+        physics = self.env.physics
+        return physics.held != number and physics.speed_of(number) < _STILL
+
+
+def supporters(number: int, view: SceneView) -> set[int]:
+    """Ids of the objects whose top an object's underside rests on."""
+    own = [prism for prism in view.prisms if prism.owner == number]
+    low = min((prism.low for prism in own), default=0.0)
+    feet = [prism for prism in own if prism.low < low + _TOUCHING]
+    return {prism.owner for prism in view.others(number) if _carries(prism, feet)}
+
+
+def _carries(prism: Prism, feet: Iterable[Prism]) -> bool:
+    return any(
+        abs(foot.low - prism.high) < _TOUCHING and gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP
+        for foot in feet
+    )
+
+
+def assign(options: Sequence[Sequence[int]]) -> dict[int, int]:
+    """Give as many rows as can be a target of their own out of their options: row to target."""
+    holder: dict[int, int] = {}
+
+    def place(row: int, tried: set[int]) -> bool:
+        for target in options[row]:
+            if target not in tried:
+                tried.add(target)
+                if target not in holder or place(holder[target], tried):
+                    holder[target] = row
+                    return True
+        return False
+
+    for row in range(len(options)):
+        place(row, set())
+    return {row: target for target, row in holder.items()}

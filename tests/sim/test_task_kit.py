@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+from sim_scenes import Scripted, at, pose_goal
+
+from grs_agents.sim import Environment, TaskInstance, UnsupportedError, instantiate, p, rollout, utils
+
+
+def played(scene) -> Environment:
+    env = Environment(task=Scripted(scene))
+    env.reset()
+    return env
+
+
+def test_the_true_image_shows_each_object_where_it_stands_at_its_height() -> None:
+    env = played(lambda task, env: env.add_object("HOPE/Milk.urdf", at(0.5, 0.1, 0.095)))
+    color, height, owner = env.task.get_true_image(env)
+    row, column = utils.xyz_to_pix((0.5, 0.1, 0), env.bounds, env.pix_size)
+    assert color.shape == (320, 160, 3)
+    assert owner[row, column] == 1
+    assert height[row, column] == pytest.approx(env.get_object_size(1)[2], abs=0.002)
+    rows, columns = np.nonzero(owner == 1)
+    low = utils.pix_to_xyz((rows.min(), columns.min()), height, env.bounds, env.pix_size)
+    assert low[:2] == pytest.approx(p.getAABB(1)[0][:2], abs=0.005)
+    assert owner[10, 10] == 0
+    assert height[10, 10] == pytest.approx(0, abs=1e-4)
+
+
+def test_a_corner_anchor_marks_the_table_and_travels_in_the_instance() -> None:
+    def scene(task, env) -> None:
+        task.add_corner_anchor_for_pose(env, ((0.5, 0.2, 0.001), utils.IDENTITY))
+        pose_goal(task, env.add_object("block/red_block.urdf", at(0.5, -0.1, 0.02)), at(0.5, 0.2, 0.02))
+
+    instance = instantiate(Scripted(scene), 0)
+    done = rollout(TaskInstance.model_validate_json(instance.model_dump_json()))
+    assert done.strict == 1.0
+    assert done.moved == ("block/red_block.urdf",)
+
+
+def test_a_pile_is_fifty_cubes_that_lie_apart_on_the_table() -> None:
+    env = played(lambda task, env: task.make_piles(env, block_color="red"))
+    assert len(env.objects) == 50
+    assert all(abs(item.pose[0][2] - 0.01) < 0.002 for item in env.objects)
+    assert p.getVisualShapeData(1)[0][7] == (*utils.COLORS["red"], 1.0)
+
+
+def test_sizes_colours_points_and_names() -> None:
+    def scene(task, env) -> None:
+        block = env.add_object("block/red_block.urdf", at(0.5, 0, 0.02))
+        task.color_random_brown(block)
+        assert np.ptp(task.get_box_object_points(block), axis=1) == pytest.approx([0.04] * 3)
+        size = task.get_random_size(0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+        assert (size >= (0.1, 0.3, 0.5)).all()
+        assert (size <= (0.2, 0.4, 0.6)).all()
+        assert task.check_require_obj("HOPE/Milk.urdf")
+        assert not task.check_require_obj("HOPE/Unicorn.urdf")
+        assert len(task.get_kitting_shapes(5)) == 5
+
+    red, green, blue, _ = played(scene).objects[0].color
+    assert red > green > blue
+
+
+@pytest.mark.parametrize("name", ["make_ropes", "make_rope", "make_kitting_objects"])
+def test_what_needs_physics_that_is_not_there_says_so(name: str) -> None:
+    env = Environment(task=Scripted(lambda task, env: getattr(task, name)(env, [])))
+    with pytest.raises(UnsupportedError, match="yet"):
+        env.reset()
+    assert env.episode.outcome == "error"
