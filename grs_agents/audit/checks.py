@@ -3,15 +3,20 @@
 from collections.abc import Sequence
 
 from grs_agents.agents import TaskDefinition
-from grs_agents.audit.types import AuditReport, Change, Finding
+from grs_agents.audit.changes import changes
+from grs_agents.audit.shapes import forged, library_name
+from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.scene import SceneDescription
-from grs_agents.sim import InstanceObject, Rollout, TaskInstance
+from grs_agents.sim import Rollout, TaskInstance
 from grs_agents.sim.rollout import IDLE_SECONDS
+from grs_agents.sim.world import TIMESTEP
 
-SAME_PLACE = 0.03
-"""An object within this many metres (in the table plane) of its place in the photo has kept it."""
+IDLE = 0.5
+"""Doing nothing must earn less than this share of the reward: most of a task is left to do."""
+TABLE_TOP = -0.02
+"""What ends lower than this (m) has fallen off the table."""
 
 
 def audit(
@@ -37,8 +42,10 @@ def audit(
     findings = [
         _instantiated(instances, failures, config),
         _solved(rollouts, config),
-        _not_idle(rollouts, config),
+        _not_idle(rollouts),
         _moved(rollouts, scene),
+        _on_table(rollouts),
+        _as_in_library(instances, library),
     ]
     if task is not None:
         findings.append(_assets_of_task(instances, task))
@@ -53,34 +60,6 @@ def audit(
     )
 
 
-def library_name(thing: InstanceObject) -> str:
-    """The library's name of an instance's object; a filled template is named ``template#values``."""
-    return thing.asset.partition("#")[0]
-
-
-def changes(instances: Sequence[TaskInstance], scene: SceneDescription) -> list[Change]:
-    """Every object position that was not taken from the photo."""
-    found: list[Change] = []
-    for instance in instances:
-        for thing in instance.objects:
-            x, y, _ = thing.pose[0]
-            places = [place.position for place in scene.objects if place.asset == library_name(thing)]
-            distances = [((x - place[0]) ** 2 + (y - place[1]) ** 2) ** 0.5 for place in places]
-            nearest = min(range(len(places)), key=distances.__getitem__) if places else None
-            if nearest is not None and distances[nearest] <= SAME_PLACE:
-                continue
-            found.append(
-                Change(
-                    seed=instance.seed,
-                    asset=thing.asset,
-                    position=thing.pose[0],
-                    photo=None if nearest is None else places[nearest],
-                    distance=None if nearest is None else distances[nearest],
-                )
-            )
-    return found
-
-
 def _instantiated(instances: Sequence[TaskInstance], failures: Sequence[str], config: AuditConfig) -> Finding:
     detail = f"{len(instances)} of {config.seeds} seeds gave a task instance"
     if failures:
@@ -89,40 +68,62 @@ def _instantiated(instances: Sequence[TaskInstance], failures: Sequence[str], co
 
 
 def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
-    rewards = [rollout.episode.reward for rollout in rollouts]
-    shown = ", ".join(f"{reward:.2f}" for reward in rewards) or "none"
-    passed = len(rewards) == config.seeds and all(reward >= config.reward for reward in rewards)
-    detail = f"rewards {shown}; each of {config.seeds} must reach {config.reward}"
-    return Finding(check="solved", passed=passed, detail=detail)
+    episodes = [rollout.episode for rollout in rollouts]
+    shown = ", ".join(f"{episode.reward:.2f} ({episode.outcome})" for episode in episodes) or "none"
+    solved = all(episode.reward >= config.reward and episode.outcome == "success" for episode in episodes)
+    detail = f"rewards {shown}; each of {config.seeds} must reach {config.reward} with every goal met"
+    return Finding(check="solved", passed=len(episodes) == config.seeds and solved, detail=detail)
 
 
-def _not_idle(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
+def _not_idle(rollouts: Sequence[Rollout]) -> Finding:
     rewards = [rollout.idle_reward for rollout in rollouts]
     shown = ", ".join(f"{reward:.2f}" for reward in rewards) or "none"
-    detail = f"doing nothing for {IDLE_SECONDS} s earns {shown}; must stay below {config.reward}"
-    return Finding(check="not_idle", passed=bool(rewards) and max(rewards) < config.reward, detail=detail)
+    detail = f"doing nothing for {IDLE_SECONDS} s earns {shown}; must stay below {IDLE}"
+    return Finding(check="not_idle", passed=bool(rewards) and max(rewards) < IDLE, detail=detail)
 
 
 def _moved(rollouts: Sequence[Rollout], scene: SceneDescription | None) -> Finding:
-    counts = [len(rollout.moved) for rollout in rollouts]
     if scene is not None:
+        seen = {thing.asset for thing in scene.objects}
+        counts = [sum(name in seen for name in rollout.moved) for rollout in rollouts]
         reachable = sum(thing.reachable for thing in scene.objects)
     else:
+        counts = [len(rollout.moved) for rollout in rollouts]
         reachable = min((len(rollout.reachable) for rollout in rollouts), default=0)
     needed = max(1, min(2, reachable))
-    detail = f"objects moved: {counts}; at least {needed} must, {reachable} are in reach"
+    detail = f"objects moved by the robot: {counts}; at least {needed} must be, {reachable} are in reach"
     return Finding(check="moved", passed=bool(counts) and min(counts) >= needed, detail=detail)
 
 
+def _on_table(rollouts: Sequence[Rollout]) -> Finding:
+    fallen = [
+        f"object {number} at ({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}) in seed {rollout.seed}"
+        for rollout in rollouts
+        for number, (position, _) in rollout.final.items()
+        if position[2] < TABLE_TOP
+    ]
+    detail = f"fallen off the table: {'; '.join(fallen)}" if fallen else "everything ends on the table"
+    return Finding(check="on_table", passed=not fallen, detail=detail)
+
+
+def _as_in_library(instances: Sequence[TaskInstance], library: Library) -> Finding:
+    """Shapes of its own would let anything pass under an asset's name, a time step of its own any physics."""
+    faults = [f"{name} has not the library's shapes" for name in forged(instances, library)]
+    steps = {instance.timestep for instance in instances} - {TIMESTEP}
+    faults += [f"a time step of {step} s instead of {TIMESTEP} s" for step in sorted(steps)]
+    detail = "; ".join(faults) or "every object has the library's shapes, and the time step is the runtime's"
+    return Finding(check="as_in_library", passed=not faults, detail=detail)
+
+
 def _assets_of_task(instances: Sequence[TaskInstance], task: TaskDefinition) -> Finding:
-    used = {library_name(thing) for instance in instances for thing in instance.objects}
-    foreign, unused = sorted(used - set(task.assets)), sorted(set(task.assets) - used)
-    detail = f"{len(used)} assets used"
-    if foreign:
-        detail += f"; not in the task definition: {', '.join(foreign)}"
-    if unused:
-        detail += f"; named by the task definition but not used: {', '.join(unused)}"
-    return Finding(check="assets_of_task", passed=not foreign and not unused, detail=detail)
+    wanted = set(task.assets)
+    faults: set[str] = set()
+    for instance in instances:
+        used = {library_name(thing) for thing in instance.objects}
+        faults |= {f"{name} is not in the task definition" for name in used - wanted}
+        faults |= {f"{name} is in the task definition but not used" for name in wanted - used}
+    detail = "; ".join(sorted(faults)) or f"the {len(wanted)} assets of the task definition, no others"
+    return Finding(check="assets_of_task", passed=not faults, detail=detail)
 
 
 def _assets_of_scene(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:
@@ -137,9 +138,6 @@ def _assets_of_scene(instances: Sequence[TaskInstance], scene: SceneDescription,
             limit = sum(place.asset == name for place in scene.objects)
             if name not in fixtures and count > limit:
                 foreign.append(f"{name} ({count} used, {limit} in the photo)")
-        for thing in instance.objects:  # shapes of its own would let anything pass under an asset's name
-            if thing.shapes is not None and library_name(thing) not in library.templates():
-                foreign.append(f"{thing.asset} (with shapes that are not the library's)")
     detail = f"the photo shows {len(seen)} assets"
     if foreign:
         detail += f"; not there: {', '.join(sorted(set(foreign)))}"

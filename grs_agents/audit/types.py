@@ -44,7 +44,7 @@ class AuditReport(Frozen):
         findings: one for each check.
         changes: every position not taken from the photo.
         rollouts: the trusted oracle's episode for each seed.
-        rewards: the reward of each seed, 0 where there is no rollout.
+        rewards: the reward of each rollout.
     """
 
     accepted: bool

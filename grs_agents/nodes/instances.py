@@ -30,6 +30,8 @@ def measure(simulation: str, services: Services) -> Measured:
     seeds = [services.config.seed + step for step in range(services.config.audit.seeds)]
     result = services.tool("instantiate", simulation=simulation, seeds=seeds, library_roots=roots)
     failures = [f"seed {failure.seed}: {failure.outcome}: {failure.message}" for failure in result.failures]
+    for stale in (services.folder / "instances").glob("seed_*"):  # of the program before this one
+        stale.unlink()
     instances = [TaskInstance.model_validate(instance) for instance in result.instances]
     rollouts: list[Rollout] = []
     for instance in instances:
@@ -45,7 +47,7 @@ def measure(simulation: str, services: Services) -> Measured:
         if outcome.rollout is None:
             failures.append(f"seed {instance.seed}: rollout {outcome.outcome}: {outcome.error}")
             continue
-        rollout = Rollout.model_validate(outcome.rollout)
+        rollout = Rollout.model_validate(outcome.rollout).model_copy(update={"recording": recording})
         rollouts.append(rollout)
         services.log.append(
             RolloutEvent(

@@ -1,7 +1,8 @@
 """From a program to data and from data to a scored episode."""
 
+import math
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from grs_agents.sim.task import Task
 
 IDLE_SECONDS: Final = 2.0
 _MOVED: Final = 0.02
+_TURNED: Final = math.radians(15)
 
 
 class Rollout(Frozen):
@@ -27,7 +29,8 @@ class Rollout(Frozen):
         seed: of the instance.
         episode: how it ended.
         idle_reward: what doing nothing for 2 simulated seconds would have earned.
-        moved: asset names of rigid objects that were picked or whose centre moved more than 2 cm.
+        moved: asset names of the objects that the robot picked and that end more than 2 cm or 15 degrees from where
+            they were.
         initial, final: pose of each object by id, after settling and at the end.
         reachable: ids of rigid objects that the arm can reach.
         recording: the .npz file, if one was asked for.
@@ -176,7 +179,7 @@ def _idle_reward(instance: TaskInstance, library: Library | None) -> float:
         env.reset()
         env.step_simulation(int(IDLE_SECONDS / env.timestep))
     except GrsError:
-        return 0.0
+        return 1.0  # what could not be measured must not count as left to do
     return float(task.reward()[0])
 
 
@@ -199,7 +202,9 @@ def _moved(env: Environment, task: InstanceTask, initial: dict[int, Pose], final
     picked = {action.object for action in env.episode.actions}
     names: list[str] = []
     for own in initial:
-        shift: Any = np.linalg.norm(np.subtract(initial[own][0], final[own][0]))
-        if task.ids[own] in picked or (env.is_free(task.ids[own]) and float(shift) > _MOVED):
+        shift = math.dist(initial[own][0], final[own][0])
+        overlap = abs(sum(a * b for a, b in zip(initial[own][1], final[own][1], strict=True)))
+        turned = 2 * math.acos(min(1.0, overlap)) > _TURNED
+        if task.ids[own] in picked and (shift > _MOVED or turned):
             names.append(env.object(task.ids[own]).asset)
     return tuple(names)

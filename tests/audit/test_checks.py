@@ -154,7 +154,7 @@ def test_an_asset_with_shapes_of_its_own_is_not_that_asset() -> None:
         one.model_copy(update={"objects": (one.objects[0].model_copy(update={"shapes": tiny}), *one.objects[1:])})
         for one in (instance(seed, MILK, CAN, ZONE) for seed in range(3))
     ]
-    assert failed(judge(instances=forged)) == {"assets_of_scene"}
+    assert failed(judge(instances=forged)) == {"as_in_library"}
 
 
 def test_one_object_is_enough_where_one_is_in_reach() -> None:
@@ -169,7 +169,8 @@ def test_one_object_is_enough_where_one_is_in_reach() -> None:
 
 def test_a_program_without_task_and_scene_is_judged_by_its_instances() -> None:
     report = judge(task=None, scene=None)
-    assert {finding.check for finding in report.findings} == {"instantiated", "solved", "not_idle", "moved"}
+    checks = {finding.check for finding in report.findings}
+    assert checks == {"instantiated", "solved", "not_idle", "moved", "on_table", "as_in_library"}
     assert report.accepted
 
 

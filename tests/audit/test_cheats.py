@@ -1,0 +1,122 @@
+"""Programs that want to be accepted without a task being solved, through the real runtime and the real oracle."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from grs_agents.audit import AuditReport, audit
+from grs_agents.config import AuditConfig
+from grs_agents.library import Library
+from grs_agents.sim import Environment, Task, TaskInstance, instantiate, rollout, templates
+
+Start = tuple[tuple[float, float, float], tuple[float, float, float, float]]
+RED, BLUE, GREEN = (f"block/{color}_block.urdf" for color in ("red", "blue", "green"))
+FLAT = (0.0, 0.0, 0.0, 1.0)
+A, B, C = ((0.45, -0.2, 0.02), FLAT), ((0.4, 0.1, 0.02), FLAT), ((0.55, 0.3, 0.02), FLAT)
+Setup = Callable[["Trial", Environment], None]
+
+
+class Trial(Task):
+    """A task whose reset is given."""
+
+    def __init__(self, setup: Setup) -> None:
+        super().__init__()
+        self.setup = setup
+        self.max_steps, self.lang_template = 6, "do it"
+
+    def reset(self, env: Environment) -> None:
+        super().reset(env)
+        self.setup(self, env)
+
+    def want(self, thing: int, x: float, y: float, reward: float) -> None:
+        target = ((x, y, 0.02), FLAT)
+        self.add_goal([thing], np.ones((1, 1)), [target], False, False, "pose", None, reward, [0], "there")
+
+
+def fair(task: Trial, env: Environment) -> None:
+    task.want(env.add_object(RED, A), 0.5, -0.1, 0.5)
+    task.want(env.add_object(BLUE, B), 0.6, 0.0, 0.5)
+
+
+def unmet_goal_of_little_weight(task: Trial, env: Environment) -> None:
+    fixed = env.add_object(GREEN, C, "fixed")
+    task.want(env.add_object(RED, A), 0.5, -0.1, 0.5)
+    task.want(env.add_object(BLUE, B), 0.6, 0.0, 0.495)
+    task.want(fixed, 0.3, -0.3, 0.005)
+
+
+def met_before_it_begins(task: Trial, env: Environment) -> None:
+    task.want(env.add_object(GREEN, C, "fixed"), 0.55, 0.3, 0.98)
+    task.want(env.add_object(RED, A), 0.5, -0.1, 0.01)
+    task.want(env.add_object(BLUE, B), 0.6, 0.0, 0.01)
+
+
+def picked_and_put_back(task: Trial, env: Environment) -> None:
+    task.want(env.add_object(RED, A), 0.461, -0.2, 0.5)
+    task.want(env.add_object(BLUE, B), 0.411, 0.1, 0.5)
+
+
+def falls_off_the_table(task: Trial, env: Environment) -> None:
+    env.add_object(BLUE, ((0.4, 1.9, 0.5), FLAT))
+    env.add_object(GREEN, C)
+    task.want(env.add_object(RED, A), 0.5, 0.1, 1.0)
+
+
+def judge(setup: Setup, change: Callable[[TaskInstance], TaskInstance] = lambda one: one) -> AuditReport:
+    library = Library()
+    instances = [change(instantiate(Trial(setup), seed, library)) for seed in range(2)]
+    rollouts = [rollout(instance, library) for instance in instances]
+    return audit(instances, [], rollouts, AuditConfig(seeds=2), library)
+
+
+def failed(report: AuditReport) -> set[str]:
+    return {finding.check for finding in report.findings if not finding.passed}
+
+
+def test_a_fair_program_is_accepted() -> None:
+    report = judge(fair)
+    assert report.accepted, report.text()
+
+
+@pytest.mark.parametrize(
+    ("setup", "check"),
+    [
+        (unmet_goal_of_little_weight, "solved"),
+        (met_before_it_begins, "not_idle"),
+        (picked_and_put_back, "moved"),
+        (falls_off_the_table, "moved"),
+        (falls_off_the_table, "on_table"),
+    ],
+)
+def test_a_cheat_is_found(setup: Setup, check: str) -> None:
+    assert check in failed(judge(setup))
+
+
+@pytest.mark.parametrize(
+    "name", ["HOPE/Milk.urdf", "zone/zone-template.urdf#x", "zone/zone-template.urdf#DIM=0.1x0.1x0.002"]
+)
+def test_a_cube_under_another_name_is_found(name: str) -> None:
+    cube = Library().model(RED)
+
+    def disguise(instance: TaskInstance) -> TaskInstance:
+        first = instance.objects[0].model_copy(update={"asset": name, "shapes": cube})
+        return instance.model_copy(update={"objects": (first, *instance.objects[1:])})
+
+    assert "as_in_library" in failed(judge(fair, disguise))
+
+
+def test_filled_templates_keep_their_shapes() -> None:
+    def with_container(task: Trial, env: Environment) -> None:
+        size = (0.21, 0.173, 0.0512)
+        urdf = task.fill_template("container/container-template.urdf", {"DIM": size, "COLOR": (0.3, 0.6, 0.31)})
+        env.add_object(urdf, ((0.6, 0.3, 0.0256), FLAT), "fixed")
+        fair(task, env)
+
+    assert "#" in templates.fill(Library(), "container/container-template.urdf", {"DIM": (0.2, 0.2, 0.1)})
+    report = judge(with_container)
+    assert report.accepted, report.text()
+
+
+def test_another_time_step_is_found() -> None:
+    assert "as_in_library" in failed(judge(fair, lambda one: one.model_copy(update={"timestep": 0.002})))
