@@ -17,6 +17,8 @@ from grs_agents.scene.types import Aabb, Candidate, Solid, TableFrame, UprightBo
 
 LARGEST = 0.5
 """A segment longer than this (m) is not an object that the arm could move."""
+SAMPLES = 4000
+"""A footprint is measured from about so many points."""
 OUTLIERS = 0.4
 """Percent of the points at each end of each axis that are left out of a footprint."""
 WORKSPACE_CENTER = (0.5, 0.0)
@@ -31,12 +33,17 @@ def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[
     """
     points = robot_points(frame, table)
     clouds = {label: _cloud(points, labels == label) for label in range(1, int(labels.max()) + 1)}
+    supports = {
+        label: (hull_of(cloud[::5]), float(np.percentile(cloud[::5, 2], 95)))
+        for label, cloud in clouds.items()
+        if len(cloud) >= 30
+    }
     found: list[Candidate] = []
     giant: Vec3 | None = None
     for label, cloud in clouds.items():
         if len(cloud) < 30:
             continue
-        others = [other[::5] for key, other in clouds.items() if key != label and len(other) >= 30]
+        others = [support for key, support in supports.items() if key != label]
         candidate = _measure(len(found) + 1, frame, table, labels == label, cloud, others)
         if max(candidate.upright.size) > LARGEST:
             giant = candidate.upright.size
@@ -58,7 +65,7 @@ def _cloud(points: Array, mask: Mask) -> Array:
 
 
 def _measure(
-    number: int, frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, others: Sequence[Array]
+    number: int, frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, others: Sequence[tuple[Array, float]]
 ) -> Candidate:
     low, high = np.percentile(cloud, 1, axis=0), np.percentile(cloud, 99, axis=0)
     inner = cloud[((cloud >= low) & (cloud <= high)).all(axis=1)]
@@ -78,7 +85,7 @@ def _measure(
         color=_vec(frame.rgb[mask].mean(axis=0) / 255),
         shape=shape,
         points=len(cloud),
-        hollow=is_open(inner, np.zeros((0, 3))),
+        hollow=is_open(inner[:: len(inner) // SAMPLES + 1], np.zeros((0, 3))),
     )
 
 
@@ -88,6 +95,7 @@ def _footprint(
     """Shape, centre, sides (m) and yaw (rad) of a footprint: of a round thing with its unseen back."""
     low, high = np.percentile(cloud, OUTLIERS, axis=0), np.percentile(cloud, 100 - OUTLIERS, axis=0)
     inner = cloud[((cloud >= low) & (cloud <= high)).all(axis=1)]
+    inner = inner[:: len(inner) // SAMPLES + 1]
     view = view_of(frame, table, mask, inner)
     ellipse = None if view is None else ellipse_of(inner, view)
     if ellipse is not None and ellipse.diameters[1] < ROUND * ellipse.diameters[0]:
@@ -110,14 +118,16 @@ def _circle(cloud: Array) -> tuple[tuple[float, float], float] | None:
     return (float(x), float(y)), (float(length) + float(width)) / 2
 
 
-def _bottom(cloud: Array, others: Sequence[Array]) -> float:
-    """0 for what stands on the table; the top of what it lies on for what is stacked."""
+def _bottom(cloud: Array, others: Sequence[tuple[Array, float]]) -> float:
+    """0 for what stands on the table; the top of what it lies on for what is stacked.
+
+    ``others`` are the hull of the footprint and the top of each other thing.
+    """
     lowest = float(np.percentile(cloud[:, 2], 2))
     if lowest < 0.025:
         return 0.0
-    for other in others:
-        covered = float(inside_hull(cloud[:, :2], hull_of(other), margin=0.005).mean())
-        if covered > 0.4 and abs(float(np.percentile(other[:, 2], 95)) - lowest) < 0.04:
+    for hull, top in others:
+        if abs(top - lowest) < 0.04 and inside_hull(cloud[:, :2], hull, margin=0.005).mean() > 0.4:
             return lowest
     return 0.0
 
