@@ -9,14 +9,18 @@ import numpy as np
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.errors import InputError
+from grs_agents.scene.completion import ROUND, ellipse_of, view_of
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
-from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
+from grs_agents.scene.geometry import THINNEST, Labels, hull_of, inside_hull, is_open, rectangle_of
 from grs_agents.scene.table import as_matrix, robot_points
 from grs_agents.scene.types import Aabb, Candidate, Solid, TableFrame, UprightBox
 
 LARGEST = 0.5
 """A segment longer than this (m) is not an object that the arm could move."""
-THINNEST = 0.012
+SAMPLES = 4000
+"""A footprint is measured from about so many points."""
+OUTLIERS = 0.4
+"""Percent of the points at each end of each axis that are left out of a footprint."""
 WORKSPACE_CENTER = (0.5, 0.0)
 """Where the middle of the objects lies in a frame laid on the table, metres."""
 
@@ -29,13 +33,18 @@ def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[
     """
     points = robot_points(frame, table)
     clouds = {label: _cloud(points, labels == label) for label in range(1, int(labels.max()) + 1)}
+    supports = {
+        label: (hull_of(cloud[::5]), float(np.percentile(cloud[::5, 2], 95)))
+        for label, cloud in clouds.items()
+        if len(cloud) >= 30
+    }
     found: list[Candidate] = []
     giant: Vec3 | None = None
     for label, cloud in clouds.items():
         if len(cloud) < 30:
             continue
-        others = [other[::5] for key, other in clouds.items() if key != label and len(other) >= 30]
-        candidate = _measure(len(found) + 1, frame, labels == label, cloud, others)
+        others = [support for key, support in supports.items() if key != label]
+        candidate = _measure(len(found) + 1, frame, table, labels == label, cloud, others)
         if max(candidate.upright.size) > LARGEST:
             giant = candidate.upright.size
             continue
@@ -55,64 +64,70 @@ def _cloud(points: Array, mask: Mask) -> Array:
     return cloud[np.isfinite(cloud).all(axis=1)]
 
 
-def _measure(number: int, frame: RGBDFrame, mask: Mask, cloud: Array, others: Sequence[Array]) -> Candidate:
+def _measure(
+    number: int, frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, others: Sequence[tuple[Array, float]]
+) -> Candidate:
     low, high = np.percentile(cloud, 1, axis=0), np.percentile(cloud, 99, axis=0)
     inner = cloud[((cloud >= low) & (cloud <= high)).all(axis=1)]
     bottom = _bottom(inner[::5], others)
     top = max(float(high[2]), bottom + THINNEST)
-    (x, y), (length, width), yaw = _rectangle(cloud[(cloud[:, 2] >= low[2]) & (cloud[:, 2] <= high[2])])
-    shape: Solid = "box"
-    if (circle := _circle(inner)) is not None:
-        shape, ((x, y), length) = "cylinder", circle
-        width = length
-    color = frame.rgb[mask].mean(axis=0) / 255
+    shape, (x, y), (length, width), yaw = _footprint(frame, table, mask, cloud)
+    cosine, sine = abs(math.cos(yaw)), abs(math.sin(yaw))
+    reach = np.array([length * cosine + width * sine, length * sine + width * cosine]) / 2
+    middle = np.array([x, y])
+    least, most = np.minimum(low[:2], middle - reach), np.maximum(high[:2], middle + reach)
     return Candidate(
         id=number,
         mask=mask,
         crop=_crop(frame, mask),
-        box=Aabb(low=_vec((*low[:2], bottom)), high=_vec((*high[:2], top))),
-        upright=UprightBox(
-            center=(x, y, (bottom + top) / 2),
-            size=(length, width, top - bottom),
-            yaw=0.0 if shape == "cylinder" else yaw,
-        ),
-        color=_vec(color),
+        box=Aabb(low=_vec((*least, bottom)), high=_vec((*most, top))),
+        upright=UprightBox(center=(x, y, (bottom + top) / 2), size=(length, width, top - bottom), yaw=yaw),
+        color=_vec(frame.rgb[mask].mean(axis=0) / 255),
         shape=shape,
         points=len(cloud),
-        hollow=is_open(inner, np.zeros((0, 3))),
+        hollow=is_open(inner[:: len(inner) // SAMPLES + 1], np.zeros((0, 3))),
     )
 
 
+def _footprint(
+    frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array
+) -> tuple[Solid, tuple[float, float], tuple[float, float], float]:
+    """Shape, centre, sides (m) and yaw (rad) of a footprint: of a round thing with its unseen back."""
+    low, high = np.percentile(cloud, OUTLIERS, axis=0), np.percentile(cloud, 100 - OUTLIERS, axis=0)
+    inner = cloud[((cloud >= low) & (cloud <= high)).all(axis=1)]
+    inner = inner[:: len(inner) // SAMPLES + 1]
+    view = view_of(frame, table, mask, inner)
+    ellipse = None if view is None else ellipse_of(inner, view)
+    if ellipse is not None and ellipse.diameters[1] < ROUND * ellipse.diameters[0]:
+        return "box", ellipse.center, ellipse.diameters, ellipse.yaw
+    if ellipse is not None:
+        diameter = sum(ellipse.diameters) / 2
+        return "cylinder", ellipse.center, (diameter, diameter), 0.0
+    if (circle := _circle(inner)) is not None:
+        return "cylinder", circle[0], (circle[1], circle[1]), 0.0
+    return "box", *rectangle_of(inner)
+
+
 def _circle(cloud: Array) -> tuple[tuple[float, float], float] | None:
-    """Centre and diameter (m) of a footprint whose corners are missing and whose sides are alike."""
+    """Centre and diameter (m) of a footprint whose four corners are missing and whose sides are alike."""
     footprint = cloud[:, :2].astype(np.float32)
     (x, y), (length, width), _ = cv2.minAreaRect(footprint)
     area = cv2.contourArea(hull_of(cloud).astype(np.float32))
-    if min(length, width) < THINNEST or area > 0.87 * length * width or not 0.75 < length / width < 1.33:
+    if min(length, width) < THINNEST or not 0.68 < area / (length * width) < 0.87 or not 0.75 < length / width < 1.33:
         return None
     return (float(x), float(y)), (float(length) + float(width)) / 2
 
 
-def _rectangle(cloud: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """Centre, sides (m) and yaw (rad, within 45 degrees) of the smallest rectangle that holds 98 % of each side."""
-    flat = cloud[:: len(cloud) // 1000 + 1, :2]
-    yaws = np.deg2rad(np.arange(-45.0, 45.0, 1.5))
-    axes = np.stack([np.cos(yaws), np.sin(yaws), -np.sin(yaws), np.cos(yaws)], axis=1).reshape(-1, 2, 2)
-    low, high = np.percentile(flat @ axes.reshape(-1, 2).T, (1, 99), axis=0).reshape(2, -1, 2)
-    sides = np.maximum(high - low, THINNEST)
-    best = int(sides.prod(axis=1).argmin())
-    x, y = (low[best] + high[best]) / 2 @ axes[best]
-    return (float(x), float(y)), (float(sides[best, 0]), float(sides[best, 1])), float(yaws[best])
+def _bottom(cloud: Array, others: Sequence[tuple[Array, float]]) -> float:
+    """0 for what stands on the table; the top of what it lies on for what is stacked.
 
-
-def _bottom(cloud: Array, others: Sequence[Array]) -> float:
-    """0 for what stands on the table; the top of what it lies on for what is stacked."""
+    ``others`` are the hull of the footprint and the top of each other thing.
+    """
     lowest = float(np.percentile(cloud[:, 2], 2))
     if lowest < 0.025:
         return 0.0
-    for other in others:
-        covered = float(inside_hull(cloud[:, :2], hull_of(other), margin=0.005).mean())
-        if covered > 0.4 and abs(float(np.percentile(other[:, 2], 95)) - lowest) < 0.04:
+    for hull, top in others:
+        if abs(top - lowest) < 0.04 and inside_hull(cloud[:, :2], hull, margin=0.005).mean() > 0.4:
             return lowest
     return 0.0
 

@@ -8,6 +8,10 @@ import numpy.typing as npt
 from grs_agents.scene.frame import Array, Mask
 
 Labels = npt.NDArray[np.int32]
+THINNEST = 0.012
+"""A footprint is at least this wide (m): thinner ones are seen edge on."""
+ALIKE = 1.08
+"""Rectangles of which the areas differ by less than this factor fit alike."""
 RIM = 0.015
 """A rim is this high and wide (m)."""
 DEEP = 0.015
@@ -64,3 +68,28 @@ def is_open(cloud: Array, table: Array) -> bool:
     points = np.concatenate([cloud, near])
     inner = points[inside_hull(points[:, :2], hull, -min(RIM, 0.15 * area**0.5))]
     return float((inner[:, 2] > top - DEEP).sum()) < 0.25 * len(inner) or len(inner) < 10
+
+
+def turns(yaws: Array) -> Array:
+    """(N, 2, 2) the x and the y axis of a footprint at each of (N,) yaws (rad)."""
+    return np.stack([np.cos(yaws), np.sin(yaws), -np.sin(yaws), np.cos(yaws)], axis=1).reshape(-1, 2, 2)
+
+
+def rectangle_of(cloud: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
+    """Centre, sides (m) and yaw (rad, within 45 degrees) of the smallest rectangle that holds 99 % of each side.
+
+    Of two sides that meet in a corner without a top, rectangles at several yaws are equally small: of those about as
+    small as the smallest, the one whose sides are nearest to the points is taken.
+    """
+    flat = cloud[:: len(cloud) // 1000 + 1, :2]
+    yaws = np.deg2rad(np.arange(-45.0, 45.0, 1.5))
+    axes = turns(yaws)
+    along = flat @ axes.reshape(-1, 2).T
+    low, high = np.percentile(along, (0.5, 99.5), axis=0)
+    off = np.minimum(along - low, high - along).reshape(len(flat), -1, 2).min(axis=2)
+    low, high = low.reshape(-1, 2), high.reshape(-1, 2)
+    sides = np.maximum(high - low, THINNEST)
+    areas = sides.prod(axis=1)
+    best = int(np.where(areas <= ALIKE * areas.min(), np.abs(off).mean(axis=0), np.inf).argmin())
+    x, y = (low[best] + high[best]) / 2 @ axes[best]
+    return (float(x), float(y)), (float(sides[best, 0]), float(sides[best, 1])), float(yaws[best])

@@ -6,6 +6,7 @@ import numpy as np
 from grs_agents.scene.foreground import foreground, smoothed
 from grs_agents.scene.frame import Array, RGBDFrame
 from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
+from grs_agents.scene.hidden import join_hidden
 from grs_agents.scene.merging import merge_parts
 from grs_agents.scene.patches import patches
 from grs_agents.scene.table import robot_points
@@ -34,7 +35,7 @@ def segment(frame: RGBDFrame, table: TableFrame) -> Labels:
     ]
     numbers = np.zeros(len(areas), np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
-    return _filled(numbers[labels], points)
+    return _filled(join_hidden(numbers[labels], smooth, points), points)
 
 
 def _is_ghost(cloud: Array, small: int) -> bool:

@@ -65,29 +65,34 @@ def _surfaces(thing: Thing, points: Array) -> npt.NDArray[np.bool_]:
     return inside & tall & ~(hole & (z > 0.005) if thing.wall else np.zeros_like(tall))
 
 
-def render(things: Sequence[Thing], noise: float = 0.001, seed: int = 0, calibrated: bool = False) -> Rendered:
+def render(
+    things: Sequence[Thing],
+    noise: float = 0.001,
+    seed: int = 0,
+    calibrated: bool = False,
+    eye: tuple[float, float, float] = (-0.25, 0.0, 0.75),
+) -> Rendered:
     """March along each pixel's ray in small steps until it enters a thing or the table (1.4 x 1.4 m)."""
-    pose = look_at((-0.25, 0.0, 0.75), (0.5, 0.0, 0.0))
+    pose = look_at(eye, (0.5, 0.0, 0.0))
     rows, columns = np.indices((HEIGHT, WIDTH))
     rays = np.stack([(columns - WIDTH / 2) / FOCAL, (rows - HEIGHT / 2) / FOCAL, np.ones((HEIGHT, WIDTH))], axis=-1)
     rays = rays.reshape(-1, 3) @ pose[:3, :3].T
-    eye = pose[:3, 3]
-    depth = np.where(rays[:, 2] < -1e-6, -eye[2] / np.minimum(rays[:, 2], -1e-6), np.inf)
-    floor = eye + depth[:, None] * rays
+    origin = pose[:3, 3]
+    depth = np.where(rays[:, 2] < -1e-6, -eye[2] / np.minimum(rays[:, 2], -1e-6), 1e3)
+    floor = origin + depth[:, None] * rays
     depth[~((np.abs(floor[:, :2] - (0.5, 0.0)) < 0.7).all(axis=1))] = 0
     labels = np.zeros(HEIGHT * WIDTH, np.int32)
     for number, thing in enumerate(things, 1):
-        top = thing.bottom + thing.size[2]
-        toward = np.array([*thing.center, thing.bottom + thing.size[2] / 2]) - eye
+        toward = np.array([*thing.center, thing.bottom + thing.size[2] / 2]) - origin
         reach = float(np.linalg.norm(thing.size)) / 2
         along = rays @ toward / (rays**2).sum(axis=1)
         near = np.flatnonzero(np.linalg.norm(rays * along[:, None] - toward, axis=1) < reach)
-        start = np.maximum((eye[2] - top) / -rays[near, 2], 0.05)
+        start = np.maximum(along[near] - 1.1 * reach / 0.8, 0.05)
         hit = np.full(len(near), np.inf)
-        for step in np.arange(0.0, 2.2 * reach / 0.8, max(0.002, reach / 80)):
+        for step in np.arange(0.0, 2.3 * reach / 0.8, max(0.002, reach / 80)):
             open_rays = np.flatnonzero(np.isinf(hit))
             at = start[open_rays] + step
-            points = eye + at[:, None] * rays[near[open_rays]]
+            points = origin + at[:, None] * rays[near[open_rays]]
             entered = _surfaces(thing, points)
             hit[open_rays[entered]] = at[entered]
         closer = hit < np.where(depth[near] > 0, depth[near] - 1e-9, np.inf)

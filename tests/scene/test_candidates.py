@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
+from grs_agents.library import Library
 from grs_agents.scene import (
     Candidate,
     TableFrame,
@@ -91,9 +92,11 @@ def test_the_sample_scene_is_measured_from_its_labels(sample_scene: Path) -> Non
     labels = np.asarray(cv2.imread(str(sample_scene / "labels.png"), cv2.IMREAD_UNCHANGED), np.int32)
     found = candidates_of(frame, find_table(frame, np.random.default_rng(0)), labels)
     truth = json.loads((sample_scene / "truth.json").read_text())["objects"]
-    errors = [math.dist(one.upright.center, known["position"]) for one, known in zip(found, truth, strict=True)]
-    assert np.median(errors) < 0.01
-    assert max(errors) < 0.025
+    library = Library()
+    for one, known in zip(found, truth, strict=True):
+        assert one.upright.center == pytest.approx(known["position"], abs=0.01)
+        size = library.asset(known["asset"]).size
+        assert sorted(one.upright.size) == pytest.approx(sorted(size), abs=0.015)
 
 
 def _rotate(q: tuple[float, float, float, float]) -> np.ndarray:
