@@ -56,7 +56,8 @@ def match(state: RunState, services: Services) -> Update:
     """Describe each candidate and match it with an asset; what no asset matches becomes a primitive proxy."""
     records = [CandidateRecord.model_validate(one) for one in state["candidates"]]
     described: dict[int, Description] = {}
-    warnings: list[str] = []
+    table = TableFrame.model_validate(state["frame"])
+    warnings = [table.note] if table.origin == "calibrated" and table.note else []
     for record in records:
         reply = roles.describe(services.agents, _measurements(record), [record.crop, state["image"]])
         if isinstance(reply, NoReply):
@@ -84,7 +85,7 @@ def match(state: RunState, services: Services) -> Update:
     scene = SceneDescription(
         source=state["scene_path"],
         image=state["image"],
-        frame=TableFrame.model_validate(state["frame"]),
+        frame=table,
         objects=tuple(objects),
         dropped=tuple(lost),
         warnings=tuple(warnings),

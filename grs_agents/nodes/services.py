@@ -6,18 +6,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 from langgraph.runtime import Runtime
+from pydantic import ValidationError
 
-from grs_agents import content
 from grs_agents.agents import Agents
 from grs_agents.config import Config
+from grs_agents.errors import ConfigError
 from grs_agents.library import Library
 from grs_agents.policies import Policy
 from grs_agents.sandbox import Limits, Sandbox
 from grs_agents.state import RunState
-from grs_agents.toolkit import Tool, ToolContext
+from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, NodeEnded, NodeStarted
 
 Update = dict[str, Any]
@@ -61,11 +62,22 @@ class Services:
         return Library().overlay(proxies) if proxies.is_dir() else Library()
 
     def tool(self, name: str, **request: Any) -> Any:
-        """Run the tool called ``name`` with a request made of ``request``."""
-        tool = cast(Tool, content.load_module("tools", name))
+        """Run the tool called ``name`` with a request made of ``request``.
+
+        Raises:
+            UnknownNameError: nothing has that name.
+            ConfigError: the tool takes another request, so it is no tool for this job.
+        """
+        tool = load_tool(name)
+        try:
+            asked = tool.Request(**request)
+        except (ValidationError, TypeError) as error:
+            first = str(error).splitlines()[0]
+            remedy = f"name a tool whose Request has {', '.join(request)}"
+            raise ConfigError(f"tool {name!r} cannot take the request: {first}", remedy) from error
         limits = Limits(**self.config.limits.model_dump())
         context = ToolContext(sandbox=self.sandbox, library=self.library, limits=limits)
-        return tool.run(tool.Request(**request), context)
+        return tool.run(asked, context)
 
 
 def node(body: Body) -> Node:

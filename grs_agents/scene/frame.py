@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from grs_agents.base import Frozen
 
@@ -36,6 +36,19 @@ class Camera(Frozen):
     height: Annotated[int, Field(gt=0)]
     depth_scale: Positive
     T_robot_cam: Matrix | None = None
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        longest = max(self.width, self.height)
+        for name in ("fx", "fy"):
+            if not 0.1 * longest <= getattr(self, name) <= 20 * longest:
+                raise ValueError(
+                    f"{name} = {getattr(self, name):g} is outside {0.1 * longest:g}..{20 * longest:g} pixels"
+                )
+        for name, extent in (("cx", self.width), ("cy", self.height)):
+            if not -extent <= getattr(self, name) <= 2 * extent:
+                raise ValueError(f"{name} = {getattr(self, name):g} is outside {-extent}..{2 * extent} pixels")
+        return self
 
     @field_validator("T_robot_cam")
     @classmethod

@@ -55,9 +55,10 @@ def read_camera(file: Path) -> Camera:
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"][:1])
-        given = "" if first["type"] == "missing" else f" = {str(first['input'])[:80]}"
+        given = f" = {str(first['input'])[:80]}" if where and first["type"] != "missing" else ""
         remedy = "give every one of fx fy cx cy width height depth_scale, finite, and T_robot_cam if calibrated"
-        raise InputError(f"{file}: {where}{given}: {first['msg']}", remedy) from error
+        problem = first["msg"].removeprefix("Value error, ")
+        raise InputError(f"{file}: {where}{given}{': ' if where else ''}{problem}", remedy) from error
 
 
 def _read_image(file: Path) -> npt.NDArray[Any]:

@@ -20,6 +20,10 @@ HORIZONTAL = np.cos(np.deg2rad(12.0))
 """A calibrated table's normal is within 12 degrees of the robot's z axis."""
 
 
+HIGHEST = 0.2
+"""A calibrated table top lies within this height (m) of the robot frame's z = 0."""
+
+
 @dataclass(frozen=True)
 class Plane:
     """``normal @ point + offset = 0`` with the unit normal towards the camera."""
@@ -55,7 +59,16 @@ def find_table(frame: RGBDFrame, rng: np.random.Generator) -> TableFrame:
             f"{frame.source}: found no table plane with at least {LEAST_SHARE:.0%} of the measured pixels",
             "take the photo so that the table fills more of it and the camera looks down on it",
         )
-    return _laid(plane) if given is None else _calibrated(plane, given)
+    if given is None:
+        return _laid(plane)
+    table = _calibrated(plane, given)
+    if abs(table.height) > HIGHEST:
+        raise InputError(
+            f"{frame.source / 'camera.json'}: T_robot_cam puts the table top at z = {table.height:+.3f} m, "
+            f"more than {HIGHEST} m from the robot frame's z = 0",
+            f"correct T_robot_cam, or depth_scale {frame.camera.depth_scale:g}; or leave T_robot_cam out",
+        )
+    return table
 
 
 def _support_plane(points: Array, up: Array | None, rng: np.random.Generator) -> Plane | None:

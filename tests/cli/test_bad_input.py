@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from grs_agents import content
 from tests.cli.command import Done, grs
 
 
@@ -24,8 +25,8 @@ def copy_scene(sample_scene: Path, folder: Path) -> Path:
 def assert_refused(done: Done, *words: str) -> None:
     assert done.returncode == 2, done.stderr
     lines = done.stderr.strip().splitlines()
-    assert lines[-1].startswith("grs: ")
-    assert not any("Traceback" in line for line in lines)
+    assert len(lines) == 1 and lines[0].startswith("grs: "), done.stderr
+    assert not done.stdout
     for word in words:
         assert word in lines[-1], lines[-1]
 
@@ -56,6 +57,14 @@ def wrong_unit(scene: Path) -> None:
     set_camera(scene, depth_scale=1.0)
 
 
+def ten_times_too_near(scene: Path) -> None:
+    set_camera(scene, depth_scale=0.00015)
+
+
+def absurd_lens(scene: Path) -> None:
+    set_camera(scene, fx=1e-9)
+
+
 def not_finite(scene: Path) -> None:
     (scene / "camera.json").write_text((scene / "camera.json").read_text().replace('"fx": ', '"fx": NaN, "_": '))
 
@@ -80,6 +89,8 @@ def no_plane(scene: Path) -> None:
         (other_size, ("depth.png", "100")),
         (no_depth, ("depth.png",)),
         (wrong_unit, ("depth_scale",)),
+        (ten_times_too_near, ("T_robot_cam", "depth_scale")),
+        (absurd_lens, ("camera.json", "fx")),
         (not_finite, ("camera.json",)),
         (missing_value, ("camera.json", "fy")),
         (no_plane, ("table",)),
@@ -102,6 +113,10 @@ def test_a_bad_scene(tmp_path: Path, sample_scene: Path, spoil: Callable[[Path],
         ("policy=guess", ("guess", "rules")),
         ("graph=grss", ("grss", "grs")),
         ("tools.segment=magic", ("magic", "segment_rgbd")),
+        ("tools.segment=run_tests", ("run_tests", "frame")),
+        ("prompts.task=magic", ("magic", "task")),
+        ("graph=router", ("router", "task and scene")),
+        ("graph=scene", ("scene", "verdict")),
         ("max_fixes=-1", ("max_fixes",)),
         ("colour=red", ("colour", "max_fixes")),
     ],
@@ -114,7 +129,39 @@ def test_a_bad_setting(tmp_path: Path, sample_scene: Path, setting: str, words: 
 
 
 def test_no_such_folder(tmp_path: Path) -> None:
-    assert_refused(grs("run", "nowhere", "--out", "run", folder=tmp_path), "nowhere")
+    assert_refused(grs("run", "nowhere", folder=tmp_path), "nowhere")
+    assert not (tmp_path / "runs").exists()
+
+
+def test_comprehension_has_one_graph(tmp_path: Path, sample_scene: Path) -> None:
+    assert_refused(grs("scene", str(sample_scene), "--set", "graph=grs", folder=tmp_path), "grs", "scene")
+
+
+def test_a_graph_of_ones_own_must_come_to_a_verdict(tmp_path: Path, sample_scene: Path) -> None:
+    (tmp_path / "mine" / "graphs").mkdir(parents=True)
+    text = content.path("graphs", "scene").read_text().replace("VERDICT = False", "VERDICT = True")
+    (tmp_path / "mine" / "graphs" / "endless.py").write_text(text)
+    arguments = (
+        "--content",
+        str(tmp_path / "mine"),
+        "run",
+        str(sample_scene),
+        "--out",
+        "run",
+        "--set",
+        "graph=endless",
+    )
+    done = Done(*_outside(arguments, tmp_path))
+    assert done.returncode == 2
+    assert "graph 'endless' ended without a verdict" in done.stderr.strip().splitlines()[-1]
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["counts"]["objects"] >= 8
+
+
+def _outside(arguments: tuple[str, ...], folder: Path) -> tuple[int, str, str]:
+    """Run ``grs`` in a process of its own."""
+    command = [sys.executable, "-m", "grs_agents", *arguments]
+    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200, check=False)
+    return ended.returncode, ended.stdout, ended.stderr
 
 
 def test_an_existing_run(tmp_path: Path, sample_scene: Path) -> None:

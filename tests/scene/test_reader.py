@@ -98,8 +98,10 @@ def test_any_other_text_is_a_named_error(tmp_path_factory: pytest.TempPathFactor
 
 @given(
     values=st.fixed_dictionaries(
-        {key: st.floats(1e-3, 1e4) for key in ("fx", "fy", "cx", "cy", "depth_scale")}
-        | {key: st.integers(1, 5000) for key in ("width", "height")}
+        {key: st.floats(500, 10_000) for key in ("fx", "fy")}
+        | {key: st.floats(-500, 1000) for key in ("cx", "cy")}
+        | {key: st.integers(500, 5000) for key in ("width", "height")}
+        | {"depth_scale": st.floats(1e-5, 1)}
     )
 )
 def test_a_camera_survives_its_own_json(tmp_path_factory: pytest.TempPathFactory, values: dict[str, float]) -> None:
