@@ -29,6 +29,14 @@ def components(mask: cv2.typing.MatLike, smallest: int) -> Labels:
     return keep[np.asarray(labels, np.int32)]
 
 
+def within(points: Array, low: Array, high: Array) -> Mask:
+    """Which of the (N, D) ``points`` lie in the axis-aligned box from ``low`` to ``high``, both (D,)."""
+    inside = np.ones(len(points), np.bool_)
+    for axis in range(points.shape[1]):  # many times as fast as comparing rows
+        inside &= (points[:, axis] >= low[axis]) & (points[:, axis] <= high[axis])
+    return inside
+
+
 def hull_of(points: Array) -> Array:
     """(M, 2) corners of the convex footprint of (N, 2 or 3) points; one corner where all points are the same."""
     footprint = np.asarray(points[:, :2], np.float32)
@@ -64,7 +72,7 @@ def is_open(cloud: Array, table: Array) -> bool:
     rim = cloud[cloud[:, 2] > top - RIM]
     if area < 5e-4 or float(cv2.contourArea(hull_of(rim).astype(np.float32))) < SURROUNDED * area:
         return False
-    near = table[((table[:, :2] >= hull.min(axis=0)) & (table[:, :2] <= hull.max(axis=0))).all(axis=1)]
+    near = table[within(table[:, :2], hull.min(axis=0), hull.max(axis=0))]
     points = np.concatenate([cloud, near])
     inner = points[inside_hull(points[:, :2], hull, -min(RIM, 0.15 * area**0.5))]
     return float((inner[:, 2] > top - DEEP).sum()) < 0.25 * len(inner) or len(inner) < 10

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from grs_agents.scene.frame import Array
-from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
+from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, within
 
 TOUCHING = 0.012
 """Parts nearer than this (m) touch."""
@@ -46,11 +46,11 @@ class Part:
 
 def part_of(points: Array) -> Part | None:
     """Measure a patch's (N, 3) points; ``None`` where too few are known."""
-    known = points[np.isfinite(points).all(axis=1)]
+    known = points[np.isfinite(points[:, 2])]
     if len(known) < 20:
         return None
     low, high = np.percentile(known, 2, axis=0), np.percentile(known, 98, axis=0)
-    inner = known[((known >= low) & (known <= high)).all(axis=1)]
+    inner = known[within(known, low, high)]
     inner = inner if len(inner) >= 20 else known
     _, sides, _ = cv2.minAreaRect(inner[:, :2].astype(np.float32))
     sample = inner[:: len(inner) // 800 + 1]

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from grs_agents.scene.foreground import foreground, smoothed
+from grs_agents.scene.foreground import Depth, foreground, smoothed
 from grs_agents.scene.frame import Array, RGBDFrame
 from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
 from grs_agents.scene.hidden import join_hidden
@@ -16,6 +16,8 @@ SMALLEST = 0.0004
 """The least share of the picture that an object covers."""
 BROKEN = 15
 """Gaps in a rim narrower than this (pixels) do not open it."""
+VEIL = 2.0
+"""A veil between two surfaces is this many times as deep as the side of a square of its pixels."""
 FLATTEST = 0.012
 """What is lower than this (m) is no object."""
 
@@ -31,7 +33,9 @@ def segment(frame: RGBDFrame, table: TableFrame) -> Labels:
     kept = [
         label
         for label in range(1, len(areas))
-        if areas[label] >= smallest and not _is_ghost(points[labels == label], 4 * smallest)
+        if areas[label] >= smallest
+        and not _is_ghost(points[labels == label], 4 * smallest)
+        and not _is_veil(smooth.depth[labels == label], frame.camera.fx, 4 * smallest)
     ]
     numbers = np.zeros(len(areas), np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
@@ -44,13 +48,22 @@ def _is_ghost(cloud: Array, small: int) -> bool:
     return top < FLATTEST or (top < 2 * FLATTEST and len(cloud) < small)
 
 
+def _is_veil(depth: Depth, focal: float, small: int) -> bool:
+    """Whether a small segment is a streak of pixels mixed of two surfaces: much deeper than it looks large."""
+    if len(depth) > small:
+        return False
+    low, middle, high = np.percentile(depth, (5, 50, 95))
+    return bool(high - low > VEIL * np.sqrt(len(depth)) * middle / focal)
+
+
 def _filled(labels: Labels, points: Array) -> Labels:
     """Give the table seen inside a hollow thing to it: that is its floor."""
     result = labels.copy()
     low = (labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < 0.015)
     for label in range(1, int(labels.max()) + 1):
         mask = labels == label
-        cloud = points[mask & np.isfinite(points[..., 2])]
+        cloud = points[mask][::3]
+        cloud = cloud[np.isfinite(cloud[:, 2])]
         if len(cloud) < 3 or not is_open(cloud, np.zeros((0, 3))):
             continue
         closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((BROKEN, BROKEN), np.uint8))

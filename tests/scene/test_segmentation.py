@@ -1,5 +1,6 @@
 """Whole segmentations, against the truth of synthetic and real scenes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -31,6 +32,12 @@ def test_stacked_and_touching_things_are_told_apart(stacked: Rendered) -> None:
     labels = _segment(stacked.frame)
     assert labels.max() == 4
     assert min(_ious(labels, stacked.labels)) > 0.75
+
+
+def test_a_veil_of_mixed_pixels_is_no_thing(rendered: Rendered) -> None:
+    depth = rendered.frame.depth.copy()
+    depth[60:72, 200:214] *= np.linspace(0.85, 1, 14, dtype=np.float32)
+    assert _segment(replace(rendered.frame, depth=depth)).max() == 4
 
 
 def test_an_empty_table_has_no_segments() -> None:
