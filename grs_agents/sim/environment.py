@@ -76,7 +76,6 @@ class Environment(Workcell):
         self.pix_size = 0.003125
         self.task: Task | None = None
         self.recorder = Recorder()
-        self.warnings: list[str] = []
         self.failed_placements = 0
         self._scorer: StrictScorer | None = None
         self.seed(templates.default_seed() if seed is None else seed)
