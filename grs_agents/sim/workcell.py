@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.sim import cameras, ends, kinematics, reach
+from grs_agents.sim import cameras, clearance, ends, kinematics, reach
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.physics import home_joints
@@ -105,6 +105,9 @@ class Workcell(Tabletop):
 
         Returns:
             Whether it failed to arrive, as CLIPort has it: True = not there.
+
+        Raises:
+            UnreachableError: the arm would hit the table or its own base on the way; it has not moved.
         """
         del speed
         physics, target = self.physics, np.asarray(targj, dtype=np.float64)
@@ -115,6 +118,12 @@ class Workcell(Tabletop):
         share = np.linspace(0.0, 1.0, max(2, int(seconds / self.timestep)))[:, None]
         path = start + (3 * share**2 - 2 * share**3) * (target - start)
         path = path[: max(2, int(timeout / self.timestep))]
+        gap = clearance.along(path)
+        if gap < 0:
+            raise UnreachableError(
+                f"movej: on its way the arm would reach {-gap:.2f} m into the table or its own base",
+                "give joint angles that keep it clear, e.g. of env.solve_ik(pose)",
+            )
         physics.follow(path)
         physics.arrive(path[-1])
         return bool(np.abs(physics.joints - target).max() > _REACHED)

@@ -68,3 +68,11 @@ def test_a_recording_is_written_where_the_configuration_says(env, tmp_path) -> N
     env.step_simulation(100)
     assert env.end_rec() == tmp_path / "milk.npz"
     assert "object_1" in np.load(tmp_path / "milk.npz")["names"].tolist()
+
+
+def test_a_way_through_the_table_is_refused_before_the_arm_moves(env) -> None:
+    down = env.homej
+    down[1] += 1.2
+    with pytest.raises(SimulationError, match="into the table"):
+        env.movej(down)
+    assert env.physics.joints == pytest.approx(env.homej, abs=0.01)
