@@ -24,7 +24,7 @@ from grs_agents.sim.observation import Observation
 from grs_agents.sim.physics import DEFAULT_BUDGET, Budget, home_joints
 from grs_agents.sim.primitives import PickPlace, PickPlaceResult
 from grs_agents.sim.strict import StrictScorer
-from grs_agents.sim.tabletop import Tabletop
+from grs_agents.sim.workcell import Workcell
 
 if TYPE_CHECKING:
     from grs_agents.sim.task import Task
@@ -34,13 +34,14 @@ Action = Mapping[str, Any]
 Info = dict[Any, Any]
 
 
-class Environment(Tabletop):
+class Environment(Workcell):
     """A table with objects and a robot arm whose base is at the origin (x forward, y left, z up, table top z = 0).
 
     Args:
         assets_root: kept for CLIPort programs; a folder with a ``manifest.json`` is laid over the library.
         task: may be given later with ``set_task``.
-        disp, shared_memory, hz, record_cfg: accepted and ignored.
+        disp, shared_memory, hz: accepted and ignored; the time step is the instance's.
+        record_cfg: ``save_video_path`` is where ``end_rec`` writes.
         library: 3D assets; None for the shipped ones.
         seed: of ``rng``, which places objects at random; None for the process's default.
         budget: simulated steps this environment may use.
@@ -75,7 +76,6 @@ class Environment(Tabletop):
         self.pix_size = 0.003125
         self.task: Task | None = None
         self.recorder = Recorder()
-        self.warnings: list[str] = []
         self.failed_placements = 0
         self._scorer: StrictScorer | None = None
         self.seed(templates.default_seed() if seed is None else seed)

@@ -124,15 +124,23 @@ def _zones(params: Any) -> list[Zone]:
 
 def _zone(entry: Any) -> Zone:
     try:
-        extents = np.asarray(entry[1], dtype=np.float64).ravel()
+        extents = np.abs(np.asarray(entry[1], dtype=np.float64).ravel())
     except (TypeError, ValueError, IndexError) as error:
         raise SimulationError(
             f"add_goal: {entry!r} is not a zone", "give params=[(zone_pose, (size_x, size_y, size_z))]"
         ) from error
     if len(extents) not in (2, 3) or not np.isfinite(extents).all() or (extents[:2] <= 0).any():
-        raise SimulationError(f"add_goal: zone size {entry[1]!r} is not positive metres", "give (x, y, z)")
+        raise SimulationError(f"add_goal: zone size {entry[1]!r} is no size in metres", "give (x, y, z)")
     height = float(extents[2]) if len(extents) == 3 else 0.0
-    return as_pose(entry[0], "add_goal: zone"), (float(extents[0]), float(extents[1]), max(0.0, height))
+    return as_pose(entry[0], "add_goal: zone"), (float(extents[0]), float(extents[1]), height)
+
+
+def has_negative_zone(metric: str, params: Any) -> bool:
+    """Whether a zone's size is negative along an axis, as the difference of unordered box corners is."""
+    if metric != "zone":
+        return False
+    entries = params[1] if len(params) == 2 and isinstance(params[0], dict) else params
+    return any(bool((np.asarray(entry[1], dtype=np.float64) < 0).any()) for entry in entries)
 
 
 def _matches(matches: Any, objects: int, targets: int) -> npt.NDArray[np.int64]:

@@ -26,6 +26,8 @@ REACH: Final = 0.85
 """Nominal reach of the arm from its base axis, metres."""
 NEAREST: Final = 0.22
 """Closer to the base axis than this the arm would fold into itself, metres."""
+_SHOULDER: Final = 0.105
+"""Radii of the shoulder and the forearm together, with a little room, metres."""
 LINKS: Final = ((0.0, D1, np.pi / 2), (A2, 0.0, 0.0), (A3, 0.0, 0.0), (0.0, D4, np.pi / 2), (0.0, D5, -np.pi / 2),
                 (0.0, D6, 0.0))  # fmt: skip
 """(a, d, alpha) of each joint."""
@@ -78,6 +80,9 @@ def reachable(tips: FloatArray) -> npt.NDArray[np.bool_]:
     """Which of the points (N, 3) the tip can be brought to, tool down, within the nominal reach."""
     radius = np.hypot(tips[:, 0], tips[:, 1])
     inside = (radius >= NEAREST) & (radius <= REACH)
+    # Low and near the base the forearm's end would meet the shoulder: it must stay beside it or above it.
+    beside = np.sqrt(np.maximum(radius**2 - D4**2, 0.0)) - D5 >= _SHOULDER
+    inside &= beside | (tips[:, 2] + TOOL_LENGTH + D6 >= D1 + _SHOULDER)
     return inside & np.isfinite(solve(tips, np.zeros(len(tips)))).all(axis=1)
 
 

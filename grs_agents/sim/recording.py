@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.files import write_bytes
-from grs_agents.sim.environment import Environment
+from grs_agents.sim.physics import Physics
 from grs_agents.sim.robot import LINK_NAMES
 
 RATE: Final = 30.0
@@ -18,12 +18,12 @@ class Recording:
     """Watches an environment's physics from now on.
 
     Args:
-        env: a reset environment.
+        physics: of a reset environment.
         ids: the id to record by the environment's id: ``{recorded: environment's}``.
     """
 
-    def __init__(self, env: Environment, ids: dict[int, int]) -> None:
-        self._physics = env.physics
+    def __init__(self, physics: Physics, ids: dict[int, int]) -> None:
+        self._physics = physics
         bodies = {f"object_{own}": self._physics.world.bodies[number] for own, number in ids.items()}
         model = self._physics.model
         bodies |= {name: int(model.body(name).id) for name in (*LINK_NAMES, "cup")}

@@ -13,7 +13,7 @@ HOME: Final = (0.35, 0.0, 0.42)
 LINK_NAMES: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 # Published link masses, and the capsule of each link in its own frame: from, to, radius.
 _MASSES: Final = (3.761, 8.058, 2.846, 1.37, 1.3, 0.365)
-_CAPSULES: Final = (
+CAPSULES: Final = (
     ((0.0, 0.0, 0.02), (0.0, 0.0, D1), 0.060),
     ((0.0, 0.0, 0.138), (A2, 0.0, 0.138), 0.054),
     ((0.0, 0.0, 0.007), (A3, 0.0, 0.007), 0.042),
@@ -38,7 +38,7 @@ def add_robot(spec: Any) -> None:
             name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1), armature=0.1,
             range=(-2 * np.pi, 2 * np.pi), limited=True,
         )  # fmt: skip
-        start, end, radius = _CAPSULES[index]
+        start, end, radius = CAPSULES[index]
         body.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=(*start, *end), size=(radius, 0, 0),
             mass=_MASSES[index], rgba=(0.75, 0.77, 0.8, 1.0), group=1,

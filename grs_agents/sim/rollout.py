@@ -141,7 +141,7 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
         env.reset()
         initial = _poses(env, task)
         reachable = _reachable(env, task)
-        recorder = Recording(env, task.ids) if recording is not None else None
+        recorder = Recording(env.physics, task.ids) if recording is not None else None
         solve(env, task)
     except GrsError as error:
         env.recorder.stop = stop_of(error)

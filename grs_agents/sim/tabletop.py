@@ -29,6 +29,7 @@ class Tabletop:
     def __init__(self, library: Library, budget: Budget) -> None:
         self.library, self.budget = library, budget
         self.timestep = world.TIMESTEP
+        self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
         self._outlines: dict[int, _Outline] = {}
         self._physics: Physics | None = None
@@ -72,6 +73,8 @@ class Tabletop:
         shapes = templates.filled_model(name)
         if shapes is None:
             self.library.asset(name)
+            if defaults := self.library.template_defaults(name):
+                self.warn(f"{name} was not filled in: it takes its defaults, {templates.listed(defaults)}")
         if category not in ("fixed", "rigid"):
             raise SimulationError(f"add_object: category {category!r} is not supported", "use 'fixed' or 'rigid'")
         return self.insert(
@@ -87,6 +90,11 @@ class Tabletop:
         self._objects[number] = item.model_copy(update={"id": number})
         self._stale = True
         return number
+
+    def warn(self, text: str) -> None:
+        """Note, once, what had to be assumed; it goes into the task instance."""
+        if text not in self.warnings:
+            self.warnings.append(text)
 
     def set_color(self, obj: int, color: str | Sequence[float]) -> None:
         """Recolour an object: a name of ``utils.COLORS`` or (r, g, b) 0..1."""

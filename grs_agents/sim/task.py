@@ -11,7 +11,7 @@ from grs_agents.base import Pose, Vec3
 from grs_agents.sim import ends, placement, scoring, templates
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.geometry import Prism
-from grs_agents.sim.goals import Goal, make_goal
+from grs_agents.sim.goals import Goal, has_negative_zone, make_goal
 from grs_agents.sim.task_kit import TaskKit
 
 if TYPE_CHECKING:
@@ -128,15 +128,19 @@ class Task(TaskKit):
         if self._env is not None:
             for number in goal.objs:
                 self._env.object(number)
+            if has_negative_zone(metric, params):
+                self._env.warn("add_goal: a zone size with negative lengths was taken without their sign")
         self.goals.append(goal)
         self.lang_goals.append(str(language_goal))
 
     def finish_reset(self, env: "Environment") -> None:
         """Called by the environment after ``reset``: rewards are brought to add up to 1."""
         self._env = env
+        if not self.goals:
+            env.warn("the task states no goal: its reset() never calls add_goal")
         total = sum(goal.step_max_reward for goal in self.goals)
         if self.goals and abs(total - 1) > 0.01:
-            env.warnings.append(f"the goals' step_max_reward add up to {total:.2f}, scaled to 1")
+            env.warn(f"the goals' step_max_reward add up to {total:.2f}, scaled to 1")
             even = 1 / len(self.goals)
             self.goals = [
                 goal._replace(step_max_reward=goal.step_max_reward / total if total > 0 else even)
@@ -150,10 +154,13 @@ class Task(TaskKit):
         Args:
             template: e.g. ``"container/container-template.urdf"``.
             replace: ``{'DIM': (x, y, z), 'HALF': (x / 2, y / 2, z / 2), 'COLOR': (r, g, b)}``, metres; what is
-                left out takes the template's default.
+                left out takes the template's default, with a warning.
         """
         library = self._env.library if self._env is not None else templates.default_library()
-        return templates.fill(library, template, replace)
+        if self._env is not None:
+            for doubt in templates.unsure(library, template, replace):
+                self._env.warn(f"fill_template({template!r}): {doubt}")
+        return templates.fill(library, template, templates.positive(replace))
 
     def get_random_pose(
         self, env: "Environment", obj_size: Sequence[float]
@@ -166,6 +173,8 @@ class Task(TaskKit):
         Raises:
             NoFreeSpaceError: it was asked again and again although there is no room.
         """
+        if any(extent < 0 for extent in obj_size):
+            env.warn("get_random_pose: a size with negative lengths was taken without their sign")
         found = placement.random_pose(obj_size, self.bounds, _standing(env), env.rng)
         if found is not None:
             env.failed_placements = 0

@@ -60,6 +60,40 @@ def fill(library: Library, template: str, replace: Mapping[str, Sequence[float]]
     return name
 
 
+def unsure(library: Library, template: str, replace: Mapping[str, Sequence[float]]) -> list[str]:
+    """One clause for each value of a template that had to be assumed: left out, unknown to it, or negative."""
+    defaults = library.template_defaults(asset_name(template, library))
+    short = {
+        stem: values[len(replace.get(stem, ())) :]
+        for stem, values in defaults.items()
+        if len(replace.get(stem, ())) < len(values) and stem != "COLOR"
+    }
+    if "COLOR" in defaults and "COLOR" not in replace:
+        short["COLOR"] = defaults["COLOR"]
+    found = [f"{stem} left out takes its default {_row(values)}" for stem, values in short.items()]
+    known = {*defaults, "HALF", "INSET", "SCALE", "FNAME"}
+    found += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
+    negative = [stem for stem in replace if stem in ("DIM", "HALF") and any(value < 0 for value in replace[stem])]
+    return found + [f"{stem} has negative lengths, taken without their sign" for stem in negative]
+
+
+def positive(replace: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
+    """The values of a template with lengths made positive: box corners in the wrong order give negative ones."""
+    return {
+        stem: tuple(abs(float(value)) if stem in ("DIM", "HALF") else float(value) for value in values)
+        for stem, values in replace.items()
+    }
+
+
+def listed(values: Mapping[str, Sequence[float]]) -> str:
+    """Placeholders and their values in words."""
+    return ", ".join(f"{stem} {_row(numbers)}" for stem, numbers in values.items())
+
+
+def _row(numbers: Sequence[float]) -> str:
+    return f"({', '.join(f'{number:.4g}' for number in numbers)})"
+
+
 def filled_model(name: str) -> ObjectModel | None:
     """The shapes of a filled template, None for any other name."""
     return _filled.get(name)

@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+from sim_scenes import Scripted, at, pose_goal, zone_goal
+
+from grs_agents.sim import Environment, instantiate, rollout
+
+BLOCK = "block/red_block.urdf"
+BOX = "box/box-template.urdf"
+
+
+def drawn(scene):
+    return instantiate(Scripted(scene), 0)
+
+
+def goal(task, env, reward: float = 1.0) -> None:
+    pose_goal(task, env.add_object(BLOCK, at(0.5, -0.2, 0.02)), at(0.5, 0.2, 0.02), reward)
+
+
+def test_a_placeholder_left_out_takes_its_default_with_a_warning() -> None:
+    def scene(task, env) -> None:
+        goal(task, env)
+        env.add_object(task.fill_template(BOX, {"COLOR": (1, 0, 0)}), at(0.4, 0.3, 0.05))
+
+    instance = drawn(scene)
+    default = Environment().library.template_defaults(BOX)["DIM"]
+    assert instance.objects[1].shapes.size == pytest.approx(default)
+    assert [warning for warning in instance.warnings if "DIM left out" in warning and BOX in warning]
+
+
+def test_a_template_added_as_it_is_takes_all_defaults_with_a_warning() -> None:
+    def scene(task, env) -> None:
+        goal(task, env)
+        env.add_object(BOX, at(0.4, 0.3, 0.05))
+
+    assert "was not filled in" in drawn(scene).warnings[0]
+
+
+def test_a_placeholder_that_the_template_does_not_have_is_named() -> None:
+    def scene(task, env) -> None:
+        goal(task, env)
+        env.add_object(
+            task.fill_template(BOX, {"DIM": (0.1,) * 3, "COLOR": (1, 0, 0), "DIMX": (2,)}), at(0.4, 0.3, 0.05)
+        )
+
+    assert list(drawn(scene).warnings) == [f"fill_template({BOX!r}): DIMX is no placeholder of it, ignored"]
+
+
+def test_box_corners_in_the_wrong_order_are_lengths_without_sign() -> None:
+    def scene(task, env) -> None:
+        size = np.array([0.1, -0.2, -0.05])
+        pose = task.get_random_pose(env, size)
+        env.add_object(task.fill_template(BOX, {"DIM": size, "COLOR": (1, 0, 0)}), pose)
+        zone_goal(task, [1], at(0.5, 0.3, 0.0), (-0.3, 0.25, 0.0))
+
+    instance = drawn(scene)
+    assert instance.objects[0].shapes.size == pytest.approx((0.1, 0.2, 0.05))
+    assert instance.goals[0].zones[0].size == pytest.approx((0.3, 0.25, 0.0))
+    assert len([warning for warning in instance.warnings if "without their sign" in warning]) == 3
+
+
+def test_a_task_without_goals_is_warned_of_and_the_oracle_says_so() -> None:
+    instance = drawn(lambda task, env: env.add_object(BLOCK, at(0.5, -0.2, 0.02)))
+    assert instance.warnings == ("the task states no goal: its reset() never calls add_goal",)
+    done = rollout(instance)
+    assert (done.episode.outcome, done.reward, done.strict) == ("nothing_to_do", 0.0, 0.0)
+
+
+@pytest.mark.parametrize("reward", [0.0, 0.25, 1.0001, 3.0])
+def test_one_goal_of_any_reward_is_worth_one(reward: float) -> None:
+    instance = drawn(lambda task, env: goal(task, env, reward))
+    assert instance.goals[0].max_reward == pytest.approx(1.0, abs=1e-3)
+    assert bool(instance.warnings) == (abs(reward - 1) > 0.01)
+    assert rollout(instance).reward == pytest.approx(1.0)
+
+
+def test_several_zones_do_not_cap_the_reward() -> None:
+    def scene(task, env) -> None:
+        blocks = [env.add_object(BLOCK, at(0.4 + 0.1 * index, -0.3, 0.02)) for index in range(3)]
+        zones = [(at(x, 0.25, 0.0), (0.1, 0.1, 0.0)) for x in (0.4, 0.55)]
+        task.add_goal(blocks, np.ones((3, 2)), [zone[0] for zone in zones], True, False, "zone", zones, 1.0)
+
+    done = rollout(drawn(scene))
+    assert (done.reward, done.strict) == (1.0, 1.0), done.episode
