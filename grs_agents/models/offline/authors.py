@@ -79,18 +79,34 @@ def plan_task(task: Json, things: Sequence[Thing], margin: float = 1.0) -> Plan 
     family = read_family(name, description)
     small = [thing for thing in used if not thing.hollow]
     holders = [thing for thing in used if thing.hollow] if family == "pack" and len(small) > 1 else []
-    moved = _as_described([t for t in used if t not in holders] or used, description)
-    wish = read_wish(name, description, [t.on_table() for t in holders if t not in moved and in_reach(t)])
+    selections = _selections([t for t in used if t not in holders] or used, description)
+    wish = read_wish(name, description, [t.on_table() for t in holders if t not in selections[0] and in_reach(t)])
     wish = Wish(wish.color, wish.holders, wish.note, margin)
     foreign: list[Plan] = []
-    for count in range(min(MOST, len(moved)), 0, -1):
-        ready = settled(moved[:count])
-        for name in (family, "place", "pack") if ready else ():
-            plan = FAMILIES[name](ready, wish)
-            if plan is not None and set(plan.assets) <= {*assets}:
-                return plan
-            foreign += [plan] if plan else []
+    for count in range(min(MOST, max(len(chosen) for chosen in selections)), 0, -1):
+        for chosen in selections:
+            ready = settled(chosen[:count])
+            for name in (family, "place", "pack") if ready else ():
+                plan = FAMILIES[name](ready, wish)
+                if plan is not None and set(plan.assets) <= {*assets}:
+                    return plan
+                foreign += [plan] if plan else []
     return foreign[0] if foreign else None
+
+
+def _selections(things: Sequence[Thing], description: str) -> list[list[Thing]]:
+    """What a description may mean: where it counts fewer objects than are called alike, each of them in turn."""
+    alike = [[other for other in things if other.label == thing.label] for thing in things]
+    turns = max((len(group) for group in alike), default=1)
+    selections: list[list[Thing]] = []
+    for turn in range(turns):
+        ranks = [(group.index(thing) - turn) % len(group) for thing, group in zip(things, alike, strict=True)]
+        ordered = [things[index] for index in sorted(range(len(things)), key=ranks.__getitem__)]
+        kept = _as_described(ordered, description)
+        chosen = [thing for thing in things if thing in kept]
+        if chosen not in selections:
+            selections.append(chosen)
+    return selections or [[]]
 
 
 def _holders(things: Sequence[Thing]) -> tuple[Thing, ...]:
