@@ -5,7 +5,7 @@ from pathlib import Path
 
 from grs_agents import content
 from grs_agents.run.batch import Job
-from grs_agents.run.experiment import experiment_parser, job_settings, run_experiment
+from grs_agents.run.experiment import experiment_parser, job_settings, positive, run_experiment
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -17,7 +17,7 @@ def main(arguments: Sequence[str]) -> int:
     sample = content.path("assets", "scenes") / "groceries"
     parser = experiment_parser("seeds", __doc__)
     parser.add_argument("scene", type=Path, nargs="?", default=sample, help="a scene folder; the sample by default")
-    parser.add_argument("--seeds", type=int, default=20, help="how many seeds, from 0")
+    parser.add_argument("--seeds", type=positive, default=20, help="how many seeds, from 0")
     options = parser.parse_args(arguments)
     jobs = [
         Job(

@@ -6,6 +6,9 @@ from grs_agents import nodes
 from grs_agents.nodes import Services
 from grs_agents.state import RunState
 
+NEEDS = ("task", "scene")
+"""What must be in the state when it starts."""
+
 
 def build() -> StateGraph[RunState, Services, RunState, RunState]:
     """The state machine, from a task and a scene in the state to a verdict."""

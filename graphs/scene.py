@@ -6,6 +6,9 @@ from grs_agents import nodes
 from grs_agents.nodes import Services
 from grs_agents.state import RunState
 
+VERDICT = False
+"""It ends with a scene, not with a verdict."""
+
 
 def build() -> StateGraph[RunState, Services, RunState, RunState]:
     """From a photo with depth to a scene description."""

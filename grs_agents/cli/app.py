@@ -7,7 +7,17 @@ from typing import Annotated
 import typer
 
 from grs_agents import __version__, content
-from grs_agents.cli.options import ConfigFile, Json, Out, Resume, Seed, Settings, effective, refuse_changes
+from grs_agents.cli.options import (
+    ConfigFile,
+    Json,
+    Out,
+    Resume,
+    Seed,
+    Settings,
+    effective,
+    refuse_changes,
+    refuse_graph,
+)
 
 app = typer.Typer(
     name="grs",
@@ -18,6 +28,10 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 SceneFolder = Annotated[Path, typer.Argument(help="A folder with rgb.png, depth.png (uint16) and camera.json.")]
+Seeds = Annotated[
+    int | None,
+    typer.Option("--seeds", help="How many task instances to solve; audit.seeds by default.", min=1, max=100),
+]
 RunFolder = Annotated[Path, typer.Argument(help="A run folder.")]
 
 
@@ -69,6 +83,7 @@ def scene(
     """Comprehend a photo alone: its objects, their boxes and assets."""
     from grs_agents.cli.running import run_graph
 
+    refuse_graph(effective(config, settings, seed))
     chosen = effective(config, [*(settings or []), "graph=scene"], seed).config
     sys.exit(run_graph("scene", scene, chosen, out, False, json))
 
@@ -77,7 +92,7 @@ def scene(
 def check(
     simulation: Annotated[Path, typer.Argument(help="A simulation program: a Python file with a Task subclass.")],
     tests: Annotated[Path | None, typer.Option("--tests", help="Its unittest file.", metavar="TESTS.py")] = None,
-    seeds: Annotated[int, typer.Option("--seeds", help="How many task instances to solve.", min=1, max=100)] = 3,
+    seeds: Seeds = None,
     config: ConfigFile = None,
     settings: Settings = None,
     json: Json = False,
@@ -85,7 +100,8 @@ def check(
     """Check a simulation program of your own through sandbox, tests, oracle and audit. Exit status as for run."""
     from grs_agents.cli.checking import check_program
 
-    chosen = effective(config, [*(settings or []), f"audit.seeds={seeds}"]).config
+    extra = [] if seeds is None else [f"audit.seeds={seeds}"]
+    chosen = effective(config, [*(settings or []), *extra]).config
     sys.exit(check_program(simulation, tests, chosen, json))
 
 

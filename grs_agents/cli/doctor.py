@@ -1,6 +1,5 @@
 """``grs doctor``: what works here, and how to get what does not."""
 
-import importlib.util
 import json
 import os
 import subprocess
@@ -13,17 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents.library import Library
+from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions
 from grs_agents.run.execute import PRELOAD
 from grs_agents.sandbox import Limits, Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
 
-PROVIDERS = {
-    "openai": ("langchain_openai", "OPENAI_API_KEY"),
-    "anthropic": ("langchain_anthropic", "ANTHROPIC_API_KEY"),
-    "google": ("langchain_google_genai", "GOOGLE_API_KEY"),
-    "ollama": ("langchain_ollama", None),
-}
 GL_BACKENDS = {"egl": "libegl1", "osmesa": "libosmesa6"}
 
 
@@ -56,7 +50,9 @@ def diagnose(as_json: bool) -> int:
     if as_json:
         print(json.dumps([asdict(one) for one in found], indent=2))
     else:
-        table = Table("what", "state", "found", "how to get it")
+        table = Table("what", "state")
+        table.add_column("found", overflow="fold")
+        table.add_column("how to get it", overflow="fold")
         for one in found:
             table.add_row(*map(Text, (one.subject, one.state, one.detail, one.remedy)))
         Console().print(table)
@@ -91,9 +87,11 @@ def _gl(name: str) -> Diagnosis:
 
 
 def _provider(name: str) -> Diagnosis:
-    module, key = PROVIDERS[name]
-    if importlib.util.find_spec(module) is None:
-        return Diagnosis(f"models {name}", "absent", "extra not installed", f'pip install "grs-agents[{name}]"')
-    if key is not None and not os.environ.get(key):
+    provider = PROVIDERS[name]
+    key = provider.key_variable
+    if not installed(name):
+        remedy = f'pip install "grs-agents[{provider.extra}]"'
+        return Diagnosis(f"models {name}", "absent", "extra not installed", remedy)
+    if key and not os.environ.get(key):
         return Diagnosis(f"models {name}", "absent", "installed, no key", f"export {key}=...")
     return Diagnosis(f"models {name}", "works", "installed" + (f", {key} is set" if key else ""))

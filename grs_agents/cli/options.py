@@ -25,6 +25,18 @@ def effective(file: Path | None, settings: list[str] | None, seed: int | None = 
     return load_config(file, [*(settings or []), *extra])
 
 
+def refuse_graph(chosen: Effective) -> None:
+    """Comprehension has one graph.
+
+    Raises:
+        ConfigError: another is asked for with ``--set``.
+    """
+    if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
+        raise ConfigError(
+            f"grs scene runs the graph scene, not {chosen.config.graph!r}", "leave graph out, or use grs run"
+        )
+
+
 def refuse_changes(resume: bool, file: Path | None, settings: list[str] | None, seed: int | None) -> None:
     """A resumed run keeps the configuration it was started with.
 

@@ -1,16 +1,21 @@
 """``grs run`` and ``grs scene``."""
 
 import sys
-from collections.abc import Generator
+import traceback
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from grs_agents.config import Config
+from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Library
-from grs_agents.run import Order, execute
-from grs_agents.trace import EventLog
+from grs_agents.run import Order, RunRecord, UnexpectedError, execute
+from grs_agents.scene import SceneDescription, read_description
+from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
 
 
 def run_graph(command: str, scene: Path, config: Config, out: Path | None, resume: bool, as_json: bool) -> int:
@@ -19,18 +24,49 @@ def run_graph(command: str, scene: Path, config: Config, out: Path | None, resum
     Returns:
         The exit status.
     """
-    from grs_agents.views import summary_table
-
     folder, record, problem = execute(Order(command, scene, config, out, resume), follow)
     if as_json:
         print(record.model_dump_json(indent=2))
-    else:
-        console = Console()
-        console.print(summary_table(record.model_dump(mode="json")))
-        console.print(f"[bold]grs replay {folder}[/bold]   opens the trace", highlight=False)
+    elif problem is None:
+        _print_end(command, folder, record)
     if problem is not None:
-        print(f"grs: {problem}", file=sys.stderr)
+        _print_problem(problem, folder)
     return record.exit_status or 0
+
+
+def _print_end(command: str, folder: Path, record: RunRecord) -> None:
+    from grs_agents.views import summary_table
+
+    console = Console()
+    if command == "scene" and record.exit_status == 0:
+        console.print(objects_table(read_description(folder / "scene.json")))
+    else:
+        console.print(summary_table(record.model_dump(mode="json")))
+    console.print(f"[bold]grs replay {folder}[/bold]   opens the trace", highlight=False)
+
+
+def _print_problem(problem: GrsError, folder: Path) -> None:
+    """One line; what nobody foresaw has its traceback too, and what was reached can be gone on with."""
+    print(f"grs: {problem}", file=sys.stderr)
+    if isinstance(problem, InputError):
+        return
+    if isinstance(problem, UnexpectedError):
+        traceback.print_exception(problem.__cause__)
+    print(f"what was reached is in {folder}; --resume goes on there", file=sys.stderr)
+
+
+def objects_table(scene: SceneDescription) -> Table:
+    """The objects of a scene for a terminal: sizes in centimetres, positions in metres in the robot's frame."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("name", overflow="fold")
+    table.add_column("asset", overflow="fold")
+    for column in ("size (cm)", "position (m)", "reachable"):
+        table.add_column(column, no_wrap=True)
+    for one in scene.objects:
+        size = " x ".join(f"{100 * extent:.1f}" for extent in one.size)
+        position = ", ".join(f"{value:.2f}" for value in one.position)
+        table.add_row(*map(Text, (one.name, one.asset, size, position, "yes" if one.reachable else "no")))
+    return table
 
 
 @contextmanager
@@ -41,9 +77,25 @@ def follow(folder: Path, log: EventLog) -> Generator[None]:
 
     view = RerunView(folder, Library())
     with Progress() as progress:
-        log.subscribe(progress)
+        log.subscribe(_without_errors(progress))
         log.subscribe(view)
         try:
             yield
         finally:
             view.finish()
+
+
+def _without_errors(progress: Callable[[Event], None]) -> Callable[[Event], None]:
+    """An error is said once, at the end: a live table marks the node that failed, lines leave it out."""
+    live = sys.stderr.isatty()
+
+    def show(event: Event) -> None:
+        if isinstance(event, RunEnded) and event.status == "failed":
+            return
+        if isinstance(event, NodeEnded) and event.error:
+            if not live:
+                return
+            event = event.model_copy(update={"error": "see below"})
+        progress(event)
+
+    return show

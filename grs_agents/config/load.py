@@ -14,6 +14,8 @@ from grs_agents.errors import ConfigError, UnknownNameError
 
 Tree = dict[str, Any]
 ENVIRONMENT_PREFIX = "GRS_"
+SECRET = ("key_variable", "base_url")
+"""Keys of a model whose wrong values may hold a secret: an error names them without the value."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ def load_config(
                 sources = {key: value for key, value in sources.items() if not key.startswith(f"models.{role}.")}
         tree = _merge(tree, stated)
         sources.update(named)
-    return Effective(_validate(tree), sources)
+    return Effective(validated(tree), sources)
 
 
 def _environment(environment: Mapping[str, str] | None) -> list[tuple[str, Tree]]:
@@ -143,7 +145,12 @@ def _leaves(tree: Tree, prefix: str = "") -> list[str]:
     return keys
 
 
-def _validate(tree: Tree) -> Config:
+def validated(tree: Tree) -> Config:
+    """A whole configuration, as ``Config.model_dump`` gives it, checked.
+
+    Raises:
+        ConfigError: an unknown key or a value out of bounds; what may hold a secret is not repeated.
+    """
     try:
         return Config.model_validate(tree)
     except ValidationError as error:
@@ -151,4 +158,7 @@ def _validate(tree: Tree) -> Config:
         where = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
             raise UnknownNameError("config key", where, _leaves(Config().model_dump())) from error
-        raise ConfigError(f"config {where} = {first['input']!r}: {first['msg']}", "see `grs config`") from error
+        given = "" if first["loc"][-1] in SECRET else f" = {first['input']!r}"
+        raise ConfigError(
+            f"config {where}{given}: {first['msg'].removeprefix('Value error, ')}", "see `grs config`"
+        ) from error

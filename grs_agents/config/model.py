@@ -1,6 +1,8 @@
 """The configuration's types: frozen, every key known, every bound stated."""
 
-from pydantic import Field
+import re
+
+from pydantic import Field, field_validator
 
 from grs_agents.base import Frozen
 
@@ -27,6 +29,21 @@ class ModelConfig(Frozen):
     temperature: float | None = Field(default=None, ge=0, le=2)
     timeout: float = Field(default=120.0, gt=0)
     max_tokens: int | None = Field(default=None, gt=0)
+
+    @field_validator("key_variable")
+    @classmethod
+    def _a_name(cls, value: str | None) -> str | None:
+        if value is not None and not re.fullmatch(r"[A-Z_][A-Z0-9_]*", value):
+            raise ValueError("this is no name of an environment variable (A-Z, 0-9, _); the key itself does not belong")
+        return value
+
+    @field_validator("base_url")
+    @classmethod
+    def _no_password(cls, value: str | None) -> str | None:
+        host = (value or "").split("//", 1)[-1].split("/", 1)[0]
+        if "@" in host:
+            raise ValueError("a user or password in the URL would be recorded; give the key by key_variable")
+        return value
 
 
 class ToolsConfig(Frozen):

@@ -13,7 +13,7 @@ class Llm:
         if isinstance(reply, NoReply):
             fallback = Rules().decide(context)
             explanation = f"{reply}; decided by rules instead: {fallback.explanation}"
-            return RoutingDecision(verdict=fallback.verdict, explanation=explanation, policy="llm")
+            return RoutingDecision(verdict=fallback.verdict, explanation=explanation, policy="llm (rules)")
         return RoutingDecision(verdict=reply.verdict, explanation=reply.explanation, policy="llm")
 
 

@@ -2,7 +2,7 @@
 
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import cast
+from typing import Any, cast
 
 from grs_agents.errors import ConfigError, UnknownNameError
 from grs_agents.policies.builtin import AlwaysCode, Llm, Rules
@@ -17,24 +17,25 @@ def load_policy(name: str) -> Policy:
 
     Raises:
         UnknownNameError: nothing has that name.
-        ConfigError: the dotted path cannot be imported, or what it names has no ``decide``.
+        ConfigError: it cannot be imported or made, or has no ``decide``.
     """
     if name in POLICIES:
         return POLICIES[name]()
     found = entry_points(group=ENTRY_POINTS)
-    if ":" in name:
-        module, _, attribute = name.partition(":")
-        try:
-            factory = getattr(import_module(module), attribute)
-        except (ImportError, AttributeError) as error:
-            raise ConfigError(
-                f"policy {name!r}: {error}", "give package.module:Class of an importable class"
-            ) from error
-    elif name in found.names:
-        factory = found[name].load()
-    else:
+    if ":" not in name and name not in found.names:
         raise UnknownNameError("policy", name, [*POLICIES, *found.names, "package.module:Class"])
-    policy = factory()
+    try:
+        policy = (_named(name) if ":" in name else found[name].load())()
+    except Exception as error:  # whatever the user's own code raises
+        raise ConfigError(
+            f"policy {name!r}: {type(error).__name__}: {error}",
+            "give package.module:Class of an importable class that is made without arguments",
+        ) from error
     if not callable(getattr(policy, "decide", None)):
         raise ConfigError(f"policy {name!r} has no decide(context)", "see grs_agents.policies.Policy")
     return cast(Policy, policy)
+
+
+def _named(path: str) -> Any:
+    module, _, attribute = path.partition(":")
+    return getattr(import_module(module), attribute)

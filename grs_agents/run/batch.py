@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
+from grs_agents import content
 from grs_agents.errors import InputError
 from grs_agents.run.record import RunRecord, read_record
 
@@ -67,7 +68,9 @@ def _run(job: Job, timeout: float) -> Done:
     if earlier is not None and earlier.status in ("accepted", "rejected"):
         return Done(job, earlier.exit_status, earlier, "")
     resume = ("--resume",) if earlier is not None else job.options
-    command = [sys.executable, "-m", "grs_agents", "run", str(job.scene), "--out", str(job.out), "--json", *resume]
+    overlays = [part for root in reversed(content.roots()[:-1]) for part in ("--content", str(root))]
+    arguments = ["run", str(job.scene), "--out", str(job.out), "--json", *resume]
+    command = [sys.executable, "-m", "grs_agents", *overlays, *arguments]
     try:
         # The environment is the user's own: a model may need its key.
         finished = subprocess.run(

@@ -10,6 +10,9 @@ from typing import Any
 
 from rich.console import Console
 
+from grs_agents import __version__, content
+from grs_agents.config import load_config
+from grs_agents.errors import InputError
 from grs_agents.files import write_json, write_text
 from grs_agents.run.batch import Done, Job, run_jobs
 from grs_agents.run.tables import COLUMNS, markdown, row, table
@@ -19,11 +22,19 @@ def experiment_parser(name: str, description: str | None) -> argparse.ArgumentPa
     """The options every experiment of many runs has."""
     parser = argparse.ArgumentParser(prog=f"grs eval {name}", description=description)
     parser.add_argument("--out", type=Path, default=Path(f"runs/eval-{name}"), help="where runs and figures go")
-    parser.add_argument("--workers", type=int, default=2, help="runs at a time")
+    parser.add_argument("--workers", type=positive, default=2, help="runs at a time")
     parser.add_argument("--timeout", type=float, default=300, help="seconds before a run is killed")
     parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     return parser
+
+
+def positive(text: str) -> int:
+    """A whole number from 1, for ``argparse``."""
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{number} is less than 1")
+    return number
 
 
 def job_settings(options: argparse.Namespace) -> tuple[str, ...]:
@@ -38,7 +49,12 @@ def run_experiment(jobs: Sequence[Job], options: argparse.Namespace) -> int:
 
     Returns:
         0 if every run came to a verdict, 1 if not.
+
+    Raises:
+        InputError: ``options.out`` holds another experiment.
+        ConfigError: the settings are no configuration.
     """
+    claim(options.out, jobs, options.settings)
 
     def tell(done: Done) -> None:
         print(f"{done.job.name}: {done.record.status if done.record else done.error}", file=sys.stderr)
@@ -53,6 +69,30 @@ def run_experiment(jobs: Sequence[Job], options: argparse.Namespace) -> int:
     else:
         Console().print(table(f"accepted {summary['accepted']} of {summary['runs']}", COLUMNS, rows))
     return 0 if summary["verdicts"] == len(rows) else 1
+
+
+def claim(out: Path, jobs: Sequence[Job], settings: Sequence[str]) -> None:
+    """Write into ``experiment.json`` what the figures depend on, so that runs of two experiments are never mixed.
+
+    Raises:
+        InputError: the file says that ``out`` belongs to another experiment, or cannot be read.
+        ConfigError: ``settings`` are no configuration.
+    """
+    file = out / "experiment.json"
+    ours: dict[str, Any] = {
+        "scenes": sorted({str(job.scene.resolve()) for job in jobs}),
+        "config": load_config(None, settings).config.model_dump(mode="json"),
+        "content": [str(root) for root in content.roots()[:-1]],
+        "grs-agents": __version__,
+    }
+    try:
+        earlier = json.loads(file.read_text(encoding="utf-8")) if file.exists() else ours
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read {file}: {error}", "name another folder with --out") from error
+    if earlier != ours:
+        differ = [key for key in ours if not isinstance(earlier, dict) or earlier.get(key) != ours[key]]
+        raise InputError(f"{out} holds an experiment with other {', '.join(differ)}", "name another --out")
+    write_json(file, ours)
 
 
 def summarise(finished: Sequence[Done], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:

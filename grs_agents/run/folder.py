@@ -37,11 +37,11 @@ def new_folder(name: str, seed: int, out: Path | None) -> Path:
     return out
 
 
-def old_folder(out: Path | None, source: Path) -> tuple[Path, RunRecord]:
-    """Open the folder of an earlier run of the same scene.
+def old_folder(out: Path | None, source: Path, command: str) -> tuple[Path, RunRecord]:
+    """Open the folder of an earlier run of the same scene by the same ``command``.
 
     Raises:
-        InputError: no folder is named, it holds no run, or one of another scene.
+        InputError: no folder is named, it holds no run, or one of another scene or command.
     """
     if out is None:
         raise InputError("--resume needs the folder of the run", "name it with --out DIR")
@@ -49,5 +49,9 @@ def old_folder(out: Path | None, source: Path) -> tuple[Path, RunRecord]:
     if Path(record.source).resolve() != source.resolve():
         raise InputError(
             f"{out} is a run of {record.source}, not of {source}", "resume it with the scene it was made from"
+        )
+    if record.command != command:
+        raise InputError(
+            f"{out} was made by `grs {record.command}`, not by `grs {command}`", "name another folder with --out"
         )
     return out, record

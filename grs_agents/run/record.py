@@ -26,6 +26,8 @@ PACKAGES = (
     "pydantic",
     "trimesh",
 )
+EXIT_STATUS = {"accepted": 0, "rejected": 1}
+"""The verdicts, each with what the command returns."""
 FILE = "run.json"
 REMEDY = "name a folder that `grs run` wrote"
 

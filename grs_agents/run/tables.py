@@ -31,7 +31,7 @@ def row(done: Done) -> dict[str, Any]:
     counts = record.counts if record else {}
     return {
         "name": done.job.name,
-        "status": record.status if record else "killed",
+        "status": record.status if record else ("killed" if done.exit_status is None else "failed"),
         "task": _task(done),
         "candidates": counts.get("candidates", 0),
         "objects": counts.get("objects", 0),

@@ -1,14 +1,17 @@
 """``grs run`` from the command line to the verdict."""
 
+import contextlib
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
+import ormsgpack
 import pytest
 
 from grs_agents.trace import read_events
@@ -87,7 +90,7 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, sample_scene: Pat
     command = [sys.executable, "-m", "grs_agents", "run", str(sample_scene), "--out", str(out), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        while process.poll() is None and '"run_tests"' not in _text(out / "events.jsonl"):
+        while process.poll() is None and '"node":"run_tests"' not in _text(out / "events.jsonl"):
             time.sleep(0.01)
         os.kill(process.pid, signal.SIGKILL)
     finally:
@@ -100,6 +103,43 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, sample_scene: Pat
     assert record["status"] == "accepted" and record["attempts"] == 2
     nodes = [event.node for event in read_events(out / "events.jsonl") if event.kind == "node_ended"]
     assert nodes.count("comprehend") == nodes.count("match") == nodes.count("generate_sim") == 1
+
+
+def test_a_terminated_run_says_so_and_a_tampered_checkpoint_runs_nothing(tmp_path: Path, sample_scene: Path) -> None:
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "grs_agents", "run", str(sample_scene), "--out", str(out), "--json"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        while process.poll() is None and '"node":"run_tests"' not in _text(out / "events.jsonl"):
+            time.sleep(0.01)
+        process.terminate()
+        assert process.wait(60) == 130
+    finally:
+        process.kill()
+        process.wait()
+    record = json.loads((out / "run.json").read_text())
+    assert record["status"] == "interrupted"
+    assert record["counts"]["objects"] >= 8
+    call = ormsgpack.packb(("subprocess", "getoutput", f"touch {tmp_path / 'owned'}"))
+    with contextlib.closing(sqlite3.connect(out / "checkpoint.sqlite")) as connection:
+        payload = ormsgpack.packb(ormsgpack.Ext(0, call))
+        connection.execute("update writes set type = 'msgpack', value = ?", (payload,))
+        connection.execute("delete from checkpoints where checkpoint_id = (select max(checkpoint_id) from checkpoints)")
+        connection.commit()
+    subprocess.run([*command, "--resume"], capture_output=True, timeout=200, check=False)
+    assert not (tmp_path / "owned").exists()
+    assert json.loads((out / "run.json").read_text())["status"] != "running"
+
+
+def test_a_damaged_log_does_not_leave_it_running(tmp_path: Path, sample_scene: Path) -> None:
+    done = grs("run", str(sample_scene), "--out", "run", "--set", "graph=no_fix", "--json", folder=tmp_path)
+    record = {**json.loads(done.stdout), "status": "interrupted"}
+    (tmp_path / "run" / "run.json").write_text(json.dumps(record))
+    (tmp_path / "run" / "events.jsonl").write_text("nonsense\nmore\n")
+    done = grs("run", str(sample_scene), "--out", "run", "--resume", folder=tmp_path)
+    assert done.returncode == 2
+    assert "events.jsonl line 1" in done.stderr
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "failed"
 
 
 def _text(file: Path) -> str:

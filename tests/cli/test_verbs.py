@@ -113,6 +113,24 @@ def test_check_rejects_what_gives_no_instance(tmp_path: Path, source: str) -> No
     assert findings["instantiated"] is False and findings["solved"] is False
 
 
+def test_check_takes_the_seeds_of_the_configuration(tmp_path: Path, program: Path) -> None:
+    done = grs("check", str(program), "--set", "audit.seeds=1", "--json", folder=tmp_path)
+    assert len(json.loads(done.stdout)["audit"]["rollouts"]) == 1
+
+
+def test_what_nobody_caught_is_our_error(tmp_path: Path) -> None:
+    (tmp_path / "graphs").mkdir()
+    (tmp_path / "graphs" / "bad.py").write_text("raise RuntimeError('on purpose')")
+    content.add_overlay(tmp_path)
+    try:
+        done = grs("graph", "bad", folder=tmp_path)
+    finally:
+        content._overlays.clear()
+    assert done.returncode == 3
+    lines = done.stderr.splitlines()
+    assert lines[0].startswith("grs: RuntimeError: on purpose") and lines[1].startswith("Traceback")
+
+
 def test_check_wants_a_file(tmp_path: Path) -> None:
     done = grs("check", "nowhere.py", folder=tmp_path)
     assert done.returncode == 2
@@ -161,6 +179,14 @@ def test_scene_comprehends_alone(tmp_path: Path, sample_scene: Path) -> None:
     objects = json.loads((tmp_path / "run" / "scene.json").read_text())["objects"]
     assert len(objects) >= 8
     assert not (tmp_path / "run" / "simulation.py").exists()
+
+
+def test_scene_ends_with_its_objects(tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    done = grs("scene", str(sample_scene), "--out", "run", folder=tmp_path)
+    objects = json.loads((tmp_path / "run" / "scene.json").read_text())["objects"]
+    assert all(one["name"] in done.stdout and one["asset"] in done.stdout for one in objects)
+    assert "code_fixes" not in done.stdout
 
 
 def test_show_refuses_a_folder_without_a_run(tmp_path: Path) -> None:

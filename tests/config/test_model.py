@@ -3,8 +3,9 @@
 import pytest
 from pydantic import ValidationError
 
-from grs_agents.config import Config, ModelConfig
+from grs_agents.config import Config, ModelConfig, load_config
 from grs_agents.config.model import ROLE_ALIASES, ROLES, PromptsConfig
+from grs_agents.errors import ConfigError
 
 
 def test_a_configuration_cannot_be_changed() -> None:
@@ -23,6 +24,21 @@ def test_every_role_but_the_default_has_a_prompt() -> None:
 def test_aliases_lead_to_roles_and_hide_none() -> None:
     assert set(ROLE_ALIASES.values()) <= set(ROLES)
     assert not set(ROLE_ALIASES) & set(ROLES)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("key_variable", "sk-secret"),
+        ("key_variable", "1KEY"),
+        ("base_url", "https://me:secret@example.org/v1"),
+        ("base_url", "me:secret@example.org"),
+    ],
+)
+def test_what_may_be_a_secret_is_refused_and_not_repeated(key: str, value: str) -> None:
+    with pytest.raises(ConfigError, match=key) as caught:
+        load_config(None, ["models.default=openai:any", f"models.{key}={value}"], {})
+    assert value not in str(caught.value) and "secret" not in str(caught.value)
 
 
 def test_a_key_itself_has_no_place() -> None:

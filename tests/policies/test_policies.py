@@ -78,11 +78,16 @@ class NoPolicy:
     pass
 
 
+class Needy:
+    def __init__(self) -> None:
+        raise RuntimeError("no such luck")
+
+
 def test_a_dotted_path_adds_ones_own() -> None:
     assert type(load_policy(f"{__name__}:Own")).__name__ == "Own"
 
 
-@pytest.mark.parametrize("name", ["nowhere:Policy", f"{__name__}:Absent", f"{__name__}:NoPolicy"])
+@pytest.mark.parametrize("name", ["nowhere:Policy", f"{__name__}:Absent", f"{__name__}:NoPolicy", f"{__name__}:Needy"])
 def test_a_path_that_is_no_policy_is_refused(name: str) -> None:
     with pytest.raises(ConfigError):
         load_policy(name)

@@ -1,0 +1,111 @@
+"""Open a run: all that can be known to be wrong is refused here, before anything ran and before a folder is made."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+from grs_agents import content
+from grs_agents.config import Config, validated
+from grs_agents.errors import ConfigError, InputError
+from grs_agents.models import chat_model
+from grs_agents.policies import load_policy
+from grs_agents.run.folder import new_folder, old_folder
+from grs_agents.run.record import EXIT_STATUS, RunRecord, versions
+from grs_agents.toolkit import load_tool
+
+GIVEN = frozenset({"scene_path", "max_fixes", "fixes", "history"})
+"""The fields of the state that a run begins with."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the user asked for.
+
+    Attributes:
+        command: ``run`` or ``scene``.
+        source: the scene folder.
+        config: the effective configuration.
+        out: the run folder, if named.
+        resume: go on with the run in ``out``.
+    """
+
+    command: str
+    source: Path
+    config: Config
+    out: Path | None = None
+    resume: bool = False
+
+
+def open_run(order: Order) -> tuple[Path, RunRecord, Config]:
+    """Check the order, then make the run's folder or open the one to go on with.
+
+    Returns:
+        The folder, the record to write into it (of an ended run: the one that is there), the configuration.
+
+    Raises:
+        InputError: there is no scene folder, or the run folder cannot be made or resumed.
+        ConfigError: the configuration names what does not exist, or a graph that cannot do what was ordered.
+    """
+    if order.resume:
+        folder, record = old_folder(order.out, order.source, order.command)
+        config = validated(record.config)
+        if record.status in EXIT_STATUS:
+            return folder, record, config
+        check_names(config, order.command)
+        update = {"status": "running", "reason": "", "exit_status": None, "attempts": record.attempts + 1}
+        return folder, record.model_copy(update=update), config
+    config = order.config
+    if not order.source.is_dir():
+        remedy = "name a folder with rgb.png, depth.png and camera.json"
+        raise InputError(f"scene folder {order.source} does not exist", remedy)
+    check_names(config, order.command)
+    folder = new_folder(order.source.resolve().name, config.seed, order.out)
+    record = RunRecord(
+        id=folder.resolve().name,
+        status="running",
+        command=order.command,
+        source=str(order.source),
+        graph=config.graph,
+        config=config.model_dump(mode="json"),
+        versions=versions(),
+        seeds=tuple(config.seed + step for step in range(config.audit.seeds)),
+    )
+    return folder, record, config
+
+
+def check_names(config: Config, command: str) -> None:
+    """See that every graph, policy, tool, prompt and model that ``config`` names can be had.
+
+    Raises:
+        ConfigError: one of them cannot, or the graph cannot do what ``command`` promises.
+    """
+    graph = load_graph(config.graph)
+    needs: Sequence[str] = getattr(graph, "NEEDS", ())
+    missing = [name for name in needs if name not in GIVEN]
+    if missing:
+        raise ConfigError(
+            f"graph {config.graph!r} needs {' and '.join(missing)} in its state, and a run begins with a photo alone",
+            "use graph=grs, or call the graph from your own program",
+        )
+    if command == "run" and not getattr(graph, "VERDICT", True):
+        raise ConfigError(f"graph {config.graph!r} comes to no verdict", "use graph=grs, or `grs scene` for the scene")
+    load_policy(config.policy)
+    for name in config.tools.model_dump().values():
+        load_tool(name)
+    for name in config.prompts.model_dump().values():
+        content.path("prompts", name)
+    for spec in config.models.values():
+        chat_model(spec, config.seed)
+
+
+def load_graph(name: str) -> ModuleType:
+    """The graph file ``name``.
+
+    Raises:
+        ConfigError: nothing has that name, or the file has no ``build``.
+    """
+    module = content.load_module("graphs", name)
+    if not callable(getattr(module, "build", None)):
+        raise ConfigError(f"graph {name!r} ({module.__file__}) has no build()", "define what is missing")
+    return module
