@@ -61,6 +61,7 @@ class AuditReport(Frozen):
             episode = rollout.episode
             lines.append(
                 f"seed {rollout.seed}: oracle: outcome={episode.outcome} reward={episode.reward:.2f} "
-                f"steps={episode.steps}/{episode.max_steps} detail={episode.detail} objects={list(episode.objects)} strict={episode.strict:.2f}"
+                f"steps={episode.steps}/{episode.max_steps} detail={episode.detail} "
+                f"objects={list(episode.objects)} strict={episode.strict:.2f}"
             )
         return "\n".join(lines)

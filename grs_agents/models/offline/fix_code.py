@@ -13,6 +13,8 @@ from grs_agents.models.offline.things import Thing, read_things
 
 _MISSED = frozenset({"dropped", "partial", "step_limit", "target_occupied"})
 _LARGER = 1.25
+_ELSEWHERE = "stand somewhere free"
+"""Stands in those that put an object elsewhere than the photo shows it."""
 _OWN = "for item, label, place, pose"
 """Stands in every program that this model writes."""
 
@@ -90,9 +92,9 @@ def _replanned(source: str, evidence: Evidence, task: Json, things: Sequence[Thi
     named = [thing for thing in things if thing.asset in task.get("assets-used", ())] or list(things)
     used = edit.assets_in(source)
     present = [thing for thing in named if thing.asset in used]
-    if "moved" in evidence.findings or len(present) < 2:
+    if {"moved", "assets_of_task"} & set(evidence.findings) or len(present) < 2:
         present = named
-    for attempt in _attempts(present, evidence, "spot" in source):
+    for attempt in _attempts(present, evidence, "spot" in source, _ELSEWHERE in source):
         chosen = [thing for thing in present if thing.name not in attempt.without]
         chosen = [replace(thing, reachable=False) if thing.name in attempt.away else thing for thing in chosen]
         plan = plan_task(task, chosen, attempt.margin)
@@ -104,16 +106,18 @@ def _replanned(source: str, evidence: Evidence, task: Json, things: Sequence[Thi
     return source
 
 
-def _attempts(present: Sequence[Thing], evidence: Evidence, spots: bool) -> list[Attempt]:
-    """What to try in turn."""
+def _attempts(present: Sequence[Thing], evidence: Evidence, spots: bool, elsewhere: bool) -> list[Attempt]:
+    """What to try in turn: first what keeps every object that the task names, as the audit wants them all."""
     concerned = {asset for oracle in evidence.oracles for asset in oracle.objects}
     outcomes = {oracle.outcome for oracle in evidence.oracles}
     worst = sorted((thing for thing in present if not thing.hollow), key=_trouble, reverse=True)
     suspects = [thing.name for thing in worst if thing.asset in concerned]
     everyone = frozenset(thing.name for thing in present)
     tries = [] if evidence.oracles or evidence.findings else [Attempt(spots=spots)]
-    if outcomes & _MISSED and not spots:
+    if outcomes & (_MISSED | {"toppled"}) and not spots:
         tries.append(Attempt(spots=True))
+    if "toppled" in outcomes and not elsewhere:
+        tries.append(Attempt(away=frozenset(suspects), spots=True))
     if "unreachable" in outcomes:
         tries.append(Attempt(away=frozenset(suspects), spots=spots))
     tries += [Attempt(frozenset({name}), spots=spots) for name in suspects]
