@@ -1,10 +1,10 @@
 """The built-in routing policies, and how one's own is found."""
 
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
-from grs_agents.agents import TaskDefinition
+from grs_agents.agents import Agents, TaskDefinition
 from grs_agents.errors import ConfigError, UnknownNameError
 from grs_agents.policies import POLICIES, RoutingContext, RoutingDecision, load_policy
 from grs_agents.sandbox import TestCase, TestReport
@@ -40,7 +40,7 @@ def context(
             "backend": "process",
         }
     )
-    return RoutingContext(TASK, report, report.text(), audit_failed, (), None)  # pyright: ignore[reportArgumentType]
+    return RoutingContext(TASK, report, report.text(), audit_failed, (), cast(Agents, None))  # rules ask no model
 
 
 @pytest.mark.parametrize(
