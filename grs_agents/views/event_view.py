@@ -68,6 +68,7 @@ class EventView:
         self._follow(event)
         recording = self._open()
         recording.moment = self._clock.tick(event)
+        recording.require_space()
         try:
             self._summarise(recording, event)
             self._show(recording, event)

@@ -1,5 +1,6 @@
 """A rerun recording file with the four timelines; nothing is ever sent over a network."""
 
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -8,9 +9,12 @@ import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
 
+from grs_agents.errors import InputError
 from grs_agents.views.clock import Moment
 
 APPLICATION = "grs"
+LEAST_FREE = 16 * 2**20
+"""Bytes that must be free on the disk before an event is recorded."""
 FLUSH_SECONDS = 10.0
 """How long the file may take to swallow one event."""
 
@@ -26,12 +30,23 @@ class Recording:
 
     def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint) -> None:
         self.moment = Moment()
+        self._path = path
         self._broken = False
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
         self._stream.save(path, default_blueprint=blueprint)
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._stream.send_recording_name(run_id)
+
+    def require_space(self) -> None:
+        """See that the disk has room for one more event: rerun may wait for ever for a file that it cannot write.
+
+        Raises:
+            InputError: less than ``LEAST_FREE`` bytes are free; the recording ends here.
+        """
+        free = shutil.disk_usage(self._path.parent).free
+        if free < LEAST_FREE:
+            raise InputError(f"cannot go on with {self._path}: {free} bytes free on the disk", "free some space")
 
     def log(self, path: str, *archetypes: rr.AsComponents, static: bool = False) -> None:
         """Log at the present moment, or for all time."""
