@@ -9,6 +9,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Vec3
 from grs_agents.library import Library, ObjectModel
 from grs_agents.sim import geometry, templates, utils, world
+from grs_agents.sim.arm import Arm
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.instance import InstanceObject
@@ -24,10 +25,11 @@ class Tabletop:
     Args:
         library: 3D assets.
         budget: simulated steps that its worlds may use together.
+        arm: the robot behind it.
     """
 
-    def __init__(self, library: Library, budget: Budget) -> None:
-        self.library, self.budget = library, budget
+    def __init__(self, library: Library, budget: Budget, arm: Arm) -> None:
+        self.library, self.budget, self.arm = library, budget, arm
         self.timestep = world.TIMESTEP
         self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
@@ -174,7 +176,8 @@ class Tabletop:
             current = self.objects
             self._objects = {item.id: item for item in current}
             observer = None if self._physics is None else self._physics.observer
-            self._physics = Physics(world.build(current, self.library, self.timestep), self.budget, joints)
+            built = world.build(current, self.library, self.timestep, arm=self.arm)
+            self._physics = Physics(built, self.budget, joints)
             self._physics.observer = observer
             self._stale = False
         return self._physics
