@@ -67,6 +67,8 @@ def tabulate(posture: Posture, home: FloatArray) -> ReachTable:
             for column in reversed(range(len(_HEIGHTS))):
                 point = np.array([radius * np.cos(bearing), radius * np.sin(bearing), _HEIGHTS[column]])
                 start = below if below is not None else known.get(column)
+                if start is None and served[index].any():
+                    continue
                 found = posture.solve(point, tool, home if start is None else start, home, _EXPLORING)
                 if found is not None and posture.first_gap(found[None]) is None:
                     served[index, row, column] = True

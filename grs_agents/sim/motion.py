@@ -18,7 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 _DETOURS: Final = (0.35, 0.45, 0.28, 0.55, 0.70)
 _UPRIGHT: Final = 0.02
 """Tilts below this are none, radians."""
-_SHARE: Final = 0.8
+_SHARE: Final = 0.7
 """How much of the cup's holding force the arm's own motion may use."""
 _GRAVITY: Final = 9.81
 _SLOWEST: Final = 0.5
