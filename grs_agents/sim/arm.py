@@ -16,7 +16,7 @@ from grs_agents.errors import InputError
 from grs_agents.sim.arm_model import Gap, Posture, arm_model
 from grs_agents.sim.arm_reach import ReachTable, tabulate
 from grs_agents.sim.kinematics import DOWN
-from grs_agents.sim.paths import blend, knots, turns_about_z
+from grs_agents.sim.paths import blend, evenly, knots, turns_about_z
 
 FloatArray = npt.NDArray[np.float64]
 HOME: Final[Vec3] = (0.35, 0.0, 0.42)
@@ -145,7 +145,7 @@ class Arm:
         """
         travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).max(axis=1))])
         count = max(2, int(np.ceil(travel[-1] / _NEAR)) + 1)
-        rows = np.unique(np.searchsorted(travel, np.linspace(0.0, travel[-1], count)).clip(0, len(path) - 1))
+        rows = evenly(travel, count)
         return self._model.first_gap(path[rows])
 
 

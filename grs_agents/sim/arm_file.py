@@ -25,7 +25,7 @@ def load_arm(path: Path) -> Arm:
     """The arm in an MJCF file.
 
     Raises:
-        InputError: it cannot be read, has no serial arm, or something in it has no place beside the table.
+        InputError: it cannot be read, has no serial arm, or cannot point its tool down over the table.
     """
     spec = _parse(path)
     chain = _chain(spec, path)
@@ -34,7 +34,9 @@ def load_arm(path: Path) -> Arm:
     def add(world: Any) -> None:
         _attach(world, _parse(path), path)
 
-    return Arm(str(path), add, guess)
+    arm = Arm(str(path), add, guess)
+    arm.home.setflags(write=False)  # looked for now, so that an arm of no use is refused before it is used
+    return arm
 
 
 def _parse(path: Path) -> Any:
@@ -77,7 +79,7 @@ def _chain(spec: Any, path: Path) -> list[Any]:
     if not joints:
         raise InputError(
             f"robot {path}: no joint moves the {where}",
-            f"put hinge or slide joints on the bodies that carry it; a site named one of {', '.join(TIPS)} marks the tip",
+            f"put hinge or slide joints on the bodies that carry it; the tip is a site named {', '.join(TIPS[:3])}",
         )
     serves = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     for joint in joints:
@@ -101,7 +103,7 @@ def _home(spec: Any, chain: list[Any], path: Path) -> FloatArray:
 
 
 def _attach(world: Any, spec: Any, path: Path) -> None:
-    """Add the arm to a world: limits, gravity held up, position actuators, the cup; what is off the chain stands still."""
+    """Add the arm to a world: limits, no weight, position actuators, the cup; what is off the chain stands still."""
     chain = _chain(spec, path)
     carrier, site = _tip(spec, path)
     names = [str(joint.name) for joint in chain]

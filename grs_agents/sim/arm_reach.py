@@ -11,7 +11,7 @@ from grs_agents.sim.kinematics import DOWN
 from grs_agents.sim.paths import turns_about_z
 
 FloatArray = npt.NDArray[np.float64]
-_RADII: Final = np.arange(0.14, 1.2, 0.035)
+_RADII: Final = np.arange(0.14, 1.2, 0.025)
 _HEIGHTS: Final = np.concatenate([[0.001], np.arange(0.05, 0.71, 0.06)])
 _BEARINGS: Final = np.linspace(-np.pi / 2, np.pi / 2, 13)
 _EXPLORING: Final = 25
@@ -61,20 +61,21 @@ def tabulate(posture: Posture, home: FloatArray) -> ReachTable:
     served = np.zeros((len(bearings), len(_RADII), len(_HEIGHTS)), dtype=bool)
     for index, bearing in enumerate(bearings):
         tool = turns_about_z(np.array([bearing]))[0] @ DOWN
-        known: dict[int, FloatArray] = {}
+        before: dict[int, FloatArray] = {}
         for row, radius in enumerate(_RADII):
-            below: FloatArray | None = None
+            above: FloatArray | None = None
+            known, before = before, dict[int, FloatArray]()
             for column in reversed(range(len(_HEIGHTS))):
                 point = np.array([radius * np.cos(bearing), radius * np.sin(bearing), _HEIGHTS[column]])
-                start = below if below is not None else known.get(column)
+                near = (above, *(known.get(column + step) for step in (0, 1, -1)))
+                start = next((joints for joints in near if joints is not None), None)
                 if start is None and served[index].any():
                     continue
                 found = posture.solve(point, tool, home if start is None else start, home, _EXPLORING)
                 if found is not None and posture.first_gap(found[None]) is None:
                     served[index, row, column] = True
-                    known[column] = below = found
+                    before[column] = above = found
                 else:
-                    known.pop(column, None)
-                    below = None
+                    above = None
     low, high = (posture.low[0] - home[0], posture.high[0] - home[0]) if turning else (-np.pi / 2, np.pi / 2)
     return ReachTable(served, (float(low), float(high)))

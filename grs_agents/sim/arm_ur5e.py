@@ -79,7 +79,7 @@ class UR5e(Arm):
         joints = kinematics.solve(tips, yaws)
         if seed is not None:
             joints[:, 5] += TURN * np.round((seed[5] - joints[0, 5]) / TURN)
-        joints[np.abs(joints[:, 5]) > TURN] = np.nan
+        joints[~(np.abs(joints).max(axis=1) <= TURN)] = np.nan
         return joints
 
     def solve_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:

@@ -26,7 +26,7 @@ SEALED: Final = 0.7
 
 def seal(physics: Physics, number: int) -> float:
     """The share of the cup's lip, where the cup is now, that lies on an object: 0..1."""
-    matrix = np.asarray(physics.data.site_xmat[physics.world.tip_site]).reshape(3, 3)
+    matrix: FloatArray = np.array(physics.data.site_xmat[physics.world.tip_site]).reshape(3, 3)
     axis, start = matrix[:, 2], np.asarray(physics.tip) - 0.02 * matrix[:, 2]
     depth, owner = physics.ray(start, axis)
     if owner != number or abs(depth - 0.02) > 0.02:

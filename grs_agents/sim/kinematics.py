@@ -104,10 +104,10 @@ def solve_poses(tips: FloatArray, rotations: FloatArray, seed: FloatArray) -> Fl
     flange = tips - TOOL_LENGTH * tool[:, :, 2]
     best, nearest = np.full((len(tips), 6), np.nan), np.inf
     for signs in product((1.0, -1.0), repeat=3):
-        joints = _branch(flange, tool, signs)
-        if not np.isfinite(joints).all():
+        angles = _branch(flange, tool, signs)
+        if not np.isfinite(angles).all():
             continue
-        joints = np.unwrap(joints, axis=0)
+        joints: FloatArray = np.unwrap(angles, axis=0)
         joints += TURN * np.round((seed - joints[0]) / TURN)
         joints[:, 2] -= TURN * np.round(joints[:1, 2] / TURN)
         limits = np.array([TURN, TURN, np.pi, TURN, TURN, TURN])

@@ -53,8 +53,8 @@ def pace(speed: float, mass: float | None, timestep: float) -> Pace:
 
 
 def split(rotation: Quat) -> tuple[float, Vec3]:
-    """A rotation as a turn about the vertical (rad, nearest zero) and then a tilt about a level axis (rotation vector)."""
-    x, y, z, w = rotation
+    """A rotation as a turn about the vertical (rad, nearest zero), then a tilt about a level axis (rotation vector)."""
+    _, _, z, w = rotation
     yaw = 2 * float(np.arctan2(z, w))
     yaw = float((yaw + np.pi) % (2 * np.pi) - np.pi)
     half = -yaw / 2

@@ -16,9 +16,13 @@ def knots(tips: FloatArray, rotations: FloatArray) -> npt.NDArray[np.intp]:
     cosine = np.einsum("nij,nij->n", rotations[1:], rotations[:-1]) / 2 - 0.5
     travel = np.concatenate([[0.0], np.cumsum(steps + 0.25 * np.arccos(np.clip(cosine, -1.0, 1.0)))])
     count = max(2, int(np.ceil(travel[-1] / _SPACING)) + 1)
-    rows = np.searchsorted(travel, np.linspace(0.0, travel[-1], count))
-    rows[-1] = len(tips) - 1
-    return np.unique(rows.clip(0, len(tips) - 1))
+    return evenly(travel, count)
+
+
+def evenly(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:
+    """At most ``count`` rows, evenly spread over the distance travelled (N,) until each; first and last among them."""
+    found = np.searchsorted(travel, np.linspace(0.0, travel[-1], count)).tolist()
+    return np.array(sorted({*found[:-1], len(travel) - 1}), dtype=np.intp)
 
 
 def blend(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:

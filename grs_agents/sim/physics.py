@@ -143,7 +143,7 @@ class Physics:
 
     def _watch(self, number: int) -> None:
         """Let go of an object that has pulled too hard at two looks in succession."""
-        # The weld also counters the cup's own pushing, so it bounds the load: mostly it says that there is no need to look.
+        # The weld also counters the cup's own pushing, so it bounds the load: mostly there is no need to look closer.
         x, y, z = self.data.efc_force[self._weld_row() :][:3].tolist()
         quiet = x * x + y * y + z * z < (0.9 * HOLDING_FORCE) ** 2
         load, before = 0.0 if quiet else self.cup_load(), self._strained
@@ -277,7 +277,7 @@ class Physics:
         return False
 
     def arrive(self, joints: FloatArray, steps: int = 60) -> None:
-        """Let the arm, which lags behind a fast motion, come to joint positions (dof,), at most ``steps`` time steps."""
+        """Let the arm, which lags behind a fast motion, come to joint positions (dof,) in at most ``steps`` steps."""
         for _ in range(0, steps, 4):
             if float(np.abs(self.data.qpos[: self.dof] - joints).max()) < _ARRIVED:
                 return
@@ -288,7 +288,7 @@ class Physics:
         distance, owner = self.ray((x, y, top), (0.0, 0.0, -1.0))
         return (0.0, -1) if distance < 0 else (top - distance, owner)
 
-    def ray(self, start: Sequence[float], direction: Sequence[float]) -> tuple[float, int]:
+    def ray(self, start: Sequence[float] | FloatArray, direction: Sequence[float] | FloatArray) -> tuple[float, int]:
         """How far off a ray first meets something that can be touched, and its object's id or -1.
 
         Args:

@@ -119,20 +119,19 @@ class PickPlace:
         hanging = float(np.hypot(radius, drop)) if tilted else drop
         near = place.moved(0.012 * up)
         if not self._travel(near, (hanging if tilted else radius) + 0.01, hanging, others, HELD_SPEED):
-            if physics.slip is None:
-                self._put_down()
-                how = f"over its neighbours to {_at(place.point)}" + (" so tilted" if tilted else "")
-                return f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
-        if physics.held == grasped:
-            deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
-            lowest = place.moved(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
-            self._descend(near, lowest, lambda: physics.held is None or physics.supported(grasped))
-            physics.step(10)
-        if physics.held == grasped:
-            self._release(up)
-            return "placed"
+            if physics.held is None:
+                self._retreat()
+                return self._dropped(grasped)
+            self._put_down()
+            how = f"over its neighbours to {_at(place.point)}" + (" so tilted" if tilted else "")
+            return f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
+        deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
+        lowest = place.moved(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
+        self._descend(near, lowest, lambda: physics.held is None or physics.supported(grasped))
+        physics.step(10)
+        held = physics.held == grasped
         self._release(up)
-        return self._dropped(grasped)
+        return "placed" if held else self._dropped(grasped)
 
     def _dropped(self, number: int) -> str:
         name, slip = self.names[number], self.physics.slip

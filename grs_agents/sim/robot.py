@@ -16,6 +16,8 @@ TOOL_LENGTH: Final = 0.15
 """From the flange to the tip of the suction cup, metres."""
 ROBOT_CONTYPE: Final = 2
 """Robot geoms meet geoms whose ``conaffinity`` has this bit: objects, not the table and not the robot."""
+_UNTOUCHED: Final = 4
+"""A bit that no object has: links at the base count against the arm itself alone."""
 Capsule = tuple[Vec3, Vec3, float]
 """From, to, radius, metres, in the frame of the link."""
 
@@ -64,7 +66,7 @@ def add_chain(spec: Any, links: Sequence[Link], flange: Vec3) -> None:
             body.add_geom(
                 name=f"{link.name}_{index}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=(*start, *end),
                 size=(radius, 0, 0), rgba=(0.75, 0.77, 0.8, 1.0), group=1,
-                contype=ROBOT_CONTYPE if link.touches else 0, conaffinity=0,
+                contype=ROBOT_CONTYPE if link.touches else _UNTOUCHED, conaffinity=0,
             )  # fmt: skip
         add_actuator(spec, link.name, link.stiffness, link.torque)
         parent = body

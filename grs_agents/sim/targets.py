@@ -97,7 +97,9 @@ def aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float)
     turns = [0.0, np.pi / 2, np.pi / 4]
     for region, gap in (*((region, 0.003) for region in regions), (table, 0.03), (table, 0.01)):
         obstacles = [*view.others(number), *reserved] if region is not table else solid
-        spot = find_spot(body, center, turns, region, obstacles, gap, Suits(lift, view.env.arm), spread=True, near=center)
+        spot = find_spot(
+            body, center, turns, region, obstacles, gap, Suits(lift, view.env.arm), spread=True, near=center
+        )
         if spot is not None and spot.height <= max(body.low, 0.0) + _CLIMB:
             return spot
     return None

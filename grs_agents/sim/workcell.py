@@ -91,9 +91,7 @@ class Workcell(Tabletop):
             raise UnreachableError(
                 f"{reach.at(position)} {reach.reach_note(position, self.arm)}", "give a pose within reach"
             )
-        joints = self.arm.solve_poses(
-            np.array([position]), utils.rotation_matrix(rotation)[None], physics.commanded
-        )
+        joints = self.arm.solve_poses(np.array([position]), utils.rotation_matrix(rotation)[None], physics.commanded)
         how = f"with the tool tilted by {np.linalg.norm(tilt):.2f} rad" if tilted else "with the tool down"
         if not self.arm.within_limits(joints):
             raise UnreachableError(f"{reach.at(position)} cannot be reached {how}", "give a pose within reach")

@@ -70,7 +70,9 @@ def _pack_once(region: Region, order: Sequence[int], view: SceneView, lift: floa
         standing = [*obstacles, *(prism for prism in view.prisms if prism.owner in order and prism.owner not in plan
                                   and prism.owner != number)]  # fmt: skip
         alone = len(order) == 1
-        spot = find_spot(body, center, turns_for(number, region, view), inner, standing, gap, Suits(lift, view.env.arm), spread=alone)
+        spot = find_spot(
+            body, center, turns_for(number, region, view), inner, standing, gap, Suits(lift, view.env.arm), spread=alone
+        )
         if spot is None:
             continue
         plan[number] = spot
@@ -99,7 +101,9 @@ def why_not(zone: Zone, number: int, members: Sequence[int], view: SceneView, li
         )
     if find_spot(body, center, turns, region, fixed, 0.001, Suits(lift, view.env.arm)) is None:
         tip = (region.center[0], region.center[1], lift)
-        return Stop("unreachable", f"target zone of {name} at {at(zone[0][0])} {reach_note(tip, view.env.arm)}", (name,))
+        return Stop(
+            "unreachable", f"target zone of {name} at {at(zone[0][0])} {reach_note(tip, view.env.arm)}", (name,)
+        )
     return _taken(region, number, members, view, lift, size)
 
 
