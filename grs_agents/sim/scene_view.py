@@ -57,8 +57,7 @@ class SceneView:
 
     def hollow(self, number: int) -> bool:
         """Whether things can be put into it."""
-        base = self.name(number).split("#", maxsplit=1)[0]
-        return base in self.env.library and self.env.library.asset(base).hollow
+        return self.env.library.asset(self.name(number)).hollow
 
     def outline(self, number: int) -> Prism:
         """One prism around the whole object."""

@@ -11,10 +11,11 @@ from grs_agents.library import Library, ObjectModel
 from grs_agents.sim import geometry, templates, utils, world
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.goals import as_pose
-from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.instance import InstanceObject, InstanceTie
 from grs_agents.sim.physics import Budget, Physics
 
 FloatArray = npt.NDArray[np.float64]
+CATEGORIES = ("fixed", "rigid", "deformable")
 _Outline = tuple[Pose, list[geometry.Prism], geometry.Prism]
 
 
@@ -31,6 +32,8 @@ class Tabletop:
         self.timestep = world.TIMESTEP
         self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
+        self._ties: list[InstanceTie] = []
+        self._models: dict[int, ObjectModel] = {}
         self._outlines: dict[int, _Outline] = {}
         self._physics: Physics | None = None
         self._stale = False
@@ -38,6 +41,8 @@ class Tabletop:
     def clear(self) -> None:
         """Take everything off the table; the arm goes home."""
         self._objects.clear()
+        self._ties.clear()
+        self._models.clear()
         self._outlines.clear()
         self._physics, self._stale = None, False
 
@@ -45,7 +50,7 @@ class Tabletop:
         self,
         urdf: str,
         pose: Any,
-        category: Literal["fixed", "rigid"] = "rigid",
+        category: Literal["fixed", "rigid", "deformable"] = "rigid",
         color: str | Sequence[float] | None = None,
         **_: Any,
     ) -> int:
@@ -54,7 +59,8 @@ class Tabletop:
         Args:
             urdf: library-relative name, e.g. ``"HOPE/Milk.urdf"``, or what ``task.fill_template`` returned.
             pose: ``((x, y, z), (qx, qy, qz, qw))`` of the centre of its bounding box, metres, robot frame.
-            category: ``"rigid"`` can be moved, ``"fixed"`` (containers, zones) cannot.
+            category: ``"rigid"`` can be moved, ``"fixed"`` (containers, zones) cannot; ``"deformable"`` is moved
+                as rigid.
             color: a name of ``utils.COLORS`` or (r, g, b) 0..1, laid over the asset's own.
 
         Returns:
@@ -70,16 +76,19 @@ class Tabletop:
                 f"add_object({name!r}) was given the pose None: no free place was found for it",
                 "add fewer or smaller objects, or give a fixed pose",
             )
-        shapes = templates.filled_model(name)
-        if shapes is None:
+        filling = templates.filled(name)
+        if filling is None:
             self.library.asset(name)
             if defaults := self.library.template_defaults(name):
                 self.warn(f"{name} was not filled in: it takes its defaults, {templates.listed(defaults)}")
-        if category not in ("fixed", "rigid"):
-            raise SimulationError(f"add_object: category {category!r} is not supported", "use 'fixed' or 'rigid'")
+        if category not in CATEGORIES:
+            raise SimulationError(f"add_object: category {category!r} is unknown", f"use one of {CATEGORIES}")
+        if category == "deformable":
+            self.warn(f"add_object({name!r}): 'deformable' moves as 'rigid' does")
         return self.insert(
             InstanceObject(
-                id=0, asset=name, shapes=shapes, pose=as_pose(pose, f"add_object({name!r})"), category=category,
+                id=0, asset=filling.template if filling else name, fill=dict(filling.values) if filling else {},
+                pose=as_pose(pose, f"add_object({name!r})"), category=category,
                 color=None if color is None else _rgba(color),
             )
         )  # fmt: skip
@@ -90,6 +99,23 @@ class Tabletop:
         self._objects[number] = item.model_copy(update={"id": number})
         self._stale = True
         return number
+
+    def tie(self, tie: InstanceTie) -> int:
+        """Keep two objects together; returns the number of the tie.
+
+        Raises:
+            SimulationError: there is no such object.
+        """
+        for number in (tie.parent, tie.child):
+            self.object(number)
+        self._ties.append(tie)
+        self._stale = True
+        return len(self._ties)
+
+    @property
+    def ties(self) -> tuple[InstanceTie, ...]:
+        """What keeps objects together."""
+        return tuple(self._ties)
 
     def warn(self, text: str) -> None:
         """Note, once, what had to be assumed; it goes into the task instance."""
@@ -110,10 +136,7 @@ class Tabletop:
     @property
     def obj_ids(self) -> dict[str, list[int]]:
         """Ids of objects by category: ``fixed``, ``rigid``, ``deformable``."""
-        return {
-            kind: [item.id for item in self._objects.values() if item.category == kind]
-            for kind in ("fixed", "rigid", "deformable")
-        }
+        return {kind: [item.id for item in self._objects.values() if item.category == kind] for kind in CATEGORIES}
 
     def object(self, obj: int) -> InstanceObject:
         """The object with an id.
@@ -127,7 +150,9 @@ class Tabletop:
 
     def shapes(self, obj: int) -> ObjectModel:
         """What an object is made of."""
-        return world.model_of(self.object(obj), self.library)
+        if obj not in self._models:
+            self._models[obj] = world.model_of(self.object(obj), self.library)
+        return self._models[obj]
 
     def is_free(self, obj: int) -> bool:
         """Whether an object can be moved."""
@@ -174,7 +199,8 @@ class Tabletop:
             current = self.objects
             self._objects = {item.id: item for item in current}
             observer = None if self._physics is None else self._physics.observer
-            self._physics = Physics(world.build(current, self.library, self.timestep), self.budget, joints)
+            built = world.build(current, self.library, self.timestep, ties=self._ties)
+            self._physics = Physics(built, self.budget, joints)
             self._physics.observer = observer
             self._stale = False
         return self._physics
@@ -205,7 +231,7 @@ def _rgba(color: str | Sequence[float]) -> tuple[float, float, float, float]:
     if isinstance(color, str):
         if color not in utils.COLORS:
             raise SimulationError(f"colour {color!r} is unknown", f"use one of {', '.join(sorted(utils.COLORS))}")
-        return (*utils.COLORS[color], 1.0)
+        color = utils.COLORS[color]
     values = [min(max(float(value), 0.0), 1.0) for value in color]
     if len(values) not in (3, 4):
         raise SimulationError(f"colour {list(color)!r} is not (r, g, b)", "give three numbers in 0..1")
