@@ -17,9 +17,10 @@ from grs_agents.sim.episode import (
 from grs_agents.sim.instance import InstanceGoal, InstanceObject, InstanceTie, InstanceZone, TaskInstance
 from grs_agents.sim.kinematics import NEAREST, REACH
 from grs_agents.sim.oracle import Oracle
+from grs_agents.sim.program import task_class
 from grs_agents.sim.reference import api_reference
 from grs_agents.sim.rollout import InstanceTask, Rollout, instantiate, rollout, solve
-from grs_agents.sim.task import Task, task_class
+from grs_agents.sim.task import Task
 from grs_agents.sim.templates import configure
 
 __all__ = [

@@ -1,7 +1,6 @@
 """The class that simulation programs derive from."""
 
 from collections.abc import Mapping, Sequence
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +8,7 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.sim import ends, placement, scoring, templates
-from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
+from grs_agents.sim.episode import NoFreeSpaceError
 from grs_agents.sim.geometry import Prism
 from grs_agents.sim.goals import Goal, as_goal, has_negative_zone, make_goal
 from grs_agents.sim.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
@@ -280,23 +279,3 @@ def _bounded(env: "Environment", name: str, value: float, bound: float) -> float
 def _standing(env: "Environment") -> list[Prism]:
     """One outline for each object; marks on the table count, since nothing should start on a target."""
     return [env.outline(item.id) for item in env.objects]
-
-
-def task_class(module: ModuleType) -> type[Task]:
-    """The last ``Task`` subclass that a program defines.
-
-    Raises:
-        SimulationError: it defines none.
-    """
-    found = [
-        value for value in vars(module).values()
-        if isinstance(value, type) and issubclass(value, Task) and value.__module__ == module.__name__
-    ]  # fmt: skip
-    if not found:
-        raise SimulationError(
-            f"module {module.__name__} defines no subclass of Task", "define a class that derives from Task"
-        )
-    return found[-1]
-
-
-__all__ = ["Task", "task_class"]

@@ -143,7 +143,18 @@ def test_a_good_task_is_accepted() -> None:
             {"assets_of_scene"},
         ),
     ],
-    ids=["short", "strictly short", "seed missing", "nothing ran", "idle", "one moved", "timeout", "unused", "not there", "twice"],
+    ids=[
+        "short",
+        "strictly short",
+        "seed missing",
+        "nothing ran",
+        "idle",
+        "one moved",
+        "timeout",
+        "unused",
+        "not there",
+        "twice",
+    ],
 )
 def test_each_fault_fails_its_own_check(changed: dict[str, Any], checks: set[str]) -> None:
     report = judge(**changed)
