@@ -27,6 +27,7 @@ class Library:
         self._assets: dict[str, Asset] = {}
         self._root_of: dict[str, Path] = {}
         self._models: dict[str, ObjectModel] = {}
+        self._filled: dict[tuple[object, ...], ObjectModel] = {}
         for root in self.roots:
             for asset in read_manifest(root).assets:
                 self._assets[asset.name] = asset
@@ -82,7 +83,7 @@ class Library:
         """The documented default values of a template's placeholders; empty for an ordinary asset."""
         return dict(self.asset(name).template)
 
-    def fill_template(self, name: str, replace: Mapping[str, Sequence[float]]) -> str:
+    def fill_template(self, name: str, replace: Mapping[str, Sequence[float | str]]) -> str:
         """The URDF text of a template with ``replace`` (see `grs_agents.library.fill_template`) filled in.
 
         Raises:
@@ -95,10 +96,13 @@ class Library:
             raise InputError(f"cannot read {self.path(name)}: {error}", "restore the template") from error
         return fill_template(text, replace, self.asset(name).template)
 
-    def filled(self, name: str, replace: Mapping[str, Sequence[float]]) -> ObjectModel:
+    def filled(self, name: str, replace: Mapping[str, Sequence[float | str]]) -> ObjectModel:
         """What a template says once ``replace`` and its defaults are filled in; errors as `fill_template`."""
-        folder = Path(name).parent.as_posix()
-        return read_urdf(self.fill_template(name, replace), self._root(name), folder)
+        key = (name, *((stem, *replace[stem]) for stem in sorted(replace)))
+        if key not in self._filled:
+            folder = Path(name).parent.as_posix()
+            self._filled[key] = read_urdf(self.fill_template(name, replace), self._root(name), folder)
+        return self._filled[key]
 
     def mesh_path(self, name: str) -> Path:
         """The file of a library-relative mesh or texture name, as `Shape.mesh` and `Shape.texture` give it.

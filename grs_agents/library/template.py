@@ -11,7 +11,7 @@ _PLACEHOLDER = re.compile(r"\b(DIM|HALF|INSET|COLOR)(\d)")
 
 
 def fill_template(
-    text: str, replace: Mapping[str, Sequence[float]], defaults: Mapping[str, Sequence[float]] | None = None
+    text: str, replace: Mapping[str, Sequence[float | str]], defaults: Mapping[str, Sequence[float]] | None = None
 ) -> str:
     """The URDF text of a template with its placeholders replaced.
 
@@ -42,7 +42,7 @@ def fill_template(
     return text
 
 
-def _number(stem: str, index: int, value: float) -> float:
+def _number(stem: str, index: int, value: float | str) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):

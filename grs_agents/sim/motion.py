@@ -12,7 +12,7 @@ from grs_agents.sim import utils
 from grs_agents.sim.arm import Arm
 from grs_agents.sim.geometry import Prism
 from grs_agents.sim.paths import turns_about_z
-from grs_agents.sim.physics import HOLDING_FORCE
+from grs_agents.sim.suction import HOLDING_FORCE
 
 FloatArray = npt.NDArray[np.float64]
 _DETOURS: Final = (0.35, 0.45, 0.28, 0.55, 0.70)
@@ -21,7 +21,8 @@ _UPRIGHT: Final = 0.02
 _SHARE: Final = 0.7
 """How much of the cup's holding force the arm's own motion may use."""
 _GRAVITY: Final = 9.81
-_SLOWEST: Final = 0.5
+_SLOWEST, _QUICKEST = 0.5, 30.0
+"""Metres a second squared: what a heavy thing gets all the same, and what the joints' torques allow."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Pace:
 
 def pace(speed: float, mass: float | None, timestep: float) -> Pace:
     """How to move with ``mass`` (kg; None: nothing) on the cup, so that its own inertia does not tear it off."""
-    spare = np.inf if mass is None else _SHARE * HOLDING_FORCE / max(mass, 1e-6) - _GRAVITY
+    spare = _QUICKEST if mass is None else min(_QUICKEST, _SHARE * HOLDING_FORCE / max(mass, 1e-6) - _GRAVITY)
     return Pace(speed, float(max(spare, _SLOWEST)), timestep)
 
 

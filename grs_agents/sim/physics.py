@@ -1,7 +1,6 @@
 """Stepping a world: a budget of simulated steps, settling, contacts, suction, and arm paths."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -11,8 +10,10 @@ from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.sim import utils
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.episode import SimulationBudgetError
+from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.kinematics import DOWN
-from grs_agents.sim.world import World
+from grs_agents.sim.suction import Cup
+from grs_agents.sim.world import World, place
 
 FloatArray = npt.NDArray[np.float64]
 DEFAULT_BUDGET: Final = 500_000
@@ -21,21 +22,8 @@ _ARRIVED: Final = 0.002
 """Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
 _GENTLE: Final = 0.15
 """Fastest a body may be pushed out of another while the scene settles at reset, m/s."""
-HOLDING_FORCE: Final = 15.0
-"""What the suction cup holds, newtons: 60 kPa below the air's pressure on a disk of 20 mm (18.8 N), times 0.8."""
-_WATCHED: Final = 4
-"""Time steps between two looks at the load of the cup; two looks in succession over the limit break the hold."""
-
 _SOLID: Final = np.array([1, 0, 0, 1, 0, 0], dtype=np.uint8)
 """Geom groups that a ray meets: objects' colliders and the table, not the arm."""
-
-
-@dataclass(frozen=True)
-class Slip:
-    """An object that was torn off the cup: its id, and the load on the cup then, newtons."""
-
-    number: int
-    load: float
 
 
 class Budget:
@@ -63,13 +51,17 @@ class Physics:
     Args:
         world: the compiled model.
         budget: shared by the worlds of one environment.
+        objects: where everything stands.
         joints: joint positions (dof,) to start from, None for home.
     """
 
-    def __init__(self, world: World, budget: Budget, joints: FloatArray | None = None) -> None:
+    def __init__(
+        self, world: World, budget: Budget, objects: Sequence[InstanceObject], joints: FloatArray | None = None
+    ) -> None:
         self.world, self.budget = world, budget
         self.model: Any = world.model
         self.data: Any = mujoco.MjData(self.model)
+        place(world, self.data, objects)
         self.timestep = float(self.model.opt.timestep)
         self.arm, self.dof = world.arm, world.arm.dof
         if joints is None:
@@ -78,9 +70,7 @@ class Physics:
         self.data.ctrl[: self.dof] = joints
         gain = self.model.actuator_gainprm[: self.dof, 0]
         self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / gain
-        self.held: int | None = None
-        self.slip: Slip | None = None
-        self._unwatched, self._strained = 0, False
+        self.cup = Cup(world, self.data)
         self.observer: Callable[[], None] | None = None
         mujoco.mj_forward(self.model, self.data)
 
@@ -114,8 +104,18 @@ class Physics:
     def pose(self, number: int) -> Pose:
         """Position and rotation (xyzw) of an object."""
         body = self.world.bodies[number]
-        w, x, y, z = self.data.xquat[body]
-        return utils.vec3(self.data.xpos[body]), utils.quat((x, y, z, w))
+        w, x, y, z = self.data.xquat[body].tolist()
+        return utils.vec3(self.data.xpos[body].tolist()), utils.quat((x, y, z, w))
+
+    def snapshot(self) -> Any:
+        """A copy of the whole state, sleep included, for ``restore``."""
+        saved = mujoco.MjData(self.model)
+        mujoco.mj_copyData(saved, self.model, self.data)
+        return saved
+
+    def restore(self, saved: Any) -> None:
+        """Take up a state that ``snapshot`` gave, of the same model."""
+        mujoco.mj_copyData(self.data, self.model, saved)
 
     def teleport(self, number: int, pose: Pose) -> None:
         """Set a free object down at a pose, at rest."""
@@ -124,61 +124,19 @@ class Physics:
         mujoco.mj_forward(self.model, self.data)
 
     def step(self, count: int = 1) -> None:
-        """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``slip``)."""
+        """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``)."""
         self.budget.spend(count)
-        if self.held is None and self.observer is None:
+        cup = self.cup
+        if cup.held is None and self.observer is None:
             mujoco.mj_step(self.model, self.data, count)
             return
         while count > 0:
-            part = 1 if self.observer is not None else min(count, _WATCHED - self._unwatched)
+            part = 1 if self.observer is not None else min(count, cup.due)
             mujoco.mj_step(self.model, self.data, part)
             if self.observer is not None:
                 self.observer()
             count -= part
-            self._unwatched += part
-            if self._unwatched >= _WATCHED:
-                self._unwatched = 0
-                if self.held is not None:
-                    self._watch(self.held)
-
-    def _watch(self, number: int) -> None:
-        """Let go of an object that has pulled too hard at two looks in succession."""
-        # The weld also counters the cup's own pushing, so it bounds the load: mostly there is no need to look closer.
-        x, y, z = self.data.efc_force[self._weld_row() :][:3].tolist()
-        quiet = x * x + y * y + z * z < (0.9 * HOLDING_FORCE) ** 2
-        load, before = 0.0 if quiet else self.cup_load(), self._strained
-        self._strained = load > HOLDING_FORCE
-        if self._strained and before:
-            self.release()
-            self.slip = Slip(number, load)
-
-    def cup_force(self) -> FloatArray:
-        """The force (3,) in newtons, robot frame, with which the cup acts on what it holds: weld and contacts."""
-        data, force = self.data, np.zeros(3)
-        if self.held is None:
-            return force
-        row = self._weld_row()
-        force -= data.efc_force[row : row + 3]
-        wrench, own = np.empty(6), (self.world.cup_body, self.world.bodies[self.held])
-        bodies = self.model.geom_bodyid[data.contact.geom] if data.ncon else np.empty((0, 2), dtype=np.int32)
-        for row in np.flatnonzero((bodies == own[0]).any(axis=1) & (bodies == own[1]).any(axis=1)):
-            mujoco.mj_contactForce(self.model, data, int(row), wrench)
-            away = wrench[:3] @ data.contact.frame[row].reshape(3, 3)
-            force += away if bodies[row, 1] == own[1] else -away
-        return force
-
-    def _weld_row(self) -> int:
-        """Where the forces of the weld that holds begin among those of all constraints; equalities come first."""
-        if self.data.ne == 6 or self.held is None:
-            return 0
-        return int(np.argmax(self.data.efc_id[: self.data.ne] == self.world.welds[self.held]))
-
-    def cup_load(self) -> float:
-        """How hard what is held pulls at the cup and shears along it, newtons; pressing on it is no load."""
-        force, axis = self.cup_force(), np.asarray(self.data.site_xmat[self.world.tip_site]).reshape(3, 3)[:, 2]
-        along = float(force @ axis)
-        across = force - along * axis
-        return float(np.hypot(max(0.0, -along), np.linalg.norm(across)))
+            cup.watch(part)
 
     def mass(self, number: int) -> float:
         """Of an object, kg."""
@@ -235,24 +193,10 @@ class Physics:
         robot = (self.model.geom_contype[pairs] == 2).any(axis=1)
         return bool((mine & upright & ~robot).any())
 
-    def grasp(self, number: int) -> None:
-        """Switch suction on: the object keeps its present pose relative to the cup."""
-        weld, cup, body = self.world.welds[number], self.world.cup_body, self.world.bodies[number]
-        back, relative, rotation = np.empty(4), np.empty(3), np.empty(4)
-        mujoco.mju_negQuat(back, self.data.xquat[cup])
-        mujoco.mju_rotVecQuat(relative, self.data.xpos[body] - self.data.xpos[cup], back)
-        mujoco.mju_mulQuat(rotation, back, self.data.xquat[body])
-        row = self.model.eq_data[weld]
-        row[0:3], row[3:6], row[6:10], row[10] = 0.0, relative, rotation, 1.0
-        self.data.eq_active[weld] = 1
-        self.held, self.slip = number, None
-        self._unwatched, self._strained = 0, False
-
-    def release(self) -> None:
-        """Switch suction off."""
-        if self.held is not None:
-            self.data.eq_active[self.world.welds[self.held]] = 0
-        self.held = None
+    @property
+    def held(self) -> int | None:
+        """Id of the object on the cup."""
+        return self.cup.held
 
     def follow(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
         """Drive the arm through joint positions (N, dof), one row a time step.

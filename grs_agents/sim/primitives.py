@@ -12,8 +12,9 @@ from grs_agents.base import Pose, Vec3
 from grs_agents.sim import grasp, utils
 from grs_agents.sim.geometry import Prism
 from grs_agents.sim.motion import ToolPose, highest_along, move, pace, routes, split, sweep, upward
-from grs_agents.sim.physics import HOLDING_FORCE, Physics
+from grs_agents.sim.physics import Physics
 from grs_agents.sim.robot import CUP_RADIUS
+from grs_agents.sim.suction import HOLDING_FORCE
 
 FloatArray = npt.NDArray[np.float64]
 FREE_SPEED: Final = 1.2
@@ -103,7 +104,7 @@ class PickPlace:
                 f"the cup finds no seal on {self.names[best]} at {_at(point)}: {share:.0%} of its lip lies on it, "
                 f"it needs {grasp.SEALED:.0%}"
             )
-        physics.grasp(best)
+        physics.cup.grasp(best)
         return best, "grasped"
 
     def _place(self, grasped: int, place: ToolPose) -> str:
@@ -134,7 +135,7 @@ class PickPlace:
         return "placed" if held else self._dropped(grasped)
 
     def _dropped(self, number: int) -> str:
-        name, slip = self.names[number], self.physics.slip
+        name, slip = self.names[number], self.physics.cup.slip
         if slip is None or slip.number != number:
             return f"{name} was dropped on the way"
         weight = self.physics.mass(number)
@@ -151,7 +152,7 @@ class PickPlace:
         self._release(np.array([0.0, 0.0, 1.0]))
 
     def _release(self, up: FloatArray) -> None:
-        self.physics.release()
+        self.physics.cup.release()
         self.physics.step(25)
         here = self._here()
         self._go((here, here.moved(0.02 * up)), 0.2)

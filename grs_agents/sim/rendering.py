@@ -89,6 +89,7 @@ def _seen(
 ) -> tuple[world.World, Any]:
     scene = world.build(objects, library, visuals=True, arm=arm)
     data = mujoco.MjData(scene.model)
+    world.place(scene, data, objects)
     if joints is not None:
         data.qpos[: len(joints)] = joints
     mujoco.mj_forward(scene.model, data)

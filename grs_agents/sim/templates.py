@@ -3,9 +3,24 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
+from typing import Any
 
-from grs_agents.library import Library, ObjectModel
+import numpy as np
+
+from grs_agents.library import Library
+from grs_agents.sim import utils
 from grs_agents.sim.arms import DEFAULT
+from grs_agents.sim.episode import SimulationError
+
+Values = Mapping[str, tuple[float | str, ...]]
+
+
+@dataclass(frozen=True)
+class Filling:
+    """A template and the values of its placeholders."""
+
+    template: str
+    values: Values
 
 
 @dataclass
@@ -16,7 +31,7 @@ class _Defaults:
 
 
 _defaults = _Defaults()
-_filled: dict[str, ObjectModel] = {}
+_filled: dict[str, Filling] = {}
 
 
 def configure(library: Library | None = None, seed: int = 0, robot: str = DEFAULT) -> None:
@@ -51,56 +66,91 @@ def asset_name(name: str, library: Library) -> str:
     return str(name)
 
 
-def fill(library: Library, template: str, replace: Mapping[str, Sequence[float]]) -> str:
-    """Fill a template and give the result a name that ``filled_model`` knows.
+def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
+    """Fill a template and give the result a name that ``filled`` knows; what is no template keeps its own name.
 
     Raises:
         UnknownNameError: the library has no such template.
         InputError: a value is not a finite number.
     """
     base = asset_name(template, library)
-    values = {stem: tuple(float(value) for value in numbers) for stem, numbers in replace.items()}
-    model = library.filled(base, values)
-    label = ",".join(f"{stem}={'x'.join(f'{value:.4g}' for value in values[stem])}" for stem in sorted(values))
+    known = library.template_defaults(base)
+    if not known:
+        return base
+    values = {stem: value for stem, value in plain(replace).items() if stem in known or stem == "HALF"}
+    library.filled(base, values)
+    label = ",".join(f"{stem}={'x'.join(_short(value) for value in values[stem])}" for stem in sorted(values))
     name = f"{base}#{label}" if label else base
-    _filled[name] = model
+    _filled[name] = Filling(base, values)
     return name
 
 
-def unsure(library: Library, template: str, replace: Mapping[str, Sequence[float]]) -> list[str]:
+def plain(replace: Mapping[str, Any]) -> Values:
+    """The values of a template as numbers and file names.
+
+    Lengths are made positive (box corners in the wrong order give negative ones), a colour may be a name, a single
+    number or name stands for a row of one, and of a file name the last two parts count.
+
+    Raises:
+        InputError: a value is neither a number nor a name.
+    """
+    return {stem: _plain(stem, value) for stem, value in replace.items()}
+
+
+def _plain(stem: str, value: Any) -> tuple[float | str, ...]:
+    if stem == "COLOR" and isinstance(value, str):
+        if value not in utils.COLORS:
+            raise SimulationError(f"colour {value!r} is unknown", f"use one of {', '.join(sorted(utils.COLORS))}")
+        value = utils.COLORS[value]
+    row: list[Any] = [value] if isinstance(value, str) or np.isscalar(value) else list(value)
+    found: list[float | str] = []
+    for item in row:
+        if isinstance(item, str):
+            found.append("/".join(PurePosixPath(item.replace("\\", "/")).parts[-2:]))
+            continue
+        try:
+            number = float(item)
+        except (TypeError, ValueError) as error:
+            raise SimulationError(f"fill_template: {stem} holds {item!r}", "give numbers") from error
+        found.append(abs(number) if stem.startswith(("DIM", "HALF", "SCALE")) else number)
+    return tuple(found)
+
+
+def _short(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[str]:
     """One clause for each value of a template that had to be assumed: left out, unknown to it, or negative."""
     defaults = library.template_defaults(asset_name(template, library))
-    short = {
-        stem: values[len(replace.get(stem, ())) :]
-        for stem, values in defaults.items()
-        if len(replace.get(stem, ())) < len(values) and stem != "COLOR"
-    }
-    if "COLOR" in defaults and "COLOR" not in replace:
-        short["COLOR"] = defaults["COLOR"]
-    found = [f"{stem} left out takes its default {_row(values)}" for stem, values in short.items()]
+    if not defaults:
+        return ["it is no template, used as it is"]
+    given = {stem: len(row) for stem, row in plain(replace).items()}
+    found: list[str] = []
+    for stem, row in defaults.items():
+        count = given.get(stem, 0)
+        if count < len(row) and not (stem == "COLOR" and count >= 3):
+            found.append(f"{stem} left out takes its default {_row(row[count:])}")
     known = {*defaults, "HALF", "INSET", "SCALE", "FNAME"}
     found += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
-    negative = [stem for stem in replace if stem in ("DIM", "HALF") and any(value < 0 for value in replace[stem])]
+    negative = [stem for stem in given if stem in known and stem != "COLOR" and _has_negative(replace[stem])]
     return found + [f"{stem} has negative lengths, taken without their sign" for stem in negative]
 
 
-def positive(replace: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
-    """The values of a template with lengths made positive: box corners in the wrong order give negative ones."""
-    return {
-        stem: tuple(abs(float(value)) if stem in ("DIM", "HALF") else float(value) for value in values)
-        for stem, values in replace.items()
-    }
+def _has_negative(values: Any) -> bool:
+    row: list[Any] = [values] if isinstance(values, str) or np.isscalar(values) else list(values)
+    return any(not isinstance(value, str) and float(value) < 0 for value in row)
 
 
-def listed(values: Mapping[str, Sequence[float]]) -> str:
+def listed(values: Values) -> str:
     """Placeholders and their values in words."""
-    return ", ".join(f"{stem} {_row(numbers)}" for stem, numbers in values.items())
+    return ", ".join(f"{stem} {_row(row)}" for stem, row in values.items())
 
 
-def _row(numbers: Sequence[float]) -> str:
-    return f"({', '.join(f'{number:.4g}' for number in numbers)})"
+def _row(row: Sequence[float | str]) -> str:
+    return f"({', '.join(_short(value) for value in row)})"
 
 
-def filled_model(name: str) -> ObjectModel | None:
-    """The shapes of a filled template, None for any other name."""
+def filled(name: str) -> Filling | None:
+    """What a filled template's name stands for, None for any other name."""
     return _filled.get(name)

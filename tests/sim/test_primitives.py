@@ -68,7 +68,7 @@ def test_the_oracle_picks_up_again_what_was_dropped_on_the_way() -> None:
     def drop_once() -> None:
         if not dropped and physics.held == 1 and physics.tip[1] > 0.0:
             dropped.append(physics.tip)
-            physics.release()
+            physics.cup.release()
 
     physics.observer = drop_once
     agent = task.oracle(env)
