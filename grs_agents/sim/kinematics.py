@@ -107,7 +107,7 @@ def solve_poses(tips: FloatArray, rotations: FloatArray, seed: FloatArray) -> Fl
         angles = _branch(flange, tool, signs)
         if not np.isfinite(angles).all():
             continue
-        joints: FloatArray = np.unwrap(angles, axis=0)
+        joints = np.asarray(np.unwrap(angles, axis=0), dtype=np.float64)
         joints += TURN * np.round((seed - joints[0]) / TURN)
         joints[:, 2] -= TURN * np.round(joints[:1, 2] / TURN)
         limits = np.array([TURN, TURN, np.pi, TURN, TURN, TURN])

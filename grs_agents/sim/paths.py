@@ -21,8 +21,10 @@ def knots(tips: FloatArray, rotations: FloatArray) -> npt.NDArray[np.intp]:
 
 def evenly(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:
     """At most ``count`` rows, evenly spread over the distance travelled (N,) until each; first and last among them."""
-    found = np.searchsorted(travel, np.linspace(0.0, travel[-1], count)).tolist()
-    return np.array(sorted({*found[:-1], len(travel) - 1}), dtype=np.intp)
+    wanted: FloatArray = np.linspace(0.0, float(travel[-1]), count)
+    found: npt.NDArray[np.intp] = np.searchsorted(travel, wanted)
+    found[-1] = len(travel) - 1
+    return found[np.flatnonzero(np.diff(found, prepend=-1))]
 
 
 def blend(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:
