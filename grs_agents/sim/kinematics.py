@@ -107,8 +107,8 @@ def solve_poses(tips: FloatArray, rotations: FloatArray, seed: FloatArray) -> Fl
         angles = _branch(flange, tool, signs)
         if not np.isfinite(angles).all():
             continue
-        joints = np.asarray(np.unwrap(angles, axis=0), dtype=np.float64)
-        joints += TURN * np.round((seed - joints[0]) / TURN)
+        joints = angles + TURN * np.round((seed - angles[0]) / TURN)
+        joints[1:] -= TURN * np.cumsum(np.round(np.diff(angles, axis=0) / TURN), axis=0)
         joints[:, 2] -= TURN * np.round(joints[:1, 2] / TURN)
         limits = np.array([TURN, TURN, np.pi, TURN, TURN, TURN])
         distance = float(np.abs(joints[0] - seed).max())
