@@ -56,7 +56,7 @@ def _disk(stem: str, radius: float, height: float, color: str) -> Built:
     """A flat ring that drops over a peg: drawn round, touching as wedges."""
     mesh = annulus(regular(ROUND, radius, 0.0), regular(ROUND, _HOLE, 0.0), -height / 2, height / 2)
     name = f"hanoi/{stem}.obj"
-    mass = round(800 * math.pi * (radius**2 - _HOLE**2) * height, 4)
+    mass = round(1200 * math.pi * (radius**2 - _HOLE**2) * height, 4)
     look = f"a {color} disk with a hole, {200 * radius:g} cm wide and {100 * height:g} cm high"
     asset = toy(f"hanoi/{stem}", "disk", (2 * radius, 2 * radius, height), mass, color, look)
     seen = Shape(kind="mesh", size=(1, 1, 1), mesh=name, color=opaque(color))
