@@ -44,9 +44,7 @@ def _extents(shapes: tuple[Shape, ...]) -> Vec3:
 
 def _steps(width: float, height: float) -> tuple[Shape, ...]:
     """Plates along y: light, middle, dark, the middle one at the origin."""
-    return tuple(
-        box((width, width, height), (0, step * width, 0), color=_WOOD[step + 1]) for step in (-1, 0, 1)
-    )
+    return tuple(box((width, width, height), (0, step * width, 0), color=_WOOD[step + 1]) for step in (-1, 0, 1))
 
 
 def _pegs() -> tuple[Shape, ...]:
