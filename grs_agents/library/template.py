@@ -20,6 +20,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
+from typing import cast
 
 import numpy as np
 
@@ -161,7 +162,8 @@ def _corner(size: Mapping[int, Value]) -> dict[str, dict[int, Value]]:
 
 
 def _row(stem: str, value: Sequence[Value] | float | str, count: int) -> Row:
-    words: list[object] = [value] if isinstance(value, str) or np.ndim(value) == 0 else list(value)
+    bare = isinstance(value, str | float | int) or np.ndim(value) == 0
+    words: list[object] = [value] if bare else list(cast(Sequence[object], value))
     if stem == "FNAME" and words:
         return [_file(words[0])]
     if stem == "COLOR" and len(words) == 1 and isinstance(words[0], str):
@@ -169,7 +171,7 @@ def _row(stem: str, value: Sequence[Value] | float | str, count: int) -> Row:
             raise UnknownNameError("color", words[0], COLORS)
         return list(COLORS[words[0]])
     numbers: Row = [_number(stem, index, word) for index, word in enumerate(words)]
-    return numbers * count if np.ndim(value) == 0 and not isinstance(value, str) else numbers
+    return numbers * count if bare and not isinstance(value, str) else numbers
 
 
 def _file(value: object) -> str:
@@ -181,8 +183,8 @@ def _file(value: object) -> str:
 
 def _number(stem: str, index: int, value: object) -> float:
     try:
-        number = float(value) if isinstance(value, (int, float, str, np.number)) else math.nan
-    except ValueError:
+        number = float(cast(float, value))
+    except (TypeError, ValueError):
         number = math.nan
     if not abs(number) < 1e6:
         raise InputError(f"template value {stem}{index} is {str(value)[:80]!r}", "give a finite number (of metres)")

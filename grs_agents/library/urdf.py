@@ -10,7 +10,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from grs_agents.library.safe_xml import read_text
-from grs_agents.library.shapes import ObjectModel, Placement, Rgba, Shape, moved, quaternion_from_rpy
+from grs_agents.library.shapes import ObjectModel, Rgba, Shape, moved, quaternion_from_rpy
 from grs_agents.library.source import MAX_SHAPES, Source
 from grs_agents.library.urdf_tree import link_placements
 

@@ -34,7 +34,10 @@ _CORNERS = 16
 
 def build_toys() -> list[Built]:
     """Every loose toy."""
-    blocks = [_solid(name, box((side,) * 3), (side,) * 3, *rest) for name, side, *rest in _BLOCKS]
+    blocks = [
+        _solid(name, box((side, side, side)), (side, side, side), mass, color, look)
+        for name, side, mass, color, look in _BLOCKS
+    ]
     balls = [_ball(*one) for one in _BALLS]
     stick = _solid(
         "cylinder/cylinder", cylinder(0.02, 0.06), (0.04, 0.04, 0.06), 0.05, "red", "a red cylinder, 4 x 6 cm"
@@ -43,7 +46,8 @@ def build_toys() -> list[Built]:
 
 
 def _ball(name: str, radius: float, mass: float, color: str, look: str) -> Built:
-    return _solid(name, Shape(kind="sphere", size=(radius,)), (2 * radius,) * 3, mass, color, look)
+    width = 2 * radius
+    return _solid(name, Shape(kind="sphere", size=(radius,)), (width, width, width), mass, color, look)
 
 
 def _solid(name: str, shape: Shape, size: Vec3, mass: float, color: str, look: str) -> Built:
