@@ -54,6 +54,7 @@ def _solid(name: str, look: str, size: Vec3, color: Rgba, parts: Sequence[Part],
         description=f"{look} (DIM0 x DIM1 x DIM2 m), to be filled in",
         hollow=category == "container",
         fixture=category not in ("ball", "block"),
+        everyday=category not in ("ball", "block"),
         template={"DIM": size, "COLOR": color},
     )
     return build_template(asset, parts, parts)
