@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 
-from grs_agents.audit.shapes import library_name
 from grs_agents.audit.types import Change
 from grs_agents.base import Quat
 from grs_agents.scene import SceneDescription, SceneObject
@@ -24,7 +23,7 @@ def _changes_of(instance: TaskInstance, scene: SceneDescription) -> list[Change]
     free = list(scene.objects)
     found: list[Change] = []
     for thing in instance.objects:
-        places = [place for place in free if place.asset == library_name(thing)]
+        places = [place for place in free if place.asset == thing.asset]
         nearest = min(places, key=lambda place: math.dist(place.position, thing.pose[0]), default=None)
         if nearest is not None and _kept(thing, nearest):
             free.remove(nearest)

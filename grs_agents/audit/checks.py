@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 from grs_agents.agents import TaskDefinition
 from grs_agents.audit.changes import changes
-from grs_agents.audit.shapes import forged, library_name
 from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
@@ -69,9 +68,11 @@ def _instantiated(instances: Sequence[TaskInstance], failures: Sequence[str], co
 
 def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
     episodes = [rollout.episode for rollout in rollouts]
-    shown = ", ".join(f"{episode.reward:.2f} ({episode.outcome})" for episode in episodes) or "none"
-    solved = all(episode.reward >= config.reward and episode.outcome == "success" for episode in episodes)
-    detail = f"rewards {shown}; each of {config.seeds} must reach {config.reward} with every goal met"
+    shown = ", ".join(f"{one.strict:.2f} (published {one.reward:.2f}, {one.outcome})" for one in episodes) or "none"
+    solved = all(min(one.strict, one.reward) >= config.reward and one.outcome == "success" for one in episodes)
+    shortfalls = dict.fromkeys(clause for one in episodes for clause in one.shortfalls)
+    detail = f"strict scores {shown}; each of {config.seeds} must reach {config.reward} with every goal met"
+    detail += f"; short of it: {'; '.join(shortfalls)}" if shortfalls else ""
     return Finding(check="solved", passed=len(episodes) == config.seeds and solved, detail=detail)
 
 
@@ -107,11 +108,15 @@ def _on_table(rollouts: Sequence[Rollout]) -> Finding:
 
 
 def _as_in_library(instances: Sequence[TaskInstance], library: Library) -> Finding:
-    """Shapes of its own would let anything pass under an asset's name, a time step of its own any physics."""
-    faults = [f"{name} has not the library's shapes" for name in forged(instances, library)]
+    """Values for what is no template would change nothing, a time step of its own would change any physics."""
+    templates = set(library.templates())
+    things = [thing for instance in instances for thing in instance.objects]
+    faults = [f"there is no asset {name}" for name in sorted({one.asset for one in things if one.asset not in library})]
+    filled = {one.asset for one in things if one.fill and one.asset in library and one.asset not in templates}
+    faults += [f"{name} is no template" for name in sorted(filled)]
     steps = {instance.timestep for instance in instances} - {TIMESTEP}
     faults += [f"a time step of {step} s instead of {TIMESTEP} s" for step in sorted(steps)]
-    detail = "; ".join(faults) or "every object has the library's shapes, and the time step is the runtime's"
+    detail = "; ".join(faults) or "every object is the library's, and the time step is the runtime's"
     return Finding(check="as_in_library", passed=not faults, detail=detail)
 
 
@@ -119,7 +124,7 @@ def _assets_of_task(instances: Sequence[TaskInstance], task: TaskDefinition) -> 
     wanted = set(task.assets)
     faults: set[str] = set()
     for instance in instances:
-        used = {library_name(thing) for thing in instance.objects}
+        used = {thing.asset for thing in instance.objects}
         faults |= {f"{name} is not in the task definition" for name in used - wanted}
         faults |= {f"{name} is in the task definition but not used" for name in wanted - used}
     detail = "; ".join(sorted(faults)) or f"the {len(wanted)} assets of the task definition, no others"
@@ -133,7 +138,7 @@ def _assets_of_scene(instances: Sequence[TaskInstance], scene: SceneDescription,
     for instance in instances:
         counts: dict[str, int] = {}
         for thing in instance.objects:
-            counts[library_name(thing)] = counts.get(library_name(thing), 0) + 1
+            counts[thing.asset] = counts.get(thing.asset, 0) + 1
         for name, count in counts.items():
             limit = sum(place.asset == name for place in scene.objects)
             if name not in fixtures and count > limit:

@@ -80,7 +80,7 @@ class AuditConfig(Frozen):
 
     Attributes:
         seeds: how many task instances are solved.
-        reward: the least reward the oracle must reach on each.
+        reward: the least strict score, and the least published reward, that the oracle must reach on each.
     """
 
     seeds: int = Field(default=3, ge=1, le=100)

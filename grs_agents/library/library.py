@@ -31,6 +31,7 @@ class Library:
         self._root_of: dict[str, Path] = {}
         self._models: dict[str, ObjectModel] = {}
         self._own: dict[str, Asset] = {}
+        self._filled: dict[tuple[str, str], ObjectModel] = {}
         for root in self.roots:
             for asset in read_manifest(root).assets:
                 self._assets[asset.name] = asset
@@ -113,8 +114,10 @@ class Library:
 
     def filled(self, name: str, replace: Values) -> ObjectModel:
         """What a template says once ``replace`` and its defaults are filled in; errors as `fill_template`."""
-        folder = Path(name).parent.as_posix()
-        return read_urdf(self.fill_template(name, replace), self._root(name), folder)
+        key = (name, self.fill_template(name, replace))
+        if key not in self._filled:
+            self._filled[key] = read_urdf(key[1], self._root(name), Path(name).parent.as_posix())
+        return self._filled[key]
 
     def mesh_path(self, name: str) -> Path:
         """The file of a library-relative mesh or texture name, as `Shape.mesh` and `Shape.texture` give it.

@@ -14,17 +14,18 @@ from grs_agents.sim.episode import (
     clear_episodes,
     last_episode,
 )  # fmt: skip
-from grs_agents.sim.instance import InstanceGoal, InstanceObject, InstanceZone, TaskInstance
+from grs_agents.sim.instance import InstanceGoal, InstanceObject, InstanceTie, InstanceZone, TaskInstance
 from grs_agents.sim.kinematics import NEAREST, REACH
 from grs_agents.sim.oracle import Oracle
+from grs_agents.sim.program import task_class
 from grs_agents.sim.reference import api_reference
 from grs_agents.sim.rollout import InstanceTask, Rollout, instantiate, rollout, solve
-from grs_agents.sim.task import Task, task_class
+from grs_agents.sim.task import Task
 from grs_agents.sim.templates import configure
 
 __all__ = [
     "NEAREST", "REACH", "ActionRecord", "Environment", "Episode", "InstanceGoal", "InstanceObject", "InstanceTask",
-    "InstanceZone", "NoFreeSpaceError", "Oracle", "Outcome", "Rollout", "SimulationBudgetError", "SimulationError",
-    "Task", "TaskInstance", "UnsupportedError", "api_reference", "clear_episodes", "configure", "instantiate",
-    "last_episode", "p", "rollout", "solve", "task_class", "utils",
+    "InstanceTie", "InstanceZone", "NoFreeSpaceError", "Oracle", "Outcome", "Rollout", "SimulationBudgetError",
+    "SimulationError", "Task", "TaskInstance", "UnsupportedError", "api_reference", "clear_episodes", "configure",
+    "instantiate", "last_episode", "p", "rollout", "solve", "task_class", "utils",
 ]  # fmt: skip

@@ -1,16 +1,18 @@
 """A few of PyBullet's calls and constants, on the most recent environment; ``from grs_agents.sim import p``."""
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.sim import utils
 from grs_agents.sim.episode import SimulationError, UnsupportedError
+from grs_agents.sim.instance import InstanceTie
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
 
 GEOM_SPHERE, GEOM_BOX, GEOM_CYLINDER, GEOM_MESH = 2, 3, 4, 5
 JOINT_PRISMATIC, JOINT_FIXED, JOINT_POINT2POINT = 1, 4, 5
+_JOINTS: Final[dict[int, Literal["point", "fixed"]]] = {JOINT_POINT2POINT: "point", JOINT_FIXED: "fixed"}
 _GEOMS: Final = {"sphere": GEOM_SPHERE, "box": GEOM_BOX, "cylinder": GEOM_CYLINDER, "mesh": GEOM_MESH}
 
 _current: "list[Environment]" = []
@@ -89,13 +91,45 @@ def invertTransform(position: Any, orientation: Any, *_: Any, **__: Any) -> tupl
     return utils.invert((position, orientation))
 
 
-def createConstraint(*_: Any, **__: Any) -> int:
-    """Tie two objects together.
+def createConstraint(
+    parentBodyUniqueId: int,
+    parentLinkIndex: int,
+    childBodyUniqueId: int,
+    childLinkIndex: int,
+    jointType: int,
+    jointAxis: Any,
+    parentFramePosition: Any,
+    childFramePosition: Any,
+    parentFrameOrientation: Any = utils.IDENTITY,
+    childFrameOrientation: Any = utils.IDENTITY,
+    *_: Any,
+    **__: Any,
+) -> int:
+    """Tie two objects together at a point of either's frame (m): a ball joint, or fixed; returns its number.
 
     Raises:
-        UnsupportedError: always, objects that hang together are not there yet.
+        UnsupportedError: a joint of another kind, or to the world (a child of -1).
     """
-    raise UnsupportedError("p.createConstraint: objects tied together are not there yet", "use objects on their own")
+    del parentLinkIndex, childLinkIndex, jointAxis
+    if jointType not in _JOINTS or childBodyUniqueId < 0:
+        raise UnsupportedError(
+            f"p.createConstraint: joint type {jointType} between {parentBodyUniqueId} and {childBodyUniqueId}",
+            "use p.JOINT_POINT2POINT or p.JOINT_FIXED between two objects; category='fixed' holds one in place",
+        )
+    return _environment().tie(
+        InstanceTie(
+            kind=_JOINTS[jointType],
+            parent=parentBodyUniqueId,
+            child=childBodyUniqueId,
+            parent_frame=(utils.vec3(parentFramePosition), utils.quat(parentFrameOrientation)),
+            child_frame=(utils.vec3(childFramePosition), utils.quat(childFrameOrientation)),
+        )
+    )
+
+
+def changeConstraint(userConstraintUniqueId: int, *_: Any, **__: Any) -> None:
+    """Accepted: a tie is as strong as the physics allows."""
+    del userConstraintUniqueId
 
 
 def __getattr__(name: str) -> Any:

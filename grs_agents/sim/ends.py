@@ -36,14 +36,19 @@ def push(*_: Any, **__: Any) -> None:
     raise UnsupportedError("the push primitive is not there yet", "use pick-and-place: leave task.primitive as it is")
 
 
+def pushes(task: "Task") -> bool:
+    """Whether a task's actions push with the spatula rather than pick and place."""
+    ee, primitive = task.ee, task.primitive
+    return primitive is push or primitive == "push" or ee is Spatula or isinstance(ee, Spatula) or ee == "spatula"
+
+
 def check(task: "Task") -> None:
     """Refuse a task whose end effector or primitive this runtime does not have.
 
     Raises:
         UnsupportedError: it asks for a spatula or for pushing.
     """
-    ee, primitive = task.ee, task.primitive
-    if primitive is push or primitive == "push" or ee is Spatula or isinstance(ee, Spatula) or ee == "spatula":
+    if pushes(task):
         raise UnsupportedError(
             f"{type(task).__name__} asks for pushing with a spatula, which is not there yet",
             "leave task.ee and task.primitive as they are: suction, pick-and-place",

@@ -68,6 +68,23 @@ def make_goal(
     )  # fmt: skip
 
 
+def as_goal(fields: Any) -> Goal:
+    """A goal, or what a program appended to ``task.goals`` as CLIPort's tuple of eight.
+
+    Raises:
+        SimulationError: it is not such a tuple.
+    """
+    if isinstance(fields, Goal):
+        return fields
+    if not isinstance(fields, tuple | list) or len(cast(Sequence[Any], fields)) != 8:
+        raise SimulationError(
+            f"task.goals holds {fields!r}"[:200],
+            "append (objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward), or use add_goal",
+        )
+    objs, matches, targets, replace, rotations, metric, params, reward = cast(Sequence[Any], fields)
+    return make_goal(objs, matches, targets, replace, rotations, metric, params, reward, None)
+
+
 def _objects(objs: Any) -> tuple[list[int], list[float]]:
     items: list[Any] = [objs] if np.isscalar(objs) or isinstance(objs, tuple) else list(objs)
     if not items:

@@ -1,14 +1,18 @@
 """A task as data: what a simulation program sets up, as typed JSON that trusted code can run."""
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from grs_agents.base import Frozen, Pose, Quat, Vec3
-from grs_agents.library import ObjectModel
 
 LARGEST_POSITION = 2.0
 """Metres from the robot base, along any axis."""
+POSITION_TOLERANCE = 0.01
+ROTATION_TOLERANCE = math.radians(15)
+LARGEST_POS_EPS, LARGEST_ROT_EPS = 0.05, math.radians(30)
+"""The widest tolerances of published tasks: CLIPort's bowls, and its easy kits."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_POSITION, le=LARGEST_POSITION)]
@@ -17,6 +21,9 @@ Extent = Annotated[float, Field(allow_inf_nan=False, gt=0, le=2)]
 Channel = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
 Placed = tuple[tuple[Coordinate, Coordinate, Coordinate], tuple[Unit, Unit, Unit, Unit]]
 RGBA = tuple[Channel, Channel, Channel, Channel]
+Value = Annotated[float, Field(allow_inf_nan=False, ge=-2, le=2)] | Annotated[str, Field(max_length=300)]
+Fill = dict[Annotated[str, Field(max_length=20)], Annotated[tuple[Value, ...], Field(max_length=4)]]
+"""Values of a template's placeholders by stem, e.g. ``{"DIM": (0.2, 0.1, 0.05)}``: metres, colours 0..1, file names."""
 
 
 def _check_quaternion(pose: Pose, what: str) -> None:
@@ -31,28 +38,39 @@ class InstanceObject(Frozen):
     Attributes:
         id: the number that goals use.
         asset: library-relative URDF name, e.g. ``"HOPE/Milk.urdf"``.
-        shapes: None for the asset as the library has it; a filled template carries its shapes here.
-        pose: position (m) of the centre of its box and rotation (xyzw), robot frame, before settling.
-        category: ``fixed`` (cannot move) or ``rigid``.
+        fill: values of a template's placeholders; trusted code fills them in. Empty for an ordinary asset.
+        pose: position (m) of its origin and rotation (xyzw), robot frame, before settling.
+        category: ``fixed`` (cannot move), ``rigid``, or ``deformable``, which moves as ``rigid`` does.
         color: rgba 0..1 laid over the asset's own, or None.
     """
 
     id: Annotated[int, Field(ge=0, le=100_000)]
     asset: Annotated[str, Field(min_length=1, max_length=300)]
-    shapes: ObjectModel | None = None
+    fill: Annotated[Fill, Field(max_length=12)] = Field(default_factory=dict)
     pose: Placed
-    category: Literal["fixed", "rigid"] = "rigid"
+    category: Literal["fixed", "rigid", "deformable"] = "rigid"
     color: RGBA | None = None
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
         _check_quaternion(self.pose, f"object {self.id}")
-        if self.shapes is not None:
-            low, high = self.shapes.bounds
-            for extent in (h - lo for lo, h in zip(low, high, strict=True)):
-                if not 0 <= extent <= 2:
-                    raise ValueError(f"object {self.id}: size {extent:.3f} m is not within 0..2 m")
         return self
+
+
+class InstanceTie(Frozen):
+    """What keeps two objects together: a point that both share (a joint of a rope), or all of their relative pose.
+
+    Attributes:
+        kind: ``point`` leaves them free to turn, ``fixed`` does not.
+        parent, child: object ids.
+        parent_frame, child_frame: the shared place, in the frame of either object, metres.
+    """
+
+    kind: Literal["point", "fixed"]
+    parent: int
+    child: int
+    parent_frame: Placed
+    child_frame: Placed
 
 
 class InstanceZone(Frozen):
@@ -113,18 +131,26 @@ class TaskInstance(Frozen):
         seed: the seed it was drawn with.
         max_steps: pick-and-place actions allowed.
         timestep: of the physics, seconds.
+        hz: the rate that the program asked for; recorded, not used.
+        primitive: what an action does.
         sixdof: the program's flag.
-        objects, goals: the scene and what is to be done.
+        pos_eps, rot_eps: tolerances of ``pose`` goals, metres and radians.
+        objects, ties, goals: the scene and what is to be done.
         warnings: what the runtime had to assume.
     """
 
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     task: Annotated[str, Field(max_length=200)]
     seed: int
     max_steps: Annotated[int, Field(ge=1, le=200)]
     timestep: Annotated[float, Field(ge=0.0005, le=0.01)]
+    hz: Annotated[int, Field(ge=1, le=100_000)] = 240
+    primitive: Literal["pick_place", "push"] = "pick_place"
     sixdof: bool = False
+    pos_eps: Annotated[float, Field(gt=0, le=LARGEST_POS_EPS)] = POSITION_TOLERANCE
+    rot_eps: Annotated[float, Field(gt=0, le=LARGEST_ROT_EPS)] = ROTATION_TOLERANCE
     objects: Annotated[tuple[InstanceObject, ...], Field(max_length=200)]
+    ties: Annotated[tuple[InstanceTie, ...], Field(max_length=400)] = ()
     goals: Annotated[tuple[InstanceGoal, ...], Field(max_length=200)]
     warnings: tuple[Annotated[str, Field(max_length=500)], ...] = ()
 
@@ -136,7 +162,10 @@ class TaskInstance(Frozen):
         unknown = {number for goal in self.goals for number in goal.objects} - set(ids)
         if unknown:
             raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")
+        loose = {number for tie in self.ties for number in (tie.parent, tie.child)} - set(ids)
+        if loose:
+            raise ValueError(f"ties name objects {sorted(loose)} that the instance does not have")
         return self
 
 
-__all__ = ["InstanceGoal", "InstanceObject", "InstanceZone", "Pose", "Quat", "TaskInstance", "Vec3"]
+__all__ = ["InstanceGoal", "InstanceObject", "InstanceTie", "InstanceZone", "Pose", "Quat", "TaskInstance", "Vec3"]

@@ -9,6 +9,7 @@ import numpy as np
 from grs_agents.base import Frozen, Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
+from grs_agents.sim import ends
 from grs_agents.sim.environment import Environment
 from grs_agents.sim.episode import Episode, stop_of
 from grs_agents.sim.goals import Goal
@@ -65,12 +66,17 @@ class InstanceTask(Task):
         super().__init__()
         self.instance = instance
         self.max_steps, self.sixdof = instance.max_steps, instance.sixdof
+        self.pos_eps, self.rot_eps = instance.pos_eps, instance.rot_eps
+        if instance.primitive == "push":
+            self.ee, self.primitive = ends.Spatula, ends.push
         self.ids: dict[int, int] = {}
 
     def reset(self, env: Environment) -> None:
         """Add the instance's objects and goals."""
         super().reset(env)
         self.ids = {item.id: env.insert(item) for item in self.instance.objects}
+        for tie in self.instance.ties:
+            env.tie(tie.model_copy(update={"parent": self.ids[tie.parent], "child": self.ids[tie.child]}))
         for goal in self.instance.goals:
             self.add_goal(
                 [self.ids[number] for number in goal.objects], np.array(goal.matches).reshape(len(goal.objects), -1),
@@ -99,8 +105,13 @@ def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskIn
         seed=seed,
         max_steps=int(task.max_steps),
         timestep=env.timestep,
+        hz=env.hz,
+        primitive="push" if ends.pushes(task) else "pick_place",
         sixdof=bool(task.sixdof),
+        pos_eps=task.pos_eps,
+        rot_eps=task.rot_eps,
         objects=env.objects,
+        ties=env.ties,
         goals=tuple(_instance_goal(goal, words) for goal, words in task.stated_goals),
         warnings=tuple(warning[:500] for warning in env.warnings),
     )
@@ -130,10 +141,10 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
         recording: an .npz file to write: ``times`` (N,), ``positions`` (N, B, 3), ``quaternions`` (N, B, 4, xyzw),
             ``names`` (B,) ("object_<id>" or a robot link), ``tool`` (N, 3).
     """
-    idle_reward = _idle_reward(instance, library)
     task = InstanceTask(instance)
     env = Environment(task=task, library=library, seed=instance.seed)
     env.timestep = instance.timestep
+    idle_reward = _idle_reward(env, task)
     initial: dict[int, Pose] = {}
     reachable: tuple[int, ...] = ()
     recorder: Recording | None = None
@@ -171,10 +182,7 @@ def solve(env: Environment, task: Task) -> None:
         _, _, done, _ = env.step(action)
 
 
-def _idle_reward(instance: TaskInstance, library: Library | None) -> float:
-    task = InstanceTask(instance)
-    env = Environment(task=task, library=library, seed=instance.seed)
-    env.timestep = instance.timestep
+def _idle_reward(env: Environment, task: Task) -> float:
     try:
         env.reset()
         env.step_simulation(int(IDLE_SECONDS / env.timestep))

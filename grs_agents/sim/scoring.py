@@ -8,10 +8,9 @@ from grs_agents.library import ObjectModel, Shape
 from grs_agents.sim import utils
 from grs_agents.sim.geometry import per_model
 from grs_agents.sim.goals import Goal, Zone
+from grs_agents.sim.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 
 FloatArray = npt.NDArray[np.float64]
-POSITION_TOLERANCE = 0.01
-ROTATION_TOLERANCE = float(np.deg2rad(15))
 
 
 def angle_between(first: float, second: float, symmetry: float) -> float:

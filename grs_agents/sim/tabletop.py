@@ -1,6 +1,7 @@
 """The table: typed objects, where they stand, and the running world that is compiled from them."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -11,10 +12,22 @@ from grs_agents.library import Library, ObjectModel
 from grs_agents.sim import geometry, templates, utils, world
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.goals import as_pose
-from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.instance import InstanceObject, InstanceTie
 from grs_agents.sim.physics import Budget, Physics
 
 FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Rested:
+    """A scene before it settled, its state afterwards, and the steps that this took."""
+
+    before: object
+    state: Any
+    steps: int
+
+
+CATEGORIES = ("fixed", "rigid", "deformable")
 _Outline = tuple[Pose, list[geometry.Prism], geometry.Prism]
 
 
@@ -31,13 +44,19 @@ class Tabletop:
         self.timestep = world.TIMESTEP
         self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
+        self._ties: list[InstanceTie] = []
+        self._models: dict[int, ObjectModel] = {}
         self._outlines: dict[int, _Outline] = {}
         self._physics: Physics | None = None
         self._stale = False
+        self._world: tuple[object, world.World] | None = None
+        self._rested: _Rested | None = None
 
     def clear(self) -> None:
         """Take everything off the table; the arm goes home."""
         self._objects.clear()
+        self._ties.clear()
+        self._models.clear()
         self._outlines.clear()
         self._physics, self._stale = None, False
 
@@ -45,7 +64,7 @@ class Tabletop:
         self,
         urdf: str,
         pose: Any,
-        category: Literal["fixed", "rigid"] = "rigid",
+        category: Literal["fixed", "rigid", "deformable"] = "rigid",
         color: str | Sequence[float] | None = None,
         **_: Any,
     ) -> int:
@@ -54,7 +73,8 @@ class Tabletop:
         Args:
             urdf: library-relative name, e.g. ``"HOPE/Milk.urdf"``, or what ``task.fill_template`` returned.
             pose: ``((x, y, z), (qx, qy, qz, qw))`` of the centre of its bounding box, metres, robot frame.
-            category: ``"rigid"`` can be moved, ``"fixed"`` (containers, zones) cannot.
+            category: ``"rigid"`` can be moved, ``"fixed"`` (containers, zones) cannot; ``"deformable"`` is moved
+                as rigid.
             color: a name of ``utils.COLORS`` or (r, g, b) 0..1, laid over the asset's own.
 
         Returns:
@@ -70,16 +90,19 @@ class Tabletop:
                 f"add_object({name!r}) was given the pose None: no free place was found for it",
                 "add fewer or smaller objects, or give a fixed pose",
             )
-        shapes = templates.filled_model(name)
-        if shapes is None:
+        filling = templates.filled(name)
+        if filling is None:
             self.library.asset(name)
             if defaults := self.library.template_defaults(name):
                 self.warn(f"{name} was not filled in: it takes its defaults, {templates.listed(defaults)}")
-        if category not in ("fixed", "rigid"):
-            raise SimulationError(f"add_object: category {category!r} is not supported", "use 'fixed' or 'rigid'")
+        if category not in CATEGORIES:
+            raise SimulationError(f"add_object: category {category!r} is unknown", f"use one of {CATEGORIES}")
+        if category == "deformable":
+            self.warn(f"add_object({name!r}): 'deformable' moves as 'rigid' does")
         return self.insert(
             InstanceObject(
-                id=0, asset=name, shapes=shapes, pose=as_pose(pose, f"add_object({name!r})"), category=category,
+                id=0, asset=filling.template if filling else name, fill=dict(filling.values) if filling else {},
+                pose=as_pose(pose, f"add_object({name!r})"), category=category,
                 color=None if color is None else _rgba(color),
             )
         )  # fmt: skip
@@ -90,6 +113,23 @@ class Tabletop:
         self._objects[number] = item.model_copy(update={"id": number})
         self._stale = True
         return number
+
+    def tie(self, tie: InstanceTie) -> int:
+        """Keep two objects together; returns the number of the tie.
+
+        Raises:
+            SimulationError: there is no such object.
+        """
+        for number in (tie.parent, tie.child):
+            self.object(number)
+        self._ties.append(tie)
+        self._stale = True
+        return len(self._ties)
+
+    @property
+    def ties(self) -> tuple[InstanceTie, ...]:
+        """What keeps objects together."""
+        return tuple(self._ties)
 
     def warn(self, text: str) -> None:
         """Note, once, what had to be assumed; it goes into the task instance."""
@@ -110,10 +150,7 @@ class Tabletop:
     @property
     def obj_ids(self) -> dict[str, list[int]]:
         """Ids of objects by category: ``fixed``, ``rigid``, ``deformable``."""
-        return {
-            kind: [item.id for item in self._objects.values() if item.category == kind]
-            for kind in ("fixed", "rigid", "deformable")
-        }
+        return {kind: [item.id for item in self._objects.values() if item.category == kind] for kind in CATEGORIES}
 
     def object(self, obj: int) -> InstanceObject:
         """The object with an id.
@@ -127,7 +164,9 @@ class Tabletop:
 
     def shapes(self, obj: int) -> ObjectModel:
         """What an object is made of."""
-        return world.model_of(self.object(obj), self.library)
+        if obj not in self._models:
+            self._models[obj] = world.model_of(self.object(obj), self.library)
+        return self._models[obj]
 
     def is_free(self, obj: int) -> bool:
         """Whether an object can be moved."""
@@ -136,7 +175,7 @@ class Tabletop:
     def get_object_pose(self, obj: int) -> Pose:
         """Position (m) of the centre of an object's box and its rotation (xyzw)."""
         item = self.object(obj)
-        if self._physics is not None and obj in self._physics.world.bodies:
+        if self._physics is not None and obj in self._physics.world.addresses:
             return self._physics.pose(obj)
         return item.pose
 
@@ -174,10 +213,31 @@ class Tabletop:
             current = self.objects
             self._objects = {item.id: item for item in current}
             observer = None if self._physics is None else self._physics.observer
-            self._physics = Physics(world.build(current, self.library, self.timestep), self.budget, joints)
+            self._physics = Physics(self._built(current), self.budget, current, joints)
             self._physics.observer = observer
             self._stale = False
         return self._physics
+
+    def _built(self, objects: Sequence[InstanceObject]) -> world.World:
+        """The compiled world of these objects; the last one again if only their places differ."""
+        kinds = tuple((item.id, item.asset, tuple(sorted(item.fill.items())), item.category) for item in objects)
+        key = (self.timestep, kinds, self.ties)
+        if self._world is None or self._world[0] != key:
+            self._world = (key, world.build(objects, self.library, self.timestep, ties=self._ties))
+        return self._world[1]
+
+    def come_to_rest(self) -> None:
+        """Let everything settle; a scene that was settled before is taken up as it came to rest then."""
+        before, known = (self.timestep, self.objects, self.ties), self._rested
+        if known is not None and known.before == before:
+            self.budget.spend(known.steps)
+            self.physics.restore(known.state)
+            return
+        start = self.budget.left
+        self.lift_out_of_table()
+        self.physics.relax()
+        self.physics.settle()
+        self._rested = _Rested(before, self.physics.snapshot(), start - self.budget.left)
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate a number of time steps."""
@@ -197,7 +257,9 @@ class Tabletop:
     def place_object(self, obj: int, pose: Pose) -> None:
         """Set an object down at a pose at once, without the arm."""
         self._objects[obj] = self.object(obj).model_copy(update={"pose": pose})
-        if self._physics is not None and not self._stale:
+        if not self.is_free(obj):
+            self._stale = True
+        elif self._physics is not None and not self._stale:
             self._physics.teleport(obj, pose)
 
 
@@ -205,7 +267,7 @@ def _rgba(color: str | Sequence[float]) -> tuple[float, float, float, float]:
     if isinstance(color, str):
         if color not in utils.COLORS:
             raise SimulationError(f"colour {color!r} is unknown", f"use one of {', '.join(sorted(utils.COLORS))}")
-        return (*utils.COLORS[color], 1.0)
+        color = utils.COLORS[color]
     values = [min(max(float(value), 0.0), 1.0) for value in color]
     if len(values) not in (3, 4):
         raise SimulationError(f"colour {list(color)!r} is not (r, g, b)", "give three numbers in 0..1")

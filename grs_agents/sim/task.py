@@ -1,17 +1,17 @@
 """The class that simulation programs derive from."""
 
 from collections.abc import Mapping, Sequence
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Pose, Vec3
+from grs_agents.base import Pose, Quat
 from grs_agents.sim import ends, placement, scoring, templates
-from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
+from grs_agents.sim.episode import NoFreeSpaceError
 from grs_agents.sim.geometry import Prism
-from grs_agents.sim.goals import Goal, has_negative_zone, make_goal
+from grs_agents.sim.goals import Goal, as_goal, has_negative_zone, make_goal
+from grs_agents.sim.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.task_kit import TaskKit
 
 if TYPE_CHECKING:
@@ -61,8 +61,8 @@ class Task(TaskKit):
         self.lang_template = ""
         self.task_completed_desc = "task completed."
         self.sixdof = False
-        self.pos_eps = scoring.POSITION_TOLERANCE
-        self.rot_eps = scoring.ROTATION_TOLERANCE
+        self.pos_eps = POSITION_TOLERANCE
+        self.rot_eps = ROTATION_TOLERANCE
         self.zone_bounds: FloatArray = np.copy(self.bounds)
         self.ee: Any = ends.Suction
         self.primitive: Any = ends.PickPlace()
@@ -75,7 +75,16 @@ class Task(TaskKit):
     # --- set-up -----------------------------------------------------------------------------------------
 
     def additional_reset(self) -> None:
-        """Kept for programs that call it; there is nothing left to do."""
+        """What GenSim derives from the words of ``lang_template``.
+
+        "bowl" widens ``pos_eps`` to 5 cm, "rope" to 2 cm; "piles" makes pushing with a spatula the way to act.
+        """
+        if "bowl" in self.lang_template:
+            self.pos_eps = 0.05
+        if "rope" in self.lang_template:
+            self.pos_eps = 0.02
+        if "piles" in self.lang_template:
+            self.ee, self.primitive = ends.Spatula, ends.push
 
     def reset(self, env: "Environment") -> None:
         """Clear the goals. A program's own ``reset`` calls ``super().reset(env)``, then adds objects and goals."""
@@ -131,11 +140,17 @@ class Task(TaskKit):
             if has_negative_zone(metric, params):
                 self._env.warn("add_goal: a zone size with negative lengths was taken without their sign")
         self.goals.append(goal)
-        self.lang_goals.append(str(language_goal))
+        if language_goal:
+            self.lang_goals.append(str(language_goal))
 
     def finish_reset(self, env: "Environment") -> None:
-        """Called by the environment after ``reset``: rewards are brought to add up to 1."""
+        """Called by the environment after ``reset``: every goal is brought into one shape, rewards add up to 1.
+
+        Raises:
+            SimulationError: a goal that was appended to ``goals`` as a plain tuple does not fit.
+        """
         self._env = env
+        self.goals = [as_goal(goal) for goal in self.goals]
         if not self.goals:
             env.warn("the task states no goal: its reset() never calls add_goal")
         total = sum(goal.step_max_reward for goal in self.goals)
@@ -146,29 +161,35 @@ class Task(TaskKit):
                 goal._replace(step_max_reward=goal.step_max_reward / total if total > 0 else even)
                 for goal in self.goals
             ]
-        self._all_goals = list(zip(self.goals, self.lang_goals, strict=False))
+        words = self.lang_goals or [self.lang_template]
+        self.lang_goals = [words[min(index, len(words) - 1)] for index in range(len(self.goals))]
+        self._all_goals = list(zip(self.goals, self.lang_goals, strict=True))
+        self.pos_eps = _bounded(env, "pos_eps", self.pos_eps, LARGEST_POS_EPS)
+        self.rot_eps = _bounded(env, "rot_eps", self.rot_eps, LARGEST_ROT_EPS)
 
-    def fill_template(self, template: str, replace: Mapping[str, Sequence[float]]) -> str:
+    def fill_template(self, template: str, replace: Mapping[str, Any]) -> str:
         """Fill in a template's sizes and colour; the result goes to ``env.add_object``.
 
         Args:
             template: e.g. ``"container/container-template.urdf"``.
             replace: ``{'DIM': (x, y, z), 'HALF': (x / 2, y / 2, z / 2), 'COLOR': (r, g, b)}``, metres; what is
-                left out takes the template's default, with a warning.
+                left out takes the template's default, with a warning. A colour may be a name, ``FNAME`` and
+                ``SCALE`` choose a kitting shape.
         """
         library = self._env.library if self._env is not None else templates.default_library()
         if self._env is not None:
             for doubt in templates.unsure(library, template, replace):
                 self._env.warn(f"fill_template({template!r}): {doubt}")
-        return templates.fill(library, template, templates.positive(replace))
+        return templates.fill(library, template, replace)
 
     def get_random_pose(
         self, env: "Environment", obj_size: Sequence[float]
-    ) -> tuple[Vec3, tuple[float, float, float, float]] | tuple[None, None]:
+    ) -> tuple[list[float], Quat] | tuple[None, None]:
         """A free pose on the table, in reach of the arm, for an object of ``obj_size`` (x, y, z) metres.
 
         Returns:
-            ``(position, rotation xyzw)``, or ``(None, None)`` when there is no room.
+            ``([x, y, z], rotation xyzw)``, or ``(None, None)`` when there is no room. The position is a list, since
+            programs change it in place.
 
         Raises:
             NoFreeSpaceError: it was asked again and again although there is no room.
@@ -178,7 +199,7 @@ class Task(TaskKit):
         found = placement.random_pose(obj_size, self.bounds, _standing(env), env.rng)
         if found is not None:
             env.failed_placements = 0
-            return found
+            return list(found[0]), found[1]
         env.failed_placements += 1
         if env.failed_placements >= _PATIENCE:
             raise NoFreeSpaceError(
@@ -248,26 +269,14 @@ class Task(TaskKit):
         return list(self._all_goals)
 
 
+def _bounded(env: "Environment", name: str, value: float, bound: float) -> float:
+    """A tolerance within its bounds; noted where it was not."""
+    if 0 < value <= bound:
+        return float(value)
+    env.warn(f"{name}={value:.3g} is not within 0..{bound:.3g}, taken as {bound:.3g}")
+    return bound
+
+
 def _standing(env: "Environment") -> list[Prism]:
     """One outline for each object; marks on the table count, since nothing should start on a target."""
     return [env.outline(item.id) for item in env.objects]
-
-
-def task_class(module: ModuleType) -> type[Task]:
-    """The last ``Task`` subclass that a program defines.
-
-    Raises:
-        SimulationError: it defines none.
-    """
-    found = [
-        value for value in vars(module).values()
-        if isinstance(value, type) and issubclass(value, Task) and value.__module__ == module.__name__
-    ]  # fmt: skip
-    if not found:
-        raise SimulationError(
-            f"module {module.__name__} defines no subclass of Task", "define a class that derives from Task"
-        )
-    return found[-1]
-
-
-__all__ = ["Task", "task_class"]

@@ -5,11 +5,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.library import ObjectModel, Shape
 from grs_agents.sim import scoring, templates, top_down, utils
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.goals import as_pose
-from grs_agents.sim.instance import InstanceObject
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
@@ -17,8 +15,8 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 _PILE: Final = 50
 _GRAIN: Final = 0.02
-_CORNER: Final = (0.04, 0.005, 0.001)
-"""Length and width of an anchor's two legs, and its thickness, metres."""
+_CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
+"""Lengths of an anchor's two legs, metres."""
 
 
 class TaskKit:
@@ -66,17 +64,8 @@ class TaskKit:
     def add_corner_anchor_for_pose(self, env: "Environment", pose: Any) -> int:
         """Mark a pose on the table with an L of two thin lines that nothing touches; returns its id."""
         placed = as_pose(pose if len(pose) == 2 else (pose, utils.IDENTITY), "add_corner_anchor_for_pose")
-        length, width, height = _CORNER
-        middle = (length - width) / 2
-        legs = (
-            Shape(kind="box", size=(length, width, height), position=(0.0, -middle, 0.0), color=(0.0, 0.0, 0.0, 1.0)),
-            Shape(kind="box", size=(width, length, height), position=(-middle, 0.0, 0.0), color=(0.0, 0.0, 0.0, 1.0)),
-        )
-        half = (length / 2, length / 2, height / 2)
-        bounds = ((-half[0], -half[1], -half[2]), half)
-        shapes = ObjectModel(visuals=legs, colliders=(), mass=0.0, friction=0.5, bounds=bounds)
-        mark = InstanceObject(id=0, asset="corner/corner-template.urdf", shapes=shapes, pose=placed, category="fixed")
-        return env.insert(mark)
+        corner = templates.fill(env.library, "corner/corner-template.urdf", _CORNER)
+        return env.add_object(corner, placed, "fixed")
 
     def color_random_brown(self, obj: int) -> None:
         """Paint an object a random shade of brown."""

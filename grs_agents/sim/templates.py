@@ -3,8 +3,21 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
+from typing import Any
 
-from grs_agents.library import Library, ObjectModel
+import numpy as np
+
+from grs_agents.library import Library, resolve, stems
+
+Values = Mapping[str, tuple[float | str, ...]]
+
+
+@dataclass(frozen=True)
+class Filling:
+    """A template and the values of its placeholders."""
+
+    template: str
+    values: Values
 
 
 @dataclass
@@ -14,7 +27,7 @@ class _Defaults:
 
 
 _defaults = _Defaults()
-_filled: dict[str, ObjectModel] = {}
+_filled: dict[str, Filling] = {}
 
 
 def configure(library: Library | None = None, seed: int = 0) -> None:
@@ -44,56 +57,67 @@ def asset_name(name: str, library: Library) -> str:
     return str(name)
 
 
-def fill(library: Library, template: str, replace: Mapping[str, Sequence[float]]) -> str:
-    """Fill a template and give the result a name that ``filled_model`` knows.
+def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
+    """Fill a template and give the result a name that ``filled`` knows; what is no template keeps its own name.
 
     Raises:
         UnknownNameError: the library has no such template.
-        InputError: a value is not a finite number.
+        InputError: a value is not a finite number, a colour or a file name.
     """
     base = asset_name(template, library)
-    values = {stem: tuple(float(value) for value in numbers) for stem, numbers in replace.items()}
-    model = library.filled(base, values)
-    label = ",".join(f"{stem}={'x'.join(f'{value:.4g}' for value in values[stem])}" for stem in sorted(values))
-    name = f"{base}#{label}" if label else base
-    _filled[name] = model
+    defaults = library.template_defaults(base)
+    if not defaults:
+        return base
+    values = resolve(_positive(replace), defaults)[0]
+    library.filled(base, values)
+    label = ",".join(f"{stem}={'x'.join(_short(value) for value in values[stem])}" for stem in sorted(values))
+    name = f"{base}#{label}"
+    _filled[name] = Filling(base, values)
     return name
 
 
-def unsure(library: Library, template: str, replace: Mapping[str, Sequence[float]]) -> list[str]:
+def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[str]:
     """One clause for each value of a template that had to be assumed: left out, unknown to it, or negative."""
     defaults = library.template_defaults(asset_name(template, library))
-    short = {
-        stem: values[len(replace.get(stem, ())) :]
-        for stem, values in defaults.items()
-        if len(replace.get(stem, ())) < len(values) and stem != "COLOR"
-    }
-    if "COLOR" in defaults and "COLOR" not in replace:
-        short["COLOR"] = defaults["COLOR"]
-    found = [f"{stem} left out takes its default {_row(values)}" for stem, values in short.items()]
-    known = {*defaults, "HALF", "INSET", "SCALE", "FNAME"}
+    if not defaults:
+        return ["it is no template, used as it is"]
+    known, assumed = stems(defaults), resolve(_positive(replace), defaults)[1]
+    found = [f"{stem} left out takes its default {_row(row)}" for stem, row in assumed.items()]
     found += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
-    negative = [stem for stem in replace if stem in ("DIM", "HALF") and any(value < 0 for value in replace[stem])]
+    negative = [stem for stem in replace if stem in known and _is_length(stem) and _has_negative(replace[stem])]
     return found + [f"{stem} has negative lengths, taken without their sign" for stem in negative]
 
 
-def positive(replace: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
-    """The values of a template with lengths made positive: box corners in the wrong order give negative ones."""
+def _is_length(stem: str) -> bool:
+    return stem.startswith(("DIM", "HALF", "SCALE"))
+
+
+def _positive(replace: Mapping[str, Any]) -> dict[str, Any]:
+    """Lengths made positive: box corners in the wrong order give negative ones."""
     return {
-        stem: tuple(abs(float(value)) if stem in ("DIM", "HALF") else float(value) for value in values)
-        for stem, values in replace.items()
+        stem: np.abs(value).tolist() if _is_length(stem) and _has_negative(value) else value
+        for stem, value in replace.items()
     }
 
 
-def listed(values: Mapping[str, Sequence[float]]) -> str:
+def _has_negative(values: Any) -> bool:
+    numbers = np.atleast_1d(np.asarray(values))
+    return numbers.dtype.kind in "if" and bool((numbers < 0).any())
+
+
+def listed(values: Values) -> str:
     """Placeholders and their values in words."""
-    return ", ".join(f"{stem} {_row(numbers)}" for stem, numbers in values.items())
+    return ", ".join(f"{stem} {_row(row)}" for stem, row in values.items())
 
 
-def _row(numbers: Sequence[float]) -> str:
-    return f"({', '.join(f'{number:.4g}' for number in numbers)})"
+def _row(row: Sequence[float | str]) -> str:
+    return f"({', '.join(_short(value) for value in row)})"
 
 
-def filled_model(name: str) -> ObjectModel | None:
-    """The shapes of a filled template, None for any other name."""
+def _short(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def filled(name: str) -> Filling | None:
+    """What a filled template's name stands for, None for any other name."""
     return _filled.get(name)

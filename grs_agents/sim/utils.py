@@ -1,5 +1,6 @@
 """Colours and rigid transforms under the names that CLIPort programs use; quaternions are (x, y, z, w)."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,25 +10,25 @@ from grs_agents.base import Pose, Quat, Vec3
 
 FloatArray = npt.NDArray[np.float64]
 
-COLORS: dict[str, tuple[float, float, float]] = {
-    "blue": (78 / 255, 121 / 255, 167 / 255),
-    "red": (255 / 255, 87 / 255, 89 / 255),
-    "green": (89 / 255, 169 / 255, 79 / 255),
-    "orange": (242 / 255, 142 / 255, 43 / 255),
-    "yellow": (237 / 255, 201 / 255, 72 / 255),
-    "purple": (176 / 255, 122 / 255, 161 / 255),
-    "pink": (255 / 255, 157 / 255, 167 / 255),
-    "cyan": (118 / 255, 183 / 255, 178 / 255),
-    "brown": (156 / 255, 117 / 255, 95 / 255),
-    "white": (1.0, 1.0, 1.0),
-    "gray": (186 / 255, 176 / 255, 172 / 255),
-    "indigo": (75 / 255, 0.0, 130 / 255),
-    "violet": (143 / 255, 0.0, 1.0),
-    "black": (0.05, 0.05, 0.05),
-    "silver": (192 / 255, 192 / 255, 192 / 255),
-    "gold": (1.0, 215 / 255, 0.0),
+COLORS: dict[str, list[float]] = {
+    "blue": [78 / 255, 121 / 255, 167 / 255],
+    "red": [255 / 255, 87 / 255, 89 / 255],
+    "green": [89 / 255, 169 / 255, 79 / 255],
+    "orange": [242 / 255, 142 / 255, 43 / 255],
+    "yellow": [237 / 255, 201 / 255, 72 / 255],
+    "purple": [176 / 255, 122 / 255, 161 / 255],
+    "pink": [255 / 255, 157 / 255, 167 / 255],
+    "cyan": [118 / 255, 183 / 255, 178 / 255],
+    "brown": [156 / 255, 117 / 255, 95 / 255],
+    "white": [1.0, 1.0, 1.0],
+    "gray": [186 / 255, 176 / 255, 172 / 255],
+    "indigo": [75 / 255, 0.0, 130 / 255],
+    "violet": [143 / 255, 0.0, 1.0],
+    "black": [0.05, 0.05, 0.05],
+    "silver": [192 / 255, 192 / 255, 192 / 255],
+    "gold": [1.0, 215 / 255, 0.0],
 }
-"""Colour name to (r, g, b), each 0..1."""
+"""Colour name to [r, g, b], each 0..1; lists, since programs append the alpha to them."""
 
 IDENTITY: Quat = (0.0, 0.0, 0.0, 1.0)
 
@@ -39,12 +40,13 @@ def vec3(values: Sequence[float] | FloatArray) -> Vec3:
 
 def quat(values: Sequence[float] | FloatArray) -> Quat:
     """The four numbers of ``values`` as a unit quaternion (x, y, z, w)."""
-    array = np.asarray(values, dtype=np.float64)
-    norm = float(np.linalg.norm(array))
-    if array.shape != (4,) or not np.isfinite(norm) or norm < 1e-9:
+    if len(values) != 4:
         return IDENTITY
-    array = array / norm
-    return (float(array[0]), float(array[1]), float(array[2]), float(array[3]))
+    x, y, z, w = (float(value) for value in values)
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not math.isfinite(norm) or norm < 1e-9:
+        return IDENTITY
+    return (x / norm, y / norm, z / norm, w / norm)
 
 
 def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:

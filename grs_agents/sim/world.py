@@ -8,7 +8,7 @@ import numpy as np
 
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.sim.engine import mujoco
-from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.instance import InstanceObject, InstanceTie
 from grs_agents.sim.robot import ROBOT_CONTYPE, add_robot
 from grs_agents.sim.utils import COLORS
 
@@ -46,13 +46,13 @@ class World:
 
 
 def model_of(item: InstanceObject, library: Library) -> ObjectModel:
-    """The shapes of an object: its own if it carries them, else the library's."""
-    return item.shapes if item.shapes is not None else library.model(item.asset)
+    """The shapes of an object: a template filled with its values, or the library's asset as it is."""
+    return library.filled(item.asset, item.fill) if item.fill else library.model(item.asset)
 
 
 def is_free(item: InstanceObject, shapes: ObjectModel) -> bool:
-    """Whether the object can move: rigid, and solid enough to touch anything."""
-    return item.category == "rigid" and bool(shapes.colliders)
+    """Whether the object can move: not fixed, and solid enough to touch anything."""
+    return item.category != "fixed" and bool(shapes.colliders)
 
 
 def new_spec(timestep: float) -> Any:
@@ -77,15 +77,17 @@ def new_spec(timestep: float) -> Any:
 
 
 def build(
-    objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False
-) -> World:
-    """Compile a world.
+    objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
+    ties: Sequence[InstanceTie] = (),
+) -> World:  # fmt: skip
+    """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
 
     Args:
         objects: what stands on the table.
         library: where assets are looked up.
         timestep: of the physics, seconds.
         visuals: also add what is only seen (meshes, marks on the table); the physics does not need it.
+        ties: what keeps objects together.
 
     Raises:
         UnknownNameError: an asset is not in the library.
@@ -104,6 +106,8 @@ def build(
             name1="cup", name2=f"object_{number}", active=False,
         )  # fmt: skip
         weld.solref = (2 * timestep, 1.0)
+    for index, tie in enumerate(ties):
+        _add_tie(spec, tie, index, timestep)
     model: Any = spec.compile()
     bodies = {item.id: int(model.body(f"object_{item.id}").id) for item in objects}
     owner_of = {body: number for number, body in bodies.items()}
@@ -119,9 +123,29 @@ def build(
     )
 
 
+def place(built: World, data: Any, objects: Sequence[InstanceObject]) -> None:
+    """Set a state of a world back to its beginning, with every object at its pose, at rest.
+
+    Args:
+        built: whose ``model`` holds the poses of what cannot move.
+        data: the ``mujoco.MjData``.
+        objects: those that the world was built from, wherever they stand.
+    """
+    # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
+    for item in objects:
+        if item.id not in built.addresses:
+            (position, (x, y, z, w)), body = item.pose, built.bodies[item.id]
+            built.model.body_pos[body], built.model.body_quat[body] = position, (w, x, y, z)
+    mujoco.mj_resetData(built.model, data)
+    for item in objects:
+        if item.id in built.addresses:
+            (position, (x, y, z, w)), start = item.pose, built.addresses[item.id]
+            data.qpos[start : start + 7] = (*position, w, x, y, z)
+
+
 def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: Library, visuals: bool) -> None:
-    (position, (x, y, z, w)), name = item.pose, f"object_{item.id}"
-    body = spec.worldbody.add_body(name=name, pos=position, quat=(w, x, y, z))
+    name = f"object_{item.id}"
+    body = spec.worldbody.add_body(name=name)
     if is_free(item, shapes):
         body.add_freejoint(name=name)
     volumes = [_volume(shape, shapes) for shape in shapes.colliders]
@@ -139,10 +163,24 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
         geom.rgba = item.color or shape.color or _named_color(item, library)
 
 
+def _add_tie(spec: Any, tie: InstanceTie, index: int, timestep: float) -> None:
+    ends = ((tie.parent, tie.parent_frame), (tie.child, tie.child_frame))
+    names: list[str] = []
+    for number, (position, (x, y, z, w)) in ends:
+        names.append(f"tie_{index}_{number}")
+        spec.body(f"object_{number}").add_site(name=names[-1], pos=position, quat=(w, x, y, z))
+    kind = mujoco.mjtEq.mjEQ_CONNECT if tie.kind == "point" else mujoco.mjtEq.mjEQ_WELD
+    equality = spec.add_equality(
+        name=f"tie_{index}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
+    )
+    equality.solref = (2 * timestep, 1.0)
+
+
 def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
     """The library's word for an asset's colour, for meshes whose colour is in a texture."""
     name = library.asset(item.asset).color if item.asset in library else ""
-    return (*COLORS.get(name, (0.7, 0.7, 0.7)), 1.0)
+    red, green, blue = COLORS.get(name, [0.7, 0.7, 0.7])
+    return (red, green, blue, 1.0)
 
 
 def _volume(shape: Shape, shapes: ObjectModel) -> float:

@@ -11,6 +11,7 @@ import rerun as rr
 from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.sim.instance import InstanceGoal, InstanceObject, TaskInstance
+from grs_agents.sim.world import model_of
 from grs_agents.trace import Rollout
 from grs_agents.views.glyphs import drawable
 from grs_agents.views.paths import Paths
@@ -101,11 +102,11 @@ class RolloutView:
 
 def _show_shapes(recording: Recording, path: str, item: InstanceObject, library: Library) -> None:
     """What the object looks like, and its name above it."""
-    model = item.shapes or library.model(item.asset)
+    model = model_of(item, library)
     for number, shape in enumerate(model.visuals or model.colliders):
         recording.log(f"{path}/{number}", geometry(shape, library, item.color))
     top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
-    label = drawable(Path(item.asset.partition("#")[0]).stem.replace("_", " "))
+    label = drawable(Path(item.asset).stem.replace("_", " "))
     recording.log(f"{path}/name", rr.Points3D(top, labels=[label], colors=[_WHITE], radii=[0.0005]))
 
 
@@ -114,7 +115,7 @@ def _shapes_path(item: InstanceObject) -> str:
 
     So nothing is ever cleared and shown at one path in one instant, which the viewer shows without its pose.
     """
-    looks = item.model_dump_json(include={"asset", "shapes", "color"})
+    looks = item.model_dump_json(include={"asset", "fill", "color"})
     return f"{Paths.WORLD}/object_{item.id}/looks_{sha256(looks.encode()).hexdigest()[:8]}"
 
 

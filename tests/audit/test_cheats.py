@@ -8,7 +8,7 @@ import pytest
 from grs_agents.audit import AuditReport, audit
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
-from grs_agents.sim import Environment, Task, TaskInstance, instantiate, rollout, templates
+from grs_agents.sim import Environment, Task, TaskInstance, instantiate, rollout
 
 Start = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 RED, BLUE, GREEN = (f"block/{color}_block.urdf" for color in ("red", "blue", "green"))
@@ -94,16 +94,17 @@ def test_a_cheat_is_found(setup: Setup, check: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["HOPE/Milk.urdf", "zone/zone-template.urdf#x", "zone/zone-template.urdf#DIM=0.1x0.1x0.002"]
+    "change",
+    [{"asset": "HOPE/Milk.urdf", "fill": {"DIM": (0.04, 0.04, 0.04)}}, {"asset": "zone/unheard-of.urdf"}],
+    ids=["filled", "unknown"],
 )
-def test_a_cube_under_another_name_is_found(name: str) -> None:
-    cube = Library().model(RED)
-
-    def disguise(instance: TaskInstance) -> TaskInstance:
-        first = instance.objects[0].model_copy(update={"asset": name, "shapes": cube})
-        return instance.model_copy(update={"objects": (first, *instance.objects[1:])})
-
-    assert "as_in_library" in failed(judge(fair, disguise))
+def test_an_asset_that_is_not_the_librarys_is_found(change: dict[str, object]) -> None:
+    library = Library()
+    plain = instantiate(Trial(fair), 0, library)
+    first = plain.objects[0].model_copy(update=change)
+    forged = plain.model_copy(update={"objects": (first, *plain.objects[1:])})
+    report = audit([forged], [], [rollout(plain, library)], AuditConfig(seeds=1), library)
+    assert "as_in_library" in failed(report)
 
 
 def test_filled_templates_keep_their_shapes() -> None:
@@ -113,7 +114,6 @@ def test_filled_templates_keep_their_shapes() -> None:
         env.add_object(urdf, ((0.6, 0.3, 0.0256), FLAT), "fixed")
         fair(task, env)
 
-    assert "#" in templates.fill(Library(), "container/container-template.urdf", {"DIM": (0.2, 0.2, 0.1)})
     report = judge(with_container)
     assert report.accepted, report.text()
 

@@ -46,13 +46,16 @@ def instance(seed: int, *assets: str, moved_by: float = 0.0) -> TaskInstance:
     )
 
 
-def rollout(seed: int, reward: float = 1.0, idle: float = 0.0, moved: tuple[str, ...] = (MILK, CAN)) -> Rollout:
+def rollout(
+    seed: int, reward: float = 1.0, idle: float = 0.0, moved: tuple[str, ...] = (MILK, CAN), strict: float = 1.0
+) -> Rollout:
     return Rollout.model_validate(
         {
             "seed": seed,
             "episode": {
                 "outcome": "success" if reward > 0.99 else "partial",
                 "reward": reward,
+                "strict": strict,
                 "steps": 2,
                 "max_steps": 4,
                 "detail": "two of two",
@@ -127,6 +130,7 @@ def test_a_good_task_is_accepted() -> None:
     ("changed", "checks"),
     [
         ({"rollouts": [rollout(0), rollout(1), rollout(2, reward=0.98)]}, {"solved"}),
+        ({"rollouts": [rollout(0), rollout(1), rollout(2, strict=0.98)]}, {"solved"}),
         ({"rollouts": [rollout(0), rollout(1)]}, {"solved"}),
         ({"rollouts": []}, {"solved", "not_idle", "moved"}),
         ({"rollouts": [rollout(0), rollout(1), rollout(2, idle=1.0)]}, {"not_idle"}),
@@ -139,22 +143,24 @@ def test_a_good_task_is_accepted() -> None:
             {"assets_of_scene"},
         ),
     ],
-    ids=["short", "seed missing", "nothing ran", "idle", "one moved", "timeout", "unused", "not there", "twice"],
+    ids=[
+        "short",
+        "strictly short",
+        "seed missing",
+        "nothing ran",
+        "idle",
+        "one moved",
+        "timeout",
+        "unused",
+        "not there",
+        "twice",
+    ],
 )
 def test_each_fault_fails_its_own_check(changed: dict[str, Any], checks: set[str]) -> None:
     report = judge(**changed)
     assert not report.accepted
     assert failed(report) == checks
     assert "FAILED" in report.text()
-
-
-def test_an_asset_with_shapes_of_its_own_is_not_that_asset() -> None:
-    tiny = Library().model("block/red_block.urdf")
-    forged = [
-        one.model_copy(update={"objects": (one.objects[0].model_copy(update={"shapes": tiny}), *one.objects[1:])})
-        for one in (instance(seed, MILK, CAN, ZONE) for seed in range(3))
-    ]
-    assert failed(judge(instances=forged)) == {"as_in_library"}
 
 
 def test_one_object_is_enough_where_one_is_in_reach() -> None:

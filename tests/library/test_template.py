@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library, fill_template
+from grs_agents.library import Library, fill_template, resolve
 
 LIBRARY = Library()
 SIZE = (0.06, 0.06, 0.1)
@@ -87,6 +87,8 @@ def test_marks_have_a_height_of_their_own() -> None:
     assert LIBRARY.filled("zone/zone-template.urdf", {"DIM": (0.12, 0.1, 0)}).size[:2] == pytest.approx((0.12, 0.1))
     square = LIBRARY.filled("square/square-template.urdf", {"DIM": (0.2,), "HALF": (0.095,)})
     assert square.size[:2] == pytest.approx((0.2, 0.2))
+    values, _ = resolve({"DIM": (0.2,), "HALF": (0.095,)}, LIBRARY.template_defaults("square/square-template.urdf"))
+    assert LIBRARY.filled("square/square-template.urdf", values) == square, "what is resolved may be filled in again"
 
 
 def test_what_is_left_out_or_unknown_can_be_told() -> None:

@@ -41,7 +41,7 @@ def test_transforms_multiply_and_invert() -> None:
 
 def test_what_is_not_there_is_named() -> None:
     with pytest.raises(UnsupportedError, match="createConstraint"):
-        p.createConstraint(1, -1, 2, -1, p.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0, 0, 0))
+        p.createConstraint(1, -1, 2, -1, p.JOINT_PRISMATIC, (0, 0, 0), (0, 0, 0), (0, 0, 0))
     with pytest.raises(AttributeError, match=r"p\.loadSDF is not there; there are .*getBasePositionAndOrientation"):
         p.loadSDF("world.sdf")
     assert not hasattr(p, "loadSDF")

@@ -52,8 +52,9 @@ def test_a_recording_holds_the_motion_of_objects_and_links(tmp_path: Path) -> No
 
 def test_a_filled_template_travels_in_the_instance() -> None:
     instance = instantiate(Scripted(packing), 0)
-    assert instance.objects[0].shapes is not None
-    assert instance.objects[1].shapes is None
+    assert instance.objects[0].fill["DIM"] == pytest.approx((0.2, 0.2, 0.05), abs=0.2)
+    assert instance.objects[1].fill == {}
+    assert TaskInstance.model_validate_json(instance.model_dump_json(), strict=True) == instance
 
 
 def test_rewards_that_do_not_add_up_are_scaled_with_a_warning() -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at, pose_goal, zone_goal
 
-from grs_agents.sim import Environment, instantiate, rollout
+from grs_agents.sim import instantiate, rollout
 
 BLOCK = "block/red_block.urdf"
 BOX = "box/box-template.urdf"
@@ -22,8 +22,7 @@ def test_a_placeholder_left_out_takes_its_default_with_a_warning() -> None:
         env.add_object(task.fill_template(BOX, {"COLOR": (1, 0, 0)}), at(0.4, 0.3, 0.05))
 
     instance = drawn(scene)
-    default = Environment().library.template_defaults(BOX)["DIM"]
-    assert instance.objects[1].shapes.size == pytest.approx(default)
+    assert instance.objects[1].fill["DIM"] == Environment().library.template_defaults(BOX)["DIM"]
     assert [warning for warning in instance.warnings if "DIM left out" in warning and BOX in warning]
 
 
@@ -39,10 +38,10 @@ def test_a_placeholder_that_the_template_does_not_have_is_named() -> None:
     def scene(task, env) -> None:
         goal(task, env)
         env.add_object(
-            task.fill_template(BOX, {"DIM": (0.1,) * 3, "COLOR": (1, 0, 0), "DIMX": (2,)}), at(0.4, 0.3, 0.05)
+            task.fill_template(BOX, {"DIM": (0.1,) * 3, "COLOR": (1, 0, 0), "WIDTH": (2,)}), at(0.4, 0.3, 0.05)
         )
 
-    assert list(drawn(scene).warnings) == [f"fill_template({BOX!r}): DIMX is no placeholder of it, ignored"]
+    assert list(drawn(scene).warnings) == [f"fill_template({BOX!r}): WIDTH is no placeholder of it, ignored"]
 
 
 def test_box_corners_in_the_wrong_order_are_lengths_without_sign() -> None:
@@ -53,7 +52,7 @@ def test_box_corners_in_the_wrong_order_are_lengths_without_sign() -> None:
         zone_goal(task, [1], at(0.5, 0.3, 0.0), (-0.3, 0.25, 0.0))
 
     instance = drawn(scene)
-    assert instance.objects[0].shapes.size == pytest.approx((0.1, 0.2, 0.05))
+    assert instance.objects[0].fill["DIM"] == pytest.approx((0.1, 0.2, 0.05))
     assert instance.goals[0].zones[0].size == pytest.approx((0.3, 0.25, 0.0))
     assert len([warning for warning in instance.warnings if "without their sign" in warning]) == 3
 

@@ -35,9 +35,11 @@ def build_templates() -> list[Built]:
         _solid("container/container", "a box without a lid of any size", (0.20, 0.16, 0.06), _BROWN, walls, 0.3),
         _solid("box/box", "a solid box of any size", (0.05, 0.05, 0.05), _GRAY, [("0 0 0", _WHOLE)], 0.1),
         _solid("block/block", "a solid block of any size", (0.04, 0.04, 0.04), _GRAY, [("0 0 0", _WHOLE)], 0.05),
-        _solid("cylinder/cylinder", "an upright cylinder of any size", (0.05,) * 3, _GRAY, [("0 0 0", stick)], 0.1),
-        _solid("ball/ball", "a ball of any size", (0.04,) * 3, _RED, [("0 0 0", _ROUND)], 0.05),
-        _solid("sphere/sphere", "a ball of any size", (0.04,) * 3, _RED, [("0 0 0", _ROUND)], 0.05),
+        _solid(
+            "cylinder/cylinder", "an upright cylinder of any size", (0.05, 0.05, 0.05), _GRAY, [("0 0 0", stick)], 0.1
+        ),
+        _solid("ball/ball", "a ball of any size", (0.04, 0.04, 0.04), _RED, [("0 0 0", _ROUND)], 0.05),
+        _solid("sphere/sphere", "a ball of any size", (0.04, 0.04, 0.04), _RED, [("0 0 0", _ROUND)], 0.05),
     ]
 
 
