@@ -107,14 +107,19 @@ def solve_poses(tips: FloatArray, rotations: FloatArray, seed: FloatArray) -> Fl
         angles = _branch(flange, tool, signs)
         if not np.isfinite(angles).all():
             continue
-        joints = angles + TURN * np.round((seed - angles[0]) / TURN)
-        joints[1:] -= TURN * np.cumsum(np.round(np.diff(angles, axis=0) / TURN), axis=0)
-        joints[:, 2] -= TURN * np.round(joints[:1, 2] / TURN)
+        joints = angles + _whole_turns(seed - angles[0])
+        joints[1:] -= np.cumsum(_whole_turns(np.diff(angles, axis=0)), axis=0)
+        joints[:, 2] -= _whole_turns(joints[:1, 2])
         limits = np.array([TURN, TURN, np.pi, TURN, TURN, TURN])
         distance = float(np.abs(joints[0] - seed).max())
         if distance < nearest and (np.abs(joints) <= limits).all():
             best, nearest = joints, distance
     return best
+
+
+def _whole_turns(angles: FloatArray) -> FloatArray:
+    """The multiples of a whole turn nearest to angles."""
+    return TURN * np.rint(angles / TURN)
 
 
 def _branch(flange: FloatArray, tool: FloatArray, signs: tuple[float, ...]) -> FloatArray:

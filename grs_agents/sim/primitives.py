@@ -75,10 +75,11 @@ class PickPlace:
         tip, seed = self.physics.tip, self.physics.commanded
         height = max(tip[2], pick[2], place[2])
         stops = [(x, y, height) for x, y, _ in (tip, pick, place)]
-        points = np.vstack([sweep(stops[0], stops[1], 8), sweep(stops[1], stops[2], 8)])
-        share = np.concatenate([np.linspace(0, 1, 8), np.ones(8)]), np.concatenate([np.zeros(8), np.linspace(0, 1, 8)])
         for first in _TURNS:
-            yaws = self.yaw + share[0] * first + share[1] * turn
+            counts = [4 + int(2 * abs(angle)) for angle in (first, turn)]
+            points = np.vstack([sweep(stops[leg], stops[leg + 1], count) for leg, count in enumerate(counts)])
+            before, after = (np.linspace(0.0, 1.0, count) for count in counts)
+            yaws = self.yaw + np.concatenate([before * first, first + after * turn])
             if self.arm.within_limits(self.arm.solve(points, yaws, seed)):
                 return self.yaw + first
         return self.yaw
