@@ -7,9 +7,11 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.library import Library, ObjectModel, Shape
+from grs_agents.sim.arm import Arm
+from grs_agents.sim.arms import get_arm
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.instance import InstanceObject, InstanceTie
-from grs_agents.sim.robot import ROBOT_CONTYPE, add_robot
+from grs_agents.sim.robot import ROBOT_CONTYPE
 from grs_agents.sim.utils import COLORS
 
 TIMESTEP: Final = 0.004
@@ -35,6 +37,8 @@ class World:
         addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
         owners: geom id to object id, -1 for the table and the robot.
         cup_geom, cup_body, tip_site: of the suction cup.
+        limp: ids of what gives way to the cup and always seals, as ropes do.
+        arm: whose joints are the first positions, speeds and controls.
     """
 
     model: Any
@@ -45,6 +49,8 @@ class World:
     cup_geom: int
     cup_body: int
     tip_site: int
+    arm: Arm
+    limp: frozenset[int] = frozenset()
 
 
 def model_of(item: InstanceObject, library: Library) -> ObjectModel:
@@ -80,7 +86,7 @@ def new_spec(timestep: float) -> Any:
 
 def build(
     objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
-    ties: Sequence[InstanceTie] = (),
+    ties: Sequence[InstanceTie] = (), arm: Arm | None = None,
 ) -> World:  # fmt: skip
     """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
 
@@ -90,12 +96,14 @@ def build(
         timestep: of the physics, seconds.
         visuals: also add what is only seen (meshes, marks on the table); the physics does not need it.
         ties: what keeps objects together.
+        arm: the robot, None for the default one.
 
     Raises:
         UnknownNameError: an asset is not in the library.
     """
     spec = new_spec(timestep)
-    add_robot(spec)
+    arm = arm or get_arm()
+    arm.add(spec)
     free: list[int] = []
     for item in objects:
         shapes = model_of(item, library)
@@ -122,6 +130,7 @@ def build(
         cup_geom=int(model.geom("cup").id),
         cup_body=int(model.body("cup").id),
         tip_site=int(model.site("tip").id),
+        arm=arm,
     )
 
 
