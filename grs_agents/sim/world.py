@@ -28,10 +28,10 @@ _GEOM_TYPE: Final[dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class World:
-    """A compiled model and where the objects are in it.
+    """A compiled model, its state, and where the objects are in it.
 
     Attributes:
-        model: the ``mujoco.MjModel``.
+        model, data: the ``mujoco.MjModel`` and its one ``mujoco.MjData``.
         bodies: object id to body id.
         welds: id of a rigid object to the id of its suction weld.
         addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
@@ -42,6 +42,7 @@ class World:
     """
 
     model: Any
+    data: Any
     bodies: dict[int, int]
     welds: dict[int, int]
     addresses: dict[int, int]
@@ -123,6 +124,7 @@ def build(
     owner_of = {body: number for number, body in bodies.items()}
     return World(
         model=model,
+        data=mujoco.MjData(model),
         bodies=bodies,
         welds={number: int(model.equality(f"suction_{number}").id) for number in free},
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
@@ -134,12 +136,11 @@ def build(
     )
 
 
-def place(built: World, data: Any, objects: Sequence[InstanceObject]) -> None:
-    """Set a state of a world back to its beginning, with every object at its pose, at rest.
+def place(built: World, objects: Sequence[InstanceObject]) -> None:
+    """Set a world back to its beginning, with every object at its pose, at rest.
 
     Args:
-        built: whose ``model`` holds the poses of what cannot move.
-        data: the ``mujoco.MjData``.
+        built: the world; its ``model`` holds the poses of what cannot move.
         objects: those that the world was built from, wherever they stand.
     """
     # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
@@ -147,11 +148,11 @@ def place(built: World, data: Any, objects: Sequence[InstanceObject]) -> None:
         if item.id not in built.addresses:
             (position, (x, y, z, w)), body = item.pose, built.bodies[item.id]
             built.model.body_pos[body], built.model.body_quat[body] = position, (w, x, y, z)
-    mujoco.mj_resetData(built.model, data)
+    mujoco.mj_resetData(built.model, built.data)
     for item in objects:
         if item.id in built.addresses:
             (position, (x, y, z, w)), start = item.pose, built.addresses[item.id]
-            data.qpos[start : start + 7] = (*position, w, x, y, z)
+            built.data.qpos[start : start + 7] = (*position, w, x, y, z)
 
 
 def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: Library, visuals: bool) -> None:
