@@ -10,7 +10,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
-from grs_agents.sim import bullet, ends, templates
+from grs_agents.sim import bullet, ends, templates, utils
 from grs_agents.sim.episode import (
     ActionRecord,
     Episode,
@@ -121,6 +121,7 @@ class Environment(Workcell):
             self.lift_out_of_table()
             self.physics.relax()
             self.physics.settle()
+            self.tilts_at_start = {item.id: utils.tilt_of(item.pose[1]) for item in self.objects}
             self._scorer = StrictScorer(self.task, self)
             self._note()
         return self.observation

@@ -9,8 +9,9 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Vec3
 from grs_agents.sim import utils
 from grs_agents.sim.episode import SimulationError
+from grs_agents.sim.relations import Relation
 
-Metric = Literal["pose", "zone"]
+Metric = Literal["pose", "zone", "relation"]
 Zone = tuple[Pose, Vec3]
 """Pose of a zone's centre and its full extents, metres."""
 
@@ -24,10 +25,11 @@ class Goal(NamedTuple):
         targ_poses: target poses.
         replace: objects may share a target.
         rotations: the target's yaw is asked for.
-        metric: ``pose`` or ``zone``.
+        metric: ``pose``, ``zone`` or ``relation``.
         params: the zones of a ``zone`` goal.
         step_max_reward: reward for the whole goal.
         symmetries: for each object, radians after which it looks the same; 0 = any yaw.
+        relation: what a ``relation`` goal asks for; it has no targets.
     """
 
     objs: list[int]
@@ -39,6 +41,7 @@ class Goal(NamedTuple):
     params: list[Zone]
     step_max_reward: float
     symmetries: list[float]
+    relation: Relation | None = None
 
 
 def make_goal(
@@ -50,6 +53,11 @@ def make_goal(
     Raises:
         SimulationError: an argument does not fit; the message says which, and what would.
     """
+    reward = float(step_max_reward)
+    if not np.isfinite(reward) or reward < 0:
+        raise SimulationError(f"add_goal: step_max_reward is {reward}", "give a share of 1, e.g. 1 / len(objects)")
+    if isinstance(objs, Relation):
+        return _typed(objs, reward)
     numbers, own_symmetries = _objects(objs)
     if metric not in ("pose", "zone"):
         raise SimulationError(f"add_goal: metric {metric!r} is unknown", "use 'pose' or 'zone'")
@@ -59,13 +67,16 @@ def make_goal(
         raise SimulationError("add_goal: metric 'pose' needs target poses, targ_poses is empty", "give targ_poses")
     if metric == "zone" and not targets:
         targets = [zone[0] for zone in zones]
-    reward = float(step_max_reward)
-    if not np.isfinite(reward) or reward < 0:
-        raise SimulationError(f"add_goal: step_max_reward is {reward}", "give a share of 1, e.g. 1 / len(objects)")
     return Goal(
         numbers, _matches(matches, len(numbers), len(targets)), targets, bool(replace), bool(rotations),
         "zone" if metric == "zone" else "pose", zones, reward, _symmetries(symmetries, own_symmetries),
     )  # fmt: skip
+
+
+def _typed(relation: Relation, reward: float) -> Goal:
+    objs = list(relation.objects)
+    none = np.zeros((len(objs), 0), dtype=np.int64)
+    return Goal(objs, none, [], False, False, "relation", [], reward, [0.0] * len(objs), relation)
 
 
 def as_goal(fields: Any) -> Goal:

@@ -82,6 +82,9 @@ class Oracle:
         scores = self.task.scores(goal)
         rows = [row for row, score in enumerate(scores) if score < _PLACED]
 
+        if goal.relation is not None and goal.relation.kind == "stacked":
+            return rows[1:] if rows[:1] == [0] else rows
+
         def key(row: int) -> tuple[float, float, int]:
             heights = [goal.targ_poses[int(i)][0][2] for i in np.flatnonzero(goal.matches[row])]
             lowest = min(heights, default=0.0) if goal.metric == "pose" else 0.0

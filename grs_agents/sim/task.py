@@ -12,6 +12,8 @@ from grs_agents.sim.episode import NoFreeSpaceError
 from grs_agents.sim.geometry import Prism
 from grs_agents.sim.goals import Goal, as_goal, has_negative_zone, make_goal
 from grs_agents.sim.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
+from grs_agents.sim.relation_rules import shortfalls
+from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.task_kit import TaskKit
 
 if TYPE_CHECKING:
@@ -95,8 +97,8 @@ class Task(TaskKit):
     def add_goal(
         self,
         objs: Any,
-        matches: Any,
-        targ_poses: Any,
+        matches: Any = None,
+        targ_poses: Any = None,
         replace: bool = False,
         rotations: bool = True,
         metric: str = "pose",
@@ -135,7 +137,8 @@ class Task(TaskKit):
         """
         goal = make_goal(objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries)
         if self._env is not None:
-            for number in goal.objs:
+            other = goal.relation.reference if goal.relation is not None else None
+            for number in goal.objs if other is None else (*goal.objs, other):
                 self._env.object(number)
             if has_negative_zone(metric, params):
                 self._env.warn("add_goal: a zone size with negative lengths was taken without their sign")
@@ -213,10 +216,12 @@ class Task(TaskKit):
     def scores(self, goal: Goal) -> list[float]:
         """For each object of a goal, how far (0..1) it is where it should be."""
         env = self.environment
+        if goal.relation is not None:
+            return [float(not clause) for clause in shortfalls(goal.relation, SceneView(env), self.rot_eps)]
         poses = {number: env.get_object_pose(number) for number in goal.objs}
-        models = {number: env.shapes(number) for number in goal.objs}
+        volumes = {number: env.volume(number) for number in goal.objs}
         ceiling = float(self.zone_bounds[2, 1])
-        return scoring.object_scores(goal, poses, models, ceiling, self.pos_eps, self.rot_eps)
+        return scoring.object_scores(goal, poses, volumes, ceiling, self.pos_eps, self.rot_eps)
 
     def reward(self) -> tuple[float, dict[str, Any]]:
         """What was gained since the last call; goals that are met leave ``goals``."""

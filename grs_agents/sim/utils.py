@@ -80,6 +80,11 @@ def yaw_of(quaternion: Sequence[float]) -> float:
     return quatXYZW_to_eulerXYZ(quaternion)[2]
 
 
+def tilt_of(quaternion: Sequence[float]) -> float:
+    """The angle between the own z axis of something turned so and the vertical, radians in 0..pi."""
+    return float(np.arccos(np.clip(rotation_matrix(quaternion)[2, 2], -1.0, 1.0)))
+
+
 def rotation_matrix(quaternion: Sequence[float]) -> FloatArray:
     """The 3 x 3 matrix of (x, y, z, w)."""
     x, y, z, w = quat(quaternion)

@@ -16,9 +16,9 @@ def goal(**changes):
 
 
 def test_a_goal_unpacks_in_cliport_order() -> None:
-    objs, matches, targets, replace, rotations, metric, params, reward, symmetries = goal()
+    objs, matches, targets, replace, rotations, metric, params, reward, symmetries, relation = goal()
     assert (objs, matches.shape, targets, replace, rotations) == ([1, 2], (2, 1), [POSE], True, True)
-    assert (metric, params, reward, symmetries) == ("pose", [], 1.0, [0.0, 0.0])
+    assert (metric, params, reward, symmetries, relation) == ("pose", [], 1.0, [0.0, 0.0], None)
 
 
 def test_cliport_pairs_of_id_and_symmetry_are_understood() -> None:
