@@ -186,7 +186,8 @@ class TaskInstance(Frozen):
         if len(set(ids)) != len(ids):
             raise ValueError("object ids must differ")
         named = {number for goal in self.goals for number in goal.objects}
-        named |= {goal.relation.reference for goal in self.goals if goal.relation is not None} - {None}
+        relations = [goal.relation for goal in self.goals if goal.relation is not None]
+        named |= {relation.reference for relation in relations if relation.reference is not None}
         unknown = named - set(ids)
         if unknown:
             raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")

@@ -91,7 +91,9 @@ def _on(relation: Relation, number: int, view: SceneView) -> str:
 def _rests_on(number: int, support: int, view: SceneView) -> str:
     name = view.name(support)
     below = supporters(number, view)
-    mark = not view.model(support).colliders and not below and view.outline(number).low < view.outline(support).high + 0.01
+    mark = (
+        not view.model(support).colliders and not below and view.outline(number).low < view.outline(support).high + 0.01
+    )
     if support not in below and not mark:
         return f"does not rest on {name}"
     return "" if view.over(support, view.pose(number)[0]) else f"has its centre beside {name}"
@@ -122,9 +124,11 @@ def gap_between(first: int, second: int, view: SceneView) -> float:
 def _aligned(relation: Relation, number: int, view: SceneView) -> str:
     centers = np.array([view.pose(other)[0][:2] for other in relation.objects])
     along, aside = line_through(centers)
-    row = relation.objects.index(number)
-    if aside[row] > POSITION_TOLERANCE:
+    row, out = relation.objects.index(number), aside > POSITION_TOLERANCE
+    if out[row]:
         return f"lies {aside[row]:.3f} m beside the line of the {len(centers)} objects"
+    if out.any():
+        return f"is in no line with the others, of which {out.sum()} lie beside it"
     lows = [view.outline(other).low for other in relation.objects]
     if abs(lows[row] - float(np.median(lows))) > POSITION_TOLERANCE:
         return "lies higher or lower than the others of its line"

@@ -1,5 +1,6 @@
 """Where the oracle puts the objects of typed goals: spots at which the goal's own definition says that it holds."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
@@ -26,6 +27,7 @@ _MARGIN: Final = 0.3
 """Share of the distance of a ``near`` goal that is kept in hand."""
 _BESIDE: Final = 0.03
 """Free space between the objects of a line without a spacing of its own, metres."""
+_ARRIVED: Final = 0.005
 Offsets = npt.NDArray[np.bool_]
 
 
@@ -48,6 +50,19 @@ class RelationPlanner:
         if relation.kind == "near":
             return _checked(_beside(relation, number, view, lift), relation, number, task, view, lift)
         return _within(relation, number, task, view, lift)
+
+    def rows(self, goal: Goal, view: SceneView) -> list[int]:
+        """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
+        relation = goal.relation
+        assert relation is not None, "a goal without a relation"
+        if relation.kind == "stacked":
+            levels = range(1, len(relation.objects))
+            return [level for level in levels if shortfall(relation, relation.objects[level], view)]
+        planned = self._lines.get(relation, {})
+        return [
+            row for row, number in enumerate(relation.objects)
+            if number not in planned or math.dist(planned[number], view.pose(number)[0][:2]) > _ARRIVED
+        ]  # fmt: skip
 
     def _in_line(self, relation: Relation, number: int, task: "Task", view: SceneView, lift: float) -> Target:
         plan = self._lines.get(relation) or _line(relation, view, lift)
@@ -118,7 +133,9 @@ def _lowered(center: tuple[float, float], turn: float, number: int, view: SceneV
 
 def _righted(number: int, view: SceneView) -> Stop:
     name, tilt = view.name(number), np.rad2deg(view.tilt(number))
-    return Stop("toppled", f"{name} lies on its side (tilt {tilt:.0f} deg): a tool that points down cannot right it", (name,))
+    return Stop(
+        "toppled", f"{name} lies on its side (tilt {tilt:.0f} deg): a tool that points down cannot right it", (name,)
+    )
 
 
 def _on_top(below: int, relation: Relation, number: int, task: "Task", view: SceneView, lift: float) -> Target:
@@ -199,7 +216,9 @@ def _beside(relation: Relation, number: int, view: SceneView, lift: float) -> It
             suits = _ring(shape.outline, other.outline, (1 - share) * bound, Suits(lift))
             for gap in (0.01, 0.004):
                 clear = min(gap, 0.5 * bound)
-                spot = find_spot(body, center, [turn], region, view.others(number), clear, suits, spread=True, near=center)
+                spot = find_spot(
+                    body, center, [turn], region, view.others(number), clear, suits, spread=True, near=center
+                )
                 if spot is not None:
                     yield spot
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal, cast
 
 import numpy as np
 
@@ -39,13 +39,12 @@ class Relation:
             raise SimulationError(f"relation {self.kind!r} is unknown", f"use one of {', '.join(KINDS)}")
         if (self.reference is not None) != (self.kind in REFERENCED):
             raise SimulationError(
-                f"relation {self.kind} with reference {self.reference}", f"{', '.join(REFERENCED)} have one, others none"
+                f"relation {self.kind} with reference {self.reference}",
+                f"{', '.join(REFERENCED)} have one, others none",
             )
         ids = (*self.objects, *(() if self.reference is None else (self.reference,)))
-        wrong = [number for number in ids if not isinstance(number, int)]
-        if wrong or len(set(ids)) != len(ids):
-            odd = f"{wrong[0]!r} as an object" if wrong else f"an object twice: {list(ids)}"
-            raise SimulationError(f"{self.kind} was given {odd}", "give different ids that env.add_object returned")
+        if len(set(ids)) != len(ids):
+            raise SimulationError(f"{self.kind} was given an object twice: {list(ids)}", "give different ids")
         least = 2 if self.kind == "stacked" or (self.kind == "aligned" and self.distance) else 1
         least = 3 if self.kind == "aligned" and not self.distance else least
         if len(self.objects) < least:
@@ -93,13 +92,13 @@ def in_zone(objs: int | Iterable[int], zone: int) -> Relation:
 UPRIGHT_WITHIN: Final = math.radians(15)
 
 
-def _id(number: object) -> int:
+def _id(number: Any) -> int:
     if isinstance(number, int | np.integer) and not isinstance(number, bool):
-        return int(number)
+        return int(cast(int, number))
     raise SimulationError(f"a relation was given {number!r} as an object", "give ids that env.add_object returned")
 
 
-def _ids(objs: object) -> tuple[int, ...]:
+def _ids(objs: Any) -> tuple[int, ...]:
     if isinstance(objs, Iterable):
-        return tuple(_id(number) for number in objs)
+        return tuple(_id(number) for number in cast(Iterable[Any], objs))
     return (_id(objs),)

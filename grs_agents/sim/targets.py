@@ -55,6 +55,10 @@ class Planner:
             return pose_target(goal, row, task, view, lift)
         return self._zone_target(goal, row, task, view, lift)
 
+    def rows(self, goal: Goal, view: SceneView) -> list[int]:
+        """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
+        return self._relations.rows(goal, view)
+
     def _zone_target(self, goal: Goal, row: int, task: "Task", view: SceneView, lift: float) -> Target:
         number, reasons = goal.objs[row], list[Target]()
         for zone in goal.params:

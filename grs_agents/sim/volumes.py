@@ -53,7 +53,7 @@ def share_inside(volume: Volume, pose: Pose, zones: Sequence[tuple[Pose, Vec3]],
     for zone_pose, size in zones:
         local = utils.apply(utils.invert(zone_pose), points)
         inside |= (np.abs(local[0]) <= size[0] / 2) & (np.abs(local[1]) <= size[1] / 2)
-    return float(volume.weights[inside & (points[2] < ceiling)].sum())
+    return min(1.0, round(float(volume.weights[inside & (points[2] < ceiling)].sum()), 9))
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class _Solid:
         if self.shape.kind == "box":
             return np.ones(grid.shape[1], dtype=bool)
         across = grid if self.shape.kind == "sphere" else grid[:2]
-        return (across**2).sum(axis=0) <= self.shape.size[0] ** 2
+        return np.asarray((across**2).sum(axis=0) <= self.shape.size[0] ** 2, dtype=np.bool_)
 
 
 def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
@@ -111,4 +111,4 @@ def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
 
 
 def _within(faces: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
-    return (faces[:, :3] @ points <= faces[:, 3:] + 1e-9).all(axis=0)
+    return np.asarray((faces[:, :3] @ points <= faces[:, 3:] + 1e-9).all(axis=0), dtype=np.bool_)

@@ -3,8 +3,19 @@ import pytest
 from sim_scenes import Scripted, at, run
 
 from grs_agents.sim import (
-    Environment, SimulationError, TaskInstance, aligned, in_zone, inside, instantiate, near, on, rollout, stacked,
-    upright, utils,
+    Environment,
+    SimulationError,
+    TaskInstance,
+    aligned,
+    in_zone,
+    inside,
+    instantiate,
+    near,
+    on,
+    rollout,
+    stacked,
+    upright,
+    utils,
 )  # fmt: skip
 
 BLOCKS = tuple(f"block/{color}_block.urdf" for color in ("red", "blue", "green", "yellow"))
@@ -27,7 +38,9 @@ def box(task, env) -> None:
 
 def mug(task, env) -> None:
     container = env.add_object("mug/mug.urdf", at(0.55, 0.2, 0.0475), "fixed")
-    ball = env.add_object(task.fill_template("cylinder/cylinder-template.urdf", {"DIM": (0.03, 0.03)}), at(0.4, 0, 0.015))
+    ball = env.add_object(
+        task.fill_template("cylinder/cylinder-template.urdf", {"DIM": (0.03, 0.03)}), at(0.4, 0, 0.015)
+    )
     task.add_goal(inside(ball, container))
 
 
