@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -236,7 +237,7 @@ def _line(relation: Relation, view: SceneView, lift: float) -> dict[int, tuple[f
     """Free places for all objects on a line across the table, in the order in which they lie across it."""
     objects = sorted(relation.objects, key=lambda number: view.pose(number)[0][1])
     widths = [max(view.outline(number).box[3] - view.outline(number).box[1], 0.01) for number in objects]
-    least = max((first + second) / 2 for first, second in zip(widths, widths[1:], strict=False)) + _BESIDE
+    least = max((first + second) / 2 for first, second in pairwise(widths)) + _BESIDE
     step = relation.distance or least
     places = (np.arange(len(objects)) - (len(objects) - 1) / 2) * step
     obstacles = view.others(*objects)
