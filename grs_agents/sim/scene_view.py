@@ -1,6 +1,7 @@
 """A snapshot of the scene for planning: outlines, names, and what stands where."""
 
 import copy
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,12 @@ if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
 
 _POINT = np.zeros((1, 2))
+
+
+def tilt_of(pose: Pose) -> float:
+    """The angle between an object's own z axis and the vertical, radians."""
+    x, y, _, _ = pose[1]
+    return math.acos(min(1.0, max(-1.0, 1 - 2 * (x * x + y * y))))
 
 
 class SceneView:
@@ -61,11 +68,12 @@ class SceneView:
 
     def tilt(self, number: int) -> float:
         """The angle between its own z axis and the vertical, radians."""
-        return utils.tilt_of(self.pose(number)[1])
+        return tilt_of(self.pose(number))
 
     def tilt_at_start(self, number: int) -> float:
         """That angle when the scene had settled, before anything acted."""
-        return self.env.tilts_at_start.get(number, 0.0)
+        start = self.env.places.get(number)
+        return 0.0 if start is None else tilt_of(start)
 
     def model(self, number: int) -> ObjectModel:
         """What it is made of."""

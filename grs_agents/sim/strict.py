@@ -13,13 +13,14 @@ counts it and, besides,
 An object that later goals speak of too is judged there. Other objects that were knocked over lower the whole score.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from grs_agents.base import Pose
+from grs_agents.sim.geometry import footprint
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.relation_rules import shortfalls
 from grs_agents.sim.scene_view import SceneView
@@ -43,18 +44,18 @@ class StrictScore:
 
 
 class StrictScorer:
-    """Scores a scene strictly; made when the scene has settled, before anything acts.
+    """Scores a scene strictly, by how it stands and how it stood before anything acted.
 
     Args:
         task: its goals are scored.
         env: the reset environment.
+        places: where every object stood when the scene had settled.
     """
 
-    def __init__(self, task: "Task", env: "Environment") -> None:
-        self.task, self.env = task, env
-        view = SceneView(env)
-        self._places = {number: view.pose(number) for number in view.ids}
-        self._spans = {number: (view.outline(number).low, view.outline(number).high) for number in view.ids}
+    def __init__(self, task: "Task", env: "Environment", places: Mapping[int, Pose]) -> None:
+        self.task, self.env, self._places = task, env, dict(places)
+        outlines = {number: footprint(env.shapes(number), pose) for number, pose in places.items()}
+        self._spans = {number: (outline.low, outline.high) for number, outline in outlines.items()}
 
     def score(self) -> StrictScore:
         """The score of the scene as it stands now."""
