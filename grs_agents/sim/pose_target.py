@@ -106,6 +106,6 @@ def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: "T
     center = np.array([[target[0][0], target[0][1]]])
     tops = [prism.outline for prism in view.prisms if prism.owner == blocker and prism.high > height - 0.003]
     return any(
-        float(np.ptp(top, axis=0).min()) > 0.05 and inside_margin(np.zeros((1, 2)), top, center)[0] > 0.02
+        float(np.ptp(top, axis=0).min()) > 0.025 and inside_margin(np.zeros((1, 2)), top, center)[0] > 0.01
         for top in tops
     )

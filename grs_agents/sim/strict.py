@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from grs_agents.sim.task import Task
 
 _HEIGHT: Final = 0.015
-"""Farthest from the height that a target says, metres, however wide ``pos_eps`` is."""
+"""Farthest from the height that a target says, metres, whatever ``pos_eps`` is; less than half the least of levels."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class StrictScorer:
         if share < 0.01:
             return 0.0, "is not in its zone"
         top = max(zone[0][0][2] + zone[1][2] / 2 for zone in goal.params)
-        high = view.outline(number).low > max(0.0, top) + self._height
+        high = view.outline(number).low > max(0.0, top) + _HEIGHT
         if high and not self._on_fellows(number, self._fellows(goal), view):
             return 0.0, f"rests at {view.outline(number).low:.2f} m, above its zone"
         return (1.0, "") if share > 0.985 else (share, f"is {share:.0%} in its zone")
@@ -133,23 +133,18 @@ class StrictScorer:
         if not self.task.is_match(pose, target, goal.symmetries[row]):
             return False
         heights = (pose[0][2], view.outline(number).low)
-        if any(abs(height - target[0][2]) <= self._height for height in heights):
+        if any(abs(height - target[0][2]) <= _HEIGHT for height in heights):
             return True
-        half = heights[0] - heights[1] + self._height
+        half = heights[0] - heights[1] + _HEIGHT
         if any(self._is_place(other, target, half) for other in supporters(number, view)):
             return True
-        return goal.replace and self._on_fellows(number, self._fellows(goal), view)
+        return self._on_fellows(number, self._sharers(goal, number, target), view)
 
     def _is_place(self, number: int, target: Pose, half: float) -> bool:
         """Whether a target lies in an object as it stood at the start, or on it, ``half`` above its top at most."""
         (low, high), (x, y, _) = self._spans[number], self._places[number][0]
         aside = max(abs(target[0][0] - x), abs(target[0][1] - y))
         return aside <= self.task.pos_eps and low <= target[0][2] <= high + half
-
-    @property
-    def _height(self) -> float:
-        """How far from the height that a target says an object may lie, metres."""
-        return min(self.task.pos_eps, _HEIGHT)
 
     def _fellows(self, goal: Goal) -> set[int]:
         """Objects that goals want in the same zones or at the same targets."""
@@ -159,6 +154,17 @@ class StrictScorer:
             if other is goal or (other.params and other.params == goal.params)
             for number in other.objs
         }
+
+    def _sharers(self, goal: Goal, number: int, target: Pose) -> set[int]:
+        """Objects that goals want at the same place: one target for all of them, or equal ones."""
+        found: set[int] = set(goal.objs) if goal.replace else set()
+        for other, _ in self.task.stated_goals:
+            for row, index in np.argwhere(other.matches):
+                if other is not goal or other.targ_poses[index] is not target:
+                    apart = np.abs(np.subtract(other.targ_poses[index][0], target[0]))
+                    if (apart <= (self.task.pos_eps, self.task.pos_eps, _HEIGHT)).all():
+                        found.add(other.objs[row])
+        return found - {number}
 
     def _on_fellows(self, number: int, fellows: set[int], view: SceneView) -> bool:
         under = supporters(number, view)
