@@ -8,7 +8,7 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.sim import utils
 from grs_agents.sim.episode import Stop
-from grs_agents.sim.geometry import Prism, gaps, inside_margin, rest_heights
+from grs_agents.sim.geometry import Prism, gaps, inside_margin, rest_height
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.placement import Spot, turned
 from grs_agents.sim.reach import TALLEST_STACK, Blocked, FloatArray, Suits, Target, at, reach_note, wrap
@@ -62,9 +62,9 @@ def _at_pose(goal: Goal, index: int, row: int, task: "Task", view: SceneView, li
     others = view.others(number)
     best: tuple[float, float, FloatArray] | None = None
     for angle in _turns(target, number, goal.symmetries[row], view):
-        shape = turned(body, np.asarray(pose[0][:2]), angle)
-        offset = _clear_of(shape, target, [*others, *_to_come(goal, row, view)], task)
-        height = float(rest_heights(shape, others, offset, -0.0005)[0])
+        parts = [turned(part, np.asarray(pose[0][:2]), angle) for part in view.parts(number)]
+        offset = _clear_of(parts, target, [*others, *_to_come(goal, row, view)], task)
+        height = max(0.0, rest_height(parts, others, offset, -0.0005))
         if best is None or height < best[0] - 0.005:
             best = (height, angle, offset)
     assert best is not None, "no turn was tried"
@@ -89,7 +89,8 @@ def _turns(target: Pose, number: int, symmetry: float, view: SceneView) -> list[
     if all(shape.kind in ("cylinder", "sphere") for shape in view.model(number).colliders):
         return [0.0]
     along = wrap(turn, np.pi / 2)
-    return [along, along + np.pi / 2, 0.0]
+    quarters = [along + quarter * np.pi / 2 for quarter in range(4)]
+    return [*(wrap(angle) for angle in quarters), 0.0]
 
 
 def _to_come(goal: Goal, row: int, view: SceneView) -> list[Prism]:
@@ -108,20 +109,20 @@ def _to_come(goal: Goal, row: int, view: SceneView) -> list[Prism]:
     return found
 
 
-def _clear_of(shape: Prism, target: Pose, obstacles: Sequence[Prism], task: "Task") -> FloatArray:
+def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], task: "Task") -> FloatArray:
     """The target's (1, 2) or a point within half its tolerance that is clearer of what stands as high, metres."""
     center = np.array([[target[0][0], target[0][1]]])
-    half = (shape.high - shape.low) / 2
+    half = (max(part.high for part in body) - min(part.low for part in body)) / 2
     beside = [
-        prism for prism in obstacles
-        if prism.high > target[0][2] + 0.003 - half and prism.low < target[0][2] + half
-        and -_ROOM - 2 * _NUDGE < gaps(shape.outline, prism.outline, center)[0] < _ROOM
+        (part.outline, prism.outline)
+        for prism in obstacles if prism.high > target[0][2] + 0.003 - half and prism.low < target[0][2] + half
+        for part in body if -_ROOM - 2 * _NUDGE < gaps(part.outline, prism.outline, center)[0] < _ROOM
     ]  # fmt: skip
     if not beside:
         return center
     steps = np.linspace(-1, 1, 5) * min(_NUDGE, task.pos_eps / 2)
     offsets = center + np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
-    room = np.min([gaps(shape.outline, prism.outline, offsets) for prism in beside], axis=0)
+    room = np.min([gaps(part, other, offsets) for part, other in beside], axis=0)
     cost = np.linalg.norm(offsets - center, axis=1) - 10 * np.minimum(room, _ROOM)
     return offsets[[int(np.argmin(cost))]]
 

@@ -102,7 +102,22 @@ class StrictScorer:
             return 0.0, "does not lie still"
         if goal.metric == "zone":
             return self._zone_share(goal, number, view)
-        return (1.0, "") if row in claimed else (0.0, "is at no target that is its own, height included")
+        return (1.0, "") if row in claimed else (0.0, self._astray(goal, row, view))
+
+    def _astray(self, goal: Goal, row: int, view: SceneView) -> str:
+        """How an object misses every target that will do for it."""
+        number = goal.objs[row]
+        pose, low = view.pose(number), view.outline(number).low
+        around = [
+            index for index in np.flatnonzero(goal.matches[row])
+            if self.task.is_match(pose, goal.targ_poses[index], goal.symmetries[row])
+        ]  # fmt: skip
+        if not around:
+            return "is at none of its targets"
+        if any(self._holds(goal, row, int(index), view) for index in around):
+            return "is at a target that another object has"
+        wanted = min((goal.targ_poses[index][0][2] for index in around), key=lambda height: abs(height - pose[0][2]))
+        return f"is at its target but for the height: it reaches from {low:.3f} m up, the target is at {wanted:.3f} m"
 
     def _zone_share(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
         ceiling = float(self.task.zone_bounds[2, 1])
