@@ -80,7 +80,7 @@ class Environment(Workcell):
         self.task: Task | None = None
         self.recorder = Recorder()
         self.failed_placements = 0
-        self._places: dict[int, Pose] = {}
+        self.places: dict[int, Pose] = {}
         self.seed(templates.default_seed() if seed is None else seed)
         bullet.attach(self)
         if task is not None:
@@ -122,7 +122,7 @@ class Environment(Workcell):
         self.task.finish_reset(self)
         if settle:
             self.come_to_rest()
-            self._places = {number: self.get_object_pose(number) for number in self._objects}
+            self.places = {number: self.get_object_pose(number) for number in self._objects}
             self.recorder.look = self._look
         return self.observation
 
@@ -191,5 +191,5 @@ class Environment(Workcell):
             return
         recorder.reward, recorder.complete = self.task.total_reward, self.task.done()
         recorder.placed, recorder.wanted = self.task.count()
-        score = StrictScorer(self.task, self, self._places).score()
+        score = StrictScorer(self.task, self, self.places).score()
         recorder.strict, recorder.shortfalls = score.value, score.shortfalls

@@ -13,26 +13,26 @@ counts it and, besides,
 An object that later goals speak of too is judged there. Other objects that were knocked over lower the whole score.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.sim import scoring
-from grs_agents.sim.geometry import Prism, footprint, gaps
+from grs_agents.sim.geometry import footprint
 from grs_agents.sim.goals import Goal
-from grs_agents.sim.scene_view import SceneView, tilt_of
+from grs_agents.sim.relation_rules import shortfalls
+from grs_agents.sim.scene_view import SceneView
+from grs_agents.sim.support import rests, supporters, toppled
+from grs_agents.sim.volumes import share_inside
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
     from grs_agents.sim.task import Task
 
-_TOUCHING: Final = 0.006
-_OVERLAP: Final = -0.0005
-_STILL: Final = 0.05
-_POINT: Final = np.zeros((1, 2))
+_HEIGHT: Final = 0.015
+"""Farthest from the height that a target says, metres, whatever ``pos_eps`` is; less than half the least of levels."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,6 @@ class StrictScorer:
 
     def __init__(self, task: "Task", env: "Environment", places: Mapping[int, Pose]) -> None:
         self.task, self.env, self._places = task, env, dict(places)
-        self._tilts = {number: tilt_of(pose) for number, pose in places.items()}
         outlines = {number: footprint(env.shapes(number), pose) for number, pose in places.items()}
         self._spans = {number: (outline.low, outline.high) for number, outline in outlines.items()}
 
@@ -72,13 +71,20 @@ class StrictScorer:
                 final.setdefault(number, rows[row])
             value += goal.step_max_reward * float(np.mean(rows))
         bystanders = [number for number in view.ids if view.is_free(number) and number not in final]
-        fallen = [number for number in bystanders if self._toppled(number, view)]
+        fallen = [number for number in bystanders if toppled(number, view, self.task.rot_eps)]
         notes.update({number: f"{view.name(number)} was knocked over" for number in fallen})
         standing = 1 - len(fallen) / len(bystanders) if fallen else 1.0
         return StrictScore(round(min(1.0, value) * standing, 9), tuple(notes.values()))
 
     def _goal(self, goal: Goal, view: SceneView, last: set[int], notes: dict[int, str]) -> list[float]:
         """The score of each object of one goal; ``notes`` gains a clause for each of ``last`` that falls short."""
+        if goal.relation is not None:
+            clauses = shortfalls(goal.relation, view, self.task.rot_eps)
+            notes_of = dict(zip(goal.objs, clauses, strict=True))
+            for number in last:
+                if notes_of[number]:
+                    notes.setdefault(number, f"{view.name(number)} {notes_of[number]}")
+            return [float(not clause) for clause in clauses]
         claimed = self._claims(goal, view)
         scores: list[float] = []
         for row, number in enumerate(goal.objs):
@@ -90,21 +96,36 @@ class StrictScorer:
 
     def _share(self, goal: Goal, row: int, claimed: dict[int, int], view: SceneView) -> tuple[float, str]:
         number = goal.objs[row]
-        if self._toppled(number, view):
+        if toppled(number, view, self.task.rot_eps):
             return 0.0, "does not stand upright"
-        if not self._rests(number):
+        if not rests(number, view):
             return 0.0, "does not lie still"
         if goal.metric == "zone":
             return self._zone_share(goal, number, view)
-        return (1.0, "") if row in claimed else (0.0, "is at no target that is its own, height included")
+        return (1.0, "") if row in claimed else (0.0, self._astray(goal, row, view))
+
+    def _astray(self, goal: Goal, row: int, view: SceneView) -> str:
+        """How an object misses every target that will do for it."""
+        number = goal.objs[row]
+        pose, low = view.pose(number), view.outline(number).low
+        around = [
+            index for index in np.flatnonzero(goal.matches[row])
+            if self.task.is_match(pose, goal.targ_poses[index], goal.symmetries[row])
+        ]  # fmt: skip
+        if not around:
+            return "is at none of its targets"
+        if any(self._holds(goal, row, int(index), view) for index in around):
+            return "is at a target that another object has"
+        wanted = min((goal.targ_poses[index][0][2] for index in around), key=lambda height: abs(height - pose[0][2]))
+        return f"is at its target but for the height: it reaches from {low:.3f} m up, the target is at {wanted:.3f} m"
 
     def _zone_share(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
-        model, ceiling = view.model(number), float(self.task.zone_bounds[2, 1])
-        share = scoring.share_inside(model, view.pose(number), goal.params, ceiling)
+        ceiling = float(self.task.zone_bounds[2, 1])
+        share = share_inside(view.volume(number), view.pose(number), goal.params, ceiling)
         if share < 0.01:
             return 0.0, "is not in its zone"
         top = max(zone[0][0][2] + zone[1][2] / 2 for zone in goal.params)
-        high = view.outline(number).low > max(0.0, top) + self.task.pos_eps
+        high = view.outline(number).low > max(0.0, top) + _HEIGHT
         if high and not self._on_fellows(number, self._fellows(goal), view):
             return 0.0, f"rests at {view.outline(number).low:.2f} m, above its zone"
         return (1.0, "") if share > 0.985 else (share, f"is {share:.0%} in its zone")
@@ -127,12 +148,12 @@ class StrictScorer:
         if not self.task.is_match(pose, target, goal.symmetries[row]):
             return False
         heights = (pose[0][2], view.outline(number).low)
-        if any(abs(height - target[0][2]) <= self.task.pos_eps for height in heights):
+        if any(abs(height - target[0][2]) <= _HEIGHT for height in heights):
             return True
-        half = heights[0] - heights[1] + self.task.pos_eps
+        half = heights[0] - heights[1] + _HEIGHT
         if any(self._is_place(other, target, half) for other in supporters(number, view)):
             return True
-        return goal.replace and self._on_fellows(number, self._fellows(goal), view)
+        return self._on_fellows(number, self._sharers(goal, number, target), view)
 
     def _is_place(self, number: int, target: Pose, half: float) -> bool:
         """Whether a target lies in an object as it stood at the start, or on it, ``half`` above its top at most."""
@@ -149,34 +170,20 @@ class StrictScorer:
             for number in other.objs
         }
 
+    def _sharers(self, goal: Goal, number: int, target: Pose) -> set[int]:
+        """Objects that goals want at the same place: one target for all of them, or equal ones."""
+        found: set[int] = set(goal.objs) if goal.replace else set()
+        for other, _ in self.task.stated_goals:
+            for row, index in np.argwhere(other.matches).tolist():
+                if other is not goal or other.targ_poses[index] is not target:
+                    apart = np.abs(np.subtract(other.targ_poses[index][0], target[0]))
+                    if (apart <= (self.task.pos_eps, self.task.pos_eps, _HEIGHT)).all():
+                        found.add(other.objs[row])
+        return found - {number}
+
     def _on_fellows(self, number: int, fellows: set[int], view: SceneView) -> bool:
         under = supporters(number, view)
         return bool(under) and all(other in fellows for other in under)
-
-    def _toppled(self, number: int, view: SceneView) -> bool:
-        shapes = view.model(number).colliders
-        if all(shape.kind == "sphere" for shape in shapes):
-            return False
-        return view.tilt(number) > self._tilts.get(number, 0.0) + self.task.rot_eps
-
-    def _rests(self, number: int) -> bool:
-        physics = self.env.physics
-        return physics.held != number and physics.speed_of(number) < _STILL
-
-
-def supporters(number: int, view: SceneView) -> set[int]:
-    """Ids of the objects whose top an object's underside rests on."""
-    own = [prism for prism in view.prisms if prism.owner == number]
-    low = min((prism.low for prism in own), default=0.0)
-    feet = [prism for prism in own if prism.low < low + _TOUCHING]
-    return {prism.owner for prism in view.others(number) if _carries(prism, feet)}
-
-
-def _carries(prism: Prism, feet: Iterable[Prism]) -> bool:
-    return any(
-        abs(foot.low - prism.high) < _TOUCHING and gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP
-        for foot in feet
-    )
 
 
 def assign(options: Sequence[Sequence[int]]) -> dict[int, int]:

@@ -15,6 +15,7 @@ from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.instance import InstanceObject, InstanceTie
 from grs_agents.sim.physics import Budget, Physics
+from grs_agents.sim.volumes import Volume, volume_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -50,6 +51,7 @@ class Tabletop:
         self._ties: list[InstanceTie] = []
         self._models: dict[int, ObjectModel] = {}
         self._outlines: dict[int, _Outline] = {}
+        self._volumes: dict[int, tuple[ObjectModel, Volume]] = {}
         self._physics: Physics | None = None
         self._stale = False
         self._world: tuple[object, world.World] | None = None
@@ -170,6 +172,14 @@ class Tabletop:
         if obj not in self._models:
             self._models[obj] = world.model_of(self.object(obj), self.library)
         return self._models[obj]
+
+    def volume(self, obj: int) -> Volume:
+        """The collision volume of an object as points in its own frame."""
+        shapes = self.shapes(obj)
+        known = self._volumes.get(id(shapes))
+        if known is None or known[0] is not shapes:
+            known = self._volumes[id(shapes)] = (shapes, volume_of(shapes, self.library))
+        return known[1]
 
     def is_free(self, obj: int) -> bool:
         """Whether an object can be moved."""

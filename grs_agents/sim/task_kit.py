@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
-from grs_agents.sim import scoring, templates, top_down, utils
+from grs_agents.sim import templates, top_down, utils
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.goals import as_pose
 
@@ -124,7 +124,7 @@ class TaskKit:
 
     def get_box_object_points(self, obj: int) -> FloatArray:
         """Points (3, N) spread over an object's collision volume, object frame, metres."""
-        return np.copy(scoring.volume_points(self.environment.shapes(obj)))
+        return np.copy(self.environment.volume(obj).points)
 
     def get_target_sample_surface_points(
         self, model: str, scale: Sequence[float], pose: Pose, num_points: int = 50
