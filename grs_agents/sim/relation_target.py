@@ -78,7 +78,7 @@ class RelationPlanner:
         placed = {other: _pose_at(Spot(plan[other], 0.0, 0.0), other, view) for other in relation.objects}
         if not holds_when(relation, relation.objects, view.supposing(placed), task.rot_eps):
             return _no_spot(relation, number, view)
-        return spot if _reached(spot, lift) else _too_far(number, spot, view, lift)
+        return spot if _reached(spot, view, lift) else _too_far(number, spot, view, lift)
 
 
 def predicted(spot: Spot, number: int, view: SceneView) -> SceneView:
