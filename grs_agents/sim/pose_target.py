@@ -74,8 +74,8 @@ def _at_pose(goal: Goal, index: int, row: int, task: "Task", view: SceneView, li
     height, angle, offset = best
     spot = Spot((float(offset[0, 0]), float(offset[0, 1])), angle, height)
     tip = (*spot.center, height + lift)
-    if not Suits(lift)(offset, np.array([height]))[0]:
-        return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip)}", (name,))
+    if not Suits(lift, view.env.arm)(offset, np.array([height]))[0]:
+        return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip, view.env.arm)}", (name,))
     shape = turned(body, np.asarray(pose[0][:2]), angle)
     wanted = target[0][2] - (pose[0][2] - body.low)
     blocker = _blocker(shape, offset, others, height, max(0.0, wanted) + 0.02, view)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from grs_agents.library import Library, resolve, stems
+from grs_agents.sim.arms import DEFAULT
 
 Values = Mapping[str, tuple[float | str, ...]]
 
@@ -24,15 +25,16 @@ class Filling:
 class _Defaults:
     library: Library | None = None
     seed: int = 0
+    robot: str = DEFAULT
 
 
 _defaults = _Defaults()
 _filled: dict[str, Filling] = {}
 
 
-def configure(library: Library | None = None, seed: int = 0) -> None:
-    """Say which library and seed an ``Environment`` uses when its caller, e.g. a test program, names none."""
-    _defaults.library, _defaults.seed = library, seed
+def configure(library: Library | None = None, seed: int = 0, robot: str = DEFAULT) -> None:
+    """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none."""
+    _defaults.library, _defaults.seed, _defaults.robot = library, seed, robot
 
 
 def default_library() -> Library:
@@ -45,6 +47,11 @@ def default_library() -> Library:
 def default_seed() -> int:
     """The seed given to ``configure``, else 0."""
     return _defaults.seed
+
+
+def default_robot() -> str:
+    """The robot given to ``configure``, else the UR5e."""
+    return _defaults.robot
 
 
 def asset_name(name: str, library: Library) -> str:
@@ -70,7 +77,7 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     defaults = library.template_defaults(base)
     if not defaults:
         return base
-    values = resolve({**before, **_positive(replace)}, defaults)[0]
+    values = resolve({**before, **_positive(replace, defaults)}, defaults)[0]
     library.filled(base, values)
     label = ",".join(f"{stem}={'x'.join(_short(value) for value in values[stem])}" for stem in sorted(values))
     name = f"{base}#{label}"
@@ -86,21 +93,24 @@ def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[
     defaults = library.template_defaults(base)
     if not defaults:
         return ["it is no template, used as it is"]
-    known, assumed = stems(defaults), resolve(_positive(replace), defaults)[1]
+    known, assumed = stems(defaults), resolve(_positive(replace, defaults), defaults)[1]
     found = [f"{stem} left out takes its default {_row(row)}" for stem, row in assumed.items()]
     found += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
-    negative = [stem for stem in replace if stem in known and _is_length(stem) and _has_negative(replace[stem])]
+    negative = [
+        stem for stem in replace if stem in known and _is_length(stem, defaults) and _has_negative(replace[stem])
+    ]
     return found + [f"{stem} has negative lengths, taken without their sign" for stem in negative]
 
 
-def _is_length(stem: str) -> bool:
-    return stem.startswith(("DIM", "HALF", "SCALE"))
+def _is_length(stem: str, defaults: Values) -> bool:
+    """Whether a stem speaks of lengths; a template without ``DIM``, a corner, has positions under such names."""
+    return "DIM" in defaults and stem.startswith(("DIM", "HALF", "SCALE"))
 
 
-def _positive(replace: Mapping[str, Any]) -> dict[str, Any]:
+def _positive(replace: Mapping[str, Any], defaults: Values) -> dict[str, Any]:
     """Lengths made positive: box corners in the wrong order give negative ones."""
     return {
-        stem: np.abs(value).tolist() if _is_length(stem) and _has_negative(value) else value
+        stem: np.abs(value).tolist() if _is_length(stem, defaults) and _has_negative(value) else value
         for stem, value in replace.items()
     }
 
