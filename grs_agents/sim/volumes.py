@@ -97,9 +97,9 @@ class _Solid:
         if self.shape.kind == "mesh":
             return _within(self.faces, grid)
         if self.shape.kind == "box":
-            return np.ones(grid.shape[1], dtype=bool)
+            return np.ones(grid.shape[1], dtype=np.bool_)
         across = grid if self.shape.kind == "sphere" else grid[:2]
-        return _lengths(across) <= self.shape.size[0]
+        return np.less_equal(np.square(across).sum(axis=0), self.shape.size[0] ** 2)
 
 
 def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
@@ -112,7 +112,3 @@ def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
 
 def _within(faces: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
     return np.asarray((faces[:, :3] @ points <= faces[:, 3:] + 1e-9).all(axis=0), dtype=np.bool_)
-
-
-def _lengths(vectors: FloatArray) -> FloatArray:
-    return np.linalg.norm(vectors, axis=0)
