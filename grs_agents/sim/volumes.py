@@ -97,9 +97,10 @@ class _Solid:
         if self.shape.kind == "mesh":
             return _within(self.faces, grid)
         if self.shape.kind == "box":
-            return np.ones(grid.shape[1], dtype=np.bool_)
+            return np.full(grid.shape[1], True)
         across = grid if self.shape.kind == "sphere" else grid[:2]
-        return np.less_equal(np.square(across).sum(axis=0), self.shape.size[0] ** 2)
+        within: npt.NDArray[np.bool_] = np.square(across).sum(axis=0) <= self.shape.size[0] ** 2
+        return within
 
 
 def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
