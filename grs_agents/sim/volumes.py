@@ -94,10 +94,8 @@ class _Solid:
         return utils.apply((self.shape.position, self.shape.quaternion), kept)
 
     def _inside(self, grid: FloatArray) -> npt.NDArray[np.bool_]:
-        if self.shape.kind == "mesh":
+        if self.shape.kind in ("box", "mesh"):
             return _within(self.faces, grid)
-        if self.shape.kind == "box":
-            return np.full(grid.shape[1], True)
         across = grid if self.shape.kind == "sphere" else grid[:2]
         within: npt.NDArray[np.bool_] = np.square(across).sum(axis=0) <= self.shape.size[0] ** 2
         return within
