@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 _ROOM: Final = 0.002
 """Room that neighbours are given, metres: blocks at targets one width apart do not jam."""
-_NUDGE: Final = 0.004
+_NUDGE: Final = 0.0045
+"""How far from its target an object may be put to that end, metres."""
+_AROUND, _LEVEL = 0.2, 0.015
+"""Targets within this of each other, level by level, are spread together, metres."""
 
 
 def pose_target(goal: Goal, row: int, task: "Task", view: SceneView, lift: float) -> Target:
@@ -63,7 +66,7 @@ def _at_pose(goal: Goal, index: int, row: int, task: "Task", view: SceneView, li
     best: tuple[float, float, FloatArray] | None = None
     for angle in _turns(target, number, goal.symmetries[row], view):
         parts = [turned(part, np.asarray(pose[0][:2]), angle) for part in view.parts(number)]
-        offset = _clear_of(parts, target, [*others, *_to_come(goal, row, view)], task)
+        offset = _clear_of(parts, target, [*others, *_to_come(number, target, task, view)], task)
         height = max(0.0, rest_height(parts, others, offset, -0.0005))
         if best is None or height < best[0] - 0.005:
             best = (height, angle, offset)
@@ -93,20 +96,29 @@ def _turns(target: Pose, number: int, symmetry: float, view: SceneView) -> list[
     return [*(wrap(angle) for angle in quarters), 0.0]
 
 
-def _to_come(goal: Goal, row: int, view: SceneView) -> list[Prism]:
-    """Objects of the same goal as they will stand at the other targets: whoever comes first leaves them room."""
+def _to_come(number: int, target: Pose, task: "Task", view: SceneView) -> list[Prism]:
+    """Objects as they will stand at targets around this one: whoever comes first leaves them room."""
     found: list[Prism] = []
-    for target in goal.targ_poses:
-        for other in range(len(goal.objs)):
-            if other != row and goal.matches[other].any():
-                number, center = goal.objs[other], np.asarray(target[0][:2])
-                body = view.outline(number)
-                turn = wrap(utils.yaw_of(target[1]) - view.yaw(number), np.pi / 2)
-                shape = turned(body, np.asarray(view.pose(number)[0][:2]), turn)
-                low = target[0][2] - (body.high - body.low) / 2
-                found.append(Prism(shape.outline + center, low, low + body.high - body.low, number))
-                break
+    for goal in task.goals:
+        for index, place in enumerate(goal.targ_poses):
+            rows = [row for row in np.flatnonzero(goal.matches[:, index]) if goal.objs[row] != number]
+            if rows and place is not target and _distance(place, target) < _AROUND:
+                other = goal.objs[rows[0]]
+                body = view.outline(other)
+                turn = wrap(utils.yaw_of(place[1]) - view.yaw(other), np.pi / 2)
+                shape = turned(body, np.asarray(view.pose(other)[0][:2]), turn)
+                low = place[0][2] - (body.high - body.low) / 2
+                found.append(Prism(shape.outline + place[0][:2], low, low + body.high - body.low, other))
     return found
+
+
+def _spread(target: Pose, task: "Task") -> FloatArray:
+    """Where (2,) a target would be if those around it, on its level, were drawn apart by what tolerance allows."""
+    places = [place for goal in task.goals for place in goal.targ_poses if abs(place[0][2] - target[0][2]) < _LEVEL]
+    around = np.array([place[0][:2] for place in places if _distance(place, target) < _AROUND] or [target[0][:2]])
+    middle = np.asarray(target[0][:2]) - around.mean(axis=0)
+    reach = float(np.linalg.norm(around - around.mean(axis=0), axis=1).max())
+    return np.asarray(target[0][:2]) + middle * _NUDGE / max(reach, 20 * _NUDGE)
 
 
 def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], task: "Task") -> FloatArray:
@@ -120,10 +132,10 @@ def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], t
     ]  # fmt: skip
     if not beside:
         return center
-    steps = np.linspace(-1, 1, 5) * min(_NUDGE, task.pos_eps / 2)
+    steps = np.linspace(-1, 1, 7) * min(_NUDGE, task.pos_eps / 2)
     offsets = center + np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
     room = np.min([gaps(part, other, offsets) for part, other in beside], axis=0)
-    cost = np.linalg.norm(offsets - center, axis=1) - 10 * np.minimum(room, _ROOM)
+    cost = np.linalg.norm(offsets - _spread(target, task), axis=1) - 10 * np.minimum(room, _ROOM / 2)
     return offsets[[int(np.argmin(cost))]]
 
 

@@ -112,8 +112,11 @@ def _reached(spot: Spot, view: SceneView, lift: float) -> bool:
 
 def _too_far(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
     tip = (*spot.center, spot.height + lift)
-    note = f"target of {view.name(number)} at {at(tip)} {reach_note(tip, view.env.arm)}"
-    return Stop("unreachable", note, (view.name(number),))
+    return Stop(
+        "unreachable",
+        f"target of {view.name(number)} at {at(tip)} {reach_note(tip, view.env.arm)}",
+        (view.name(number),),
+    )
 
 
 def _no_spot(relation: Relation, number: int, view: SceneView) -> Stop:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.sim.geometry import footprint
+from grs_agents.sim.geometry import footprint, inside_margin
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.relation_rules import shortfalls
 from grs_agents.sim.scene_view import SceneView
@@ -53,9 +53,8 @@ class StrictScorer:
     """
 
     def __init__(self, task: "Task", env: "Environment", places: Mapping[int, Pose]) -> None:
-        self.task, self.env, self._places = task, env, dict(places)
-        outlines = {number: footprint(env.shapes(number), pose) for number, pose in places.items()}
-        self._spans = {number: (outline.low, outline.high) for number, outline in outlines.items()}
+        self.task, self.env = task, env
+        self._outlines = {number: footprint(env.shapes(number), pose) for number, pose in places.items()}
 
     def score(self) -> StrictScore:
         """The score of the scene as it stands now."""
@@ -116,8 +115,11 @@ class StrictScorer:
             return "is at none of its targets"
         if any(self._holds(goal, row, int(index), view) for index in around):
             return "is at a target that another object has"
-        wanted = min((goal.targ_poses[index][0][2] for index in around), key=lambda height: abs(height - pose[0][2]))
-        return f"is at its target but for the height: it reaches from {low:.3f} m up, the target is at {wanted:.3f} m"
+        heights = [goal.targ_poses[index][0][2] for index in around]
+        wanted = min(heights, key=lambda height: abs(height - pose[0][2]))
+        return (
+            f"is at its target but for the height: it reaches from {abs(low):.3f} m up, the target is at {wanted:.3f} m"
+        )
 
     def _zone_share(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
         ceiling = float(self.task.zone_bounds[2, 1])
@@ -157,9 +159,9 @@ class StrictScorer:
 
     def _is_place(self, number: int, target: Pose, half: float) -> bool:
         """Whether a target lies in an object as it stood at the start, or on it, ``half`` above its top at most."""
-        (low, high), (x, y, _) = self._spans[number], self._places[number][0]
-        aside = max(abs(target[0][0] - x), abs(target[0][1] - y))
-        return aside <= self.task.pos_eps and low <= target[0][2] <= high + half
+        start = self._outlines[number]
+        aside = -inside_margin(np.zeros((1, 2)), start.outline, np.array([target[0][:2]]))[0]
+        return bool(aside <= self.task.pos_eps and start.low <= target[0][2] <= start.high + half)
 
     def _fellows(self, goal: Goal) -> set[int]:
         """Objects that goals want in the same zones or at the same targets."""
@@ -172,13 +174,13 @@ class StrictScorer:
 
     def _sharers(self, goal: Goal, number: int, target: Pose) -> set[int]:
         """Objects that goals want at the same place: one target for all of them, or equal ones."""
-        found: set[int] = set(goal.objs) if goal.replace else set()
+        found = set(goal.objs) if goal.replace else set[int]()
         for other, _ in self.task.stated_goals:
             for row, index in np.argwhere(other.matches).tolist():
                 if other is not goal or other.targ_poses[index] is not target:
                     apart = np.abs(np.subtract(other.targ_poses[index][0], target[0]))
                     if (apart <= (self.task.pos_eps, self.task.pos_eps, _HEIGHT)).all():
-                        found.add(other.objs[row])
+                        found.add(other.objs[int(row)])
         return found - {number}
 
     def _on_fellows(self, number: int, fellows: set[int], view: SceneView) -> bool:
