@@ -51,8 +51,7 @@ class Oracle:
         del obs, info
         if self._episode is not self.env.recorder:
             self._episode = self.env.recorder
-            self._attempts.clear()
-            self._planner = targets.Planner()
+            self._forget()
         self.env.recorder.stop = None
         decision = self._decide()
         if isinstance(decision, Stop):
@@ -60,12 +59,20 @@ class Oracle:
             return None
         return decision
 
+    def _forget(self) -> None:
+        """A new episode begins."""
+        self._attempts.clear()
+        self._planner = targets.Planner()
+
     def _decide(self) -> Action | Stop:
         if not self.task.stated_goals:
             return Stop("nothing_to_do", "the task states no goal: its reset() never calls add_goal")
         if not self.task.goals:
             return Stop("success", "every goal is met")
-        view = SceneView(self.env)
+        return self._plan_goals(SceneView(self.env))
+
+    def _plan_goals(self, view: SceneView) -> Action | Stop:
+        """The next action for the goals that are not met, or why there is none."""
         for goal in self.task.goals:
             reasons: list[Stop] = []
             for row in self._order(goal, view):

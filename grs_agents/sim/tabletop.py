@@ -30,6 +30,7 @@ class Tabletop:
     def __init__(self, library: Library, budget: Budget) -> None:
         self.library, self.budget = library, budget
         self.timestep = world.TIMESTEP
+        self.tool: world.Tool = "suction"
         self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
         self._ties: list[InstanceTie] = []
@@ -199,7 +200,7 @@ class Tabletop:
             current = self.objects
             self._objects = {item.id: item for item in current}
             observer = None if self._physics is None else self._physics.observer
-            built = world.build(current, self.library, self.timestep, ties=self._ties)
+            built = world.build(current, self.library, self.timestep, ties=self._ties, tool=self.tool)
             self._physics = Physics(built, self.budget, joints)
             self._physics.observer = observer
             self._stale = False

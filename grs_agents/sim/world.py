@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -10,9 +10,11 @@ from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.instance import InstanceObject, InstanceTie
 from grs_agents.sim.robot import ROBOT_CONTYPE, add_robot
+from grs_agents.sim.spatula import fit_spatula
 from grs_agents.sim.utils import COLORS
 
 TIMESTEP: Final = 0.004
+Tool = Literal["suction", "spatula"]
 _DENSITY: Final = 300.0
 _GEOM_TYPE: Final[dict[str, Any]] = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -32,7 +34,7 @@ class World:
         welds: id of a rigid object to the id of its suction weld.
         addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
         owners: geom id to object id, -1 for the table and the robot.
-        cup_geom, cup_body, tip_site: of the suction cup.
+        cup_geom, cup_body, tip_site: of the suction cup, or of the spatula in its place.
     """
 
     model: Any
@@ -78,7 +80,7 @@ def new_spec(timestep: float) -> Any:
 
 def build(
     objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
-    ties: Sequence[InstanceTie] = (),
+    ties: Sequence[InstanceTie] = (), tool: Tool = "suction",
 ) -> World:  # fmt: skip
     """Compile a world.
 
@@ -88,19 +90,23 @@ def build(
         timestep: of the physics, seconds.
         visuals: also add what is only seen (meshes, marks on the table); the physics does not need it.
         ties: what keeps objects together.
+        tool: at the end of the arm; a spatula takes nothing up, so there are no suction welds beside it.
 
     Raises:
         UnknownNameError: an asset is not in the library.
     """
     spec = new_spec(timestep)
     add_robot(spec)
+    if tool == "spatula":
+        fit_spatula(spec)
     free: list[int] = []
     for item in objects:
         shapes = model_of(item, library)
         _add_object(spec, item, shapes, library, visuals)
         if is_free(item, shapes):
             free.append(item.id)
-    for number in free:
+    graspable = free if tool == "suction" else []
+    for number in graspable:
         weld = spec.add_equality(
             name=f"suction_{number}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
             name1="cup", name2=f"object_{number}", active=False,
@@ -114,7 +120,7 @@ def build(
     return World(
         model=model,
         bodies=bodies,
-        welds={number: int(model.equality(f"suction_{number}").id) for number in free},
+        welds={number: int(model.equality(f"suction_{number}").id) for number in graspable},
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
         owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
         cup_geom=int(model.geom("cup").id),
