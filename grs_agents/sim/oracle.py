@@ -10,7 +10,8 @@ from grs_agents.sim.episode import Stop
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.grasp import find_hold
 from grs_agents.sim.placement import Spot
-from grs_agents.sim.reach import Blocked, reach_note
+from grs_agents.sim.reach import Blocked, Suits, reach_note
+from grs_agents.sim.rope_oracle import RopePlanner, chain
 from grs_agents.sim.scene_view import SceneView
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ class Oracle:
         self._episode: Any = None
         self._attempts: dict[tuple[int, int], int] = {}
         self._planner = targets.Planner()
+        self._ropes = RopePlanner()
 
     def act(self, obs: Any = None, info: Any = None) -> Action | None:
         """The next pick and place, or None when there is nothing to do or nothing that can be done."""
@@ -63,6 +65,7 @@ class Oracle:
         """A new episode begins."""
         self._attempts.clear()
         self._planner = targets.Planner()
+        self._ropes = RopePlanner()
 
     def _decide(self) -> Action | Stop:
         if not self.task.stated_goals:
@@ -74,6 +77,8 @@ class Oracle:
     def _plan_goals(self, view: SceneView) -> Action | Stop:
         """The next action for the goals that are not met, or why there is none."""
         for goal in self.task.goals:
+            if chain(goal, self.env) and (plan := self._plan_rope(goal, view)) is not None:
+                return plan
             reasons: list[Stop] = []
             for row in self._order(goal, view):
                 plan = self._plan(goal, row, view, 0)
@@ -83,6 +88,18 @@ class Oracle:
             if reasons:
                 return reasons[0]
         return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
+
+    def _plan_rope(self, goal: Goal, view: SceneView) -> Action | None:
+        """Take the bead of a rope to its place that helps the most; None if none can be taken."""
+        for row, target in self._ropes.ranked(goal, view, self.task.pos_eps):
+            number = goal.objs[row]
+            attempt = (len(self.task.goals), number)
+            hold = self._hold(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
+            spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
+            if isinstance(hold, tuple) and Suits(hold[2])(np.array([spot.center]), np.zeros(1))[0]:
+                self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
+                return _action(number, hold, spot, view)
+        return None
 
     def _order(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of the goal whose objects are not yet placed: low targets and big objects first."""

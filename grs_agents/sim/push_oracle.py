@@ -30,9 +30,12 @@ _SIDE: Final = 0.3
 _EFFORT: Final = 0.004
 """What a stroke must gain, metres of all pieces together."""
 _ACROSS: Final = 0.02
+_EDGE: Final = 0.035
+"""Strokes lie this near to one another, and pass the outermost piece by this much, metres."""
 _DEPTHS: Final = (0.0, 0.012, 0.026, 0.045)
 """How far into a place the blade may go, metres."""
-_PATIENCE: Final = 5
+_PATIENCE: Final = 7
+"""Strokes in a row that bring nothing, after which it gives up."""
 _TRIED: Final = 60
 
 
@@ -164,17 +167,18 @@ class _Scene:
             angle = place.yaw + 2 * np.pi * index / _DIRECTIONS
             along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
             aside, ahead = (points - place.center) @ across, (points - place.center) @ along
-            lanes = np.arange(aside.min(), aside.max() + _ACROSS, _ACROSS)
+            lanes = np.arange(aside.min() - _EDGE, aside.max() + _EDGE, _ACROSS)
             near = np.abs(aside[None] - lanes[:, None]) < BLADE_WIDTH / 2 - 0.3 * radius
             first = np.where(near, ahead[None], np.inf).min(axis=1) - 1.5 * radius - 0.004
             lanes, first = lanes[near.any(axis=1)], first[near.any(axis=1)]
             starts = place.center + lanes[:, None] * across + first[:, None] * along
             enter, leave = place.entry(starts, np.broadcast_to(along, starts.shape))
-            for depth in _DEPTHS:
-                length = enter - radius + depth
-                good = np.isfinite(enter) & (length > 0.008) & (enter + depth <= leave)
+            ends = [np.where(enter + depth <= leave, enter + depth, np.nan) for depth in _DEPTHS]
+            abreast = (place.center - starts) @ along
+            for length in [*ends, 0.5 * abreast, np.where(np.isfinite(enter), np.nan, abreast)]:
+                good = np.isfinite(length) & (length - radius > 0.008)
                 if good.any():
-                    yield Strokes(starts[good], starts[good] + length[good, None] * along)
+                    yield Strokes(starts[good], starts[good] + (length[good, None] - radius) * along)
 
     def obstructed(self, start: FloatArray, end: FloatArray) -> bool:
         """Whether the blade would meet something fixed between two points (2,)."""

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.sim import scoring, templates, top_down, utils
+from grs_agents.base import Pose
+from grs_agents.sim import rope, scoring, templates, top_down, utils
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.goals import as_pose
 
@@ -100,13 +101,26 @@ class TaskKit:
             found.append(env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=block_color))
         return found
 
-    def make_ropes(self, *_: Any, **__: Any) -> list[int]:
-        """Lay a rope.
+    def make_ropes(
+        self, env: "Environment", corners: Any, radius: float = 0.005, n_parts: int = 20, color_name: str = "red",
+        *_: Any, **__: Any,
+    ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], npt.NDArray[np.float64]]:  # fmt: skip
+        """Lay a rope of beads on a free place of the table, in a gentle curve.
+
+        Args:
+            env: where.
+            corners: two points (or poses): between them the rope is to lie in the end, and so long it is.
+            radius: of a bead, metres.
+            n_parts: how many beads.
+            color_name: of all but the two ends, which are white.
+
+        Returns:
+            What ``add_goal`` takes: ``objs``, ``targ_poses`` along the line, and ``matches`` for either direction.
 
         Raises:
-            UnsupportedError: always, bodies that bend are not there yet.
+            NoFreeSpaceError: there is no room for it.
         """
-        raise UnsupportedError("ropes are not there yet", "use rigid objects")
+        return rope.make(env, self.bounds, corners, radius, int(n_parts), color_name)
 
     make_rope = make_ropes
 

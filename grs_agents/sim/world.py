@@ -16,6 +16,8 @@ from grs_agents.sim.utils import COLORS
 TIMESTEP: Final = 0.004
 Tool = Literal["suction", "spatula"]
 _DENSITY: Final = 300.0
+_ROLLING: Final = 0.002
+"""Rolling friction of a tied ball, metres."""
 _CROWD: Final = 12
 """From so many loose bodies on, a pile that is pushed as one costs more with a direct solver than by iteration."""
 _GEOM_TYPE: Final[dict[str, Any]] = {
@@ -118,6 +120,7 @@ def build(
         weld.solref = (2 * timestep, 1.0)
     for index, tie in enumerate(ties):
         _add_tie(spec, tie, index, timestep)
+        _stop_rolling(spec, tie)
     model: Any = spec.compile()
     bodies = {item.id: int(model.body(f"object_{item.id}").id) for item in objects}
     owner_of = {body: number for number, body in bodies.items()}
@@ -175,6 +178,14 @@ def _add_tie(spec: Any, tie: InstanceTie, index: int, timestep: float) -> None:
         name=f"tie_{index}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
     )
     equality.solref = (2 * timestep, 1.0)
+
+
+def _stop_rolling(spec: Any, tie: InstanceTie) -> None:
+    """Balls that are tied, as the beads of a rope, do not roll off: rope is no string of marbles."""
+    for number in (tie.parent, tie.child):
+        for geom in spec.body(f"object_{number}").geoms:
+            if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE:
+                geom.condim, geom.friction = 6, (float(geom.friction[0]), 0.01, _ROLLING)
 
 
 def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
