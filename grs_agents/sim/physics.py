@@ -159,14 +159,14 @@ class Physics:
         return bool((mine & upright & ~robot).any())
 
     def grasp(self, number: int) -> None:
-        """Switch suction on: the object keeps its present pose relative to the cup."""
+        """Switch suction on: the object keeps its present pose relative to the cup; part of a rope hangs from it freely."""
         weld, cup, body = self.world.welds[number], self.world.cup_body, self.world.bodies[number]
         back, relative, rotation = np.empty(4), np.empty(3), np.empty(4)
         mujoco.mju_negQuat(back, self.data.xquat[cup])
         mujoco.mju_rotVecQuat(relative, self.data.xpos[body] - self.data.xpos[cup], back)
         mujoco.mju_mulQuat(rotation, back, self.data.xquat[body])
         row = self.model.eq_data[weld]
-        row[0:3], row[3:6], row[6:10], row[10] = 0.0, relative, rotation, 1.0
+        row[0:3], row[3:6], row[6:10], row[10] = 0.0, relative, rotation, float(number not in self.world.jointed)
         self.data.eq_active[weld] = 1
         self.held = number
 

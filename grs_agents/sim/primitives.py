@@ -18,7 +18,10 @@ FloatArray = npt.NDArray[np.float64]
 FREE_SPEED: Final = 1.2
 HELD_SPEED: Final = 0.8
 TOUCH_SPEED: Final = 0.06
+ROPE_SPEED: Final = 0.2
+"""What is tied to other things is dragged rather than carried: slowly and low, else it flings about."""
 _CLEARANCE: Final = 0.03
+_ROPE_CLEARANCE: Final = 0.01
 _LOWEST: Final = 0.001
 _RETREAT: Final = 0.06
 _DETOURS: Final = (0.35, 0.45, 0.28, 0.55, 0.70)
@@ -142,13 +145,16 @@ class PickPlace:
     def _place(self, grasped: int, point: Vec3, yaw: float) -> str:
         physics, tip = self.physics, self.physics.tip
         own = [obstacle for obstacle in self.obstacles if obstacle.owner == grasped]
-        others = [obstacle for obstacle in self.obstacles if obstacle.owner != grasped]
+        tied = grasped in physics.world.jointed
+        fellows = physics.world.jointed if tied else {grasped}
+        others = [obstacle for obstacle in self.obstacles if obstacle.owner not in fellows]
         drop = max(0.0, tip[2] - min((prism.low for prism in own), default=tip[2]))
         radius = max(
             (float(np.linalg.norm(prism.outline - np.asarray(tip[:2]), axis=1).max()) for prism in own), default=0.05
         )
         near = (point[0], point[1], point[2] + 0.012)
-        if not self._travel(near, yaw, radius + 0.01, drop, others, HELD_SPEED):
+        speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
+        if not self._travel(near, yaw, radius + 0.01, drop, others, speed, clearance):
             self._put_down()
             return f"the arm cannot carry {self.names[grasped]} over its neighbours to {_at(point)}"
         lowest = (point[0], point[1], max(drop - 0.01, point[2] - 0.25, _LOWEST))
@@ -178,7 +184,8 @@ class PickPlace:
         physics.settle()
 
     def _travel(
-        self, end: Vec3, yaw: float, radius: float, drop: float, obstacles: Sequence[Prism], speed: float
+        self, end: Vec3, yaw: float, radius: float, drop: float, obstacles: Sequence[Prism], speed: float,
+        clearance: float = _CLEARANCE,
     ) -> bool:
         """Go over the table to a point and down to it, each leg just above what lies within ``radius`` of it.
 
@@ -189,6 +196,7 @@ class PickPlace:
             drop: how far what hangs from the cup reaches below it, metres.
             obstacles: what to pass over.
             speed: of the tip, m/s.
+            clearance: to what it passes over, metres.
 
         Returns:
             Whether there was a way; if not, the arm has not moved.
@@ -197,7 +205,7 @@ class PickPlace:
         for route in routes(tip, end):
             way: list[Vec3] = [tip]
             for start, stop in pairwise(route):
-                height = highest_along(start, stop, radius, obstacles) + drop + _CLEARANCE
+                height = highest_along(start, stop, radius, obstacles) + drop + clearance
                 height = max(height, end[2] if stop == end else 0.0, tip[2] + 0.02 if drop else 0.0)
                 way += [(start[0], start[1], height), (stop[0], stop[1], height)]
             if self._go((*way, end), yaw, speed):

@@ -16,10 +16,11 @@ from grs_agents.sim.utils import COLORS
 TIMESTEP: Final = 0.004
 Tool = Literal["suction", "spatula"]
 _DENSITY: Final = 300.0
-_ROLLING: Final = 0.002
-"""Rolling friction of a tied ball, metres."""
+_BEAD_ARMATURE: Final = 2e-6
+_BEAD_DAMPING: Final = 3e-5
+"""Of what is tied at a point: added to its inertia (kg m^2), and against its turning (N m s/rad)."""
 _CROWD: Final = 12
-"""From so many loose bodies on, a pile that is pushed as one costs more with a direct solver than by iteration."""
+"""From so many bodies that push or pull one another on, an iterative solver costs less than a direct one."""
 _GEOM_TYPE: Final[dict[str, Any]] = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -37,6 +38,7 @@ class World:
         bodies: object id to body id.
         welds: id of a rigid object to the id of its suction weld.
         addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
+        jointed: ids of the objects that a point ties to another.
         owners: geom id to object id, -1 for the table and the robot.
         cup_geom, cup_body, tip_site: of the suction cup, or of the spatula in its place.
     """
@@ -46,6 +48,7 @@ class World:
     welds: dict[int, int]
     addresses: dict[int, int]
     owners: tuple[int, ...]
+    jointed: frozenset[int]
     cup_geom: int
     cup_body: int
     tip_site: int
@@ -109,7 +112,7 @@ def build(
         _add_object(spec, item, shapes, library, visuals)
         if is_free(item, shapes):
             free.append(item.id)
-    if tool == "spatula" and len(free) > _CROWD:
+    if len(ties) > _CROWD or (tool == "spatula" and len(free) > _CROWD):
         _for_a_crowd(spec)
     graspable = free if tool == "suction" else []
     for number in graspable:
@@ -120,7 +123,8 @@ def build(
         weld.solref = (2 * timestep, 1.0)
     for index, tie in enumerate(ties):
         _add_tie(spec, tie, index, timestep)
-        _stop_rolling(spec, tie)
+        if tie.kind == "point":
+            _make_bead(spec, tie)
     model: Any = spec.compile()
     bodies = {item.id: int(model.body(f"object_{item.id}").id) for item in objects}
     owner_of = {body: number for number, body in bodies.items()}
@@ -129,6 +133,7 @@ def build(
         bodies=bodies,
         welds={number: int(model.equality(f"suction_{number}").id) for number in graspable},
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
+        jointed=frozenset(number for tie in ties if tie.kind == "point" for number in (tie.parent, tie.child)),
         owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
         cup_geom=int(model.geom("cup").id),
         cup_body=int(model.body("cup").id),
@@ -137,7 +142,7 @@ def build(
 
 
 def _for_a_crowd(spec: Any) -> None:
-    """Options for piles: 50 grains in one heap cost 0.3 ms a step so, and 2-3 ms with those for a few objects."""
+    """Options for piles and ropes: 50 grains in one heap cost 0.3 ms a step so, and 2-3 ms with those for a few objects."""
     option = spec.option
     option.solver = mujoco.mjtSolver.mjSOL_CG
     option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
@@ -180,12 +185,11 @@ def _add_tie(spec: Any, tie: InstanceTie, index: int, timestep: float) -> None:
     equality.solref = (2 * timestep, 1.0)
 
 
-def _stop_rolling(spec: Any, tie: InstanceTie) -> None:
-    """Balls that are tied, as the beads of a rope, do not roll off: rope is no string of marbles."""
+def _make_bead(spec: Any, tie: InstanceTie) -> None:
+    """Small things on a joint are slow to turn: it keeps the joint steady, and balls from rolling off as marbles do."""
     for number in (tie.parent, tie.child):
-        for geom in spec.body(f"object_{number}").geoms:
-            if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE:
-                geom.condim, geom.friction = 6, (float(geom.friction[0]), 0.01, _ROLLING)
+        for joint in spec.body(f"object_{number}").joints:
+            joint.armature, joint.damping = _BEAD_ARMATURE, np.full(3, _BEAD_DAMPING)
 
 
 def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
