@@ -1,6 +1,5 @@
 """The assets of one or more folders, found by name."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from grs_agents import content
@@ -8,7 +7,7 @@ from grs_agents.base import Vec3
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.shapes import ObjectModel
-from grs_agents.library.template import fill_template
+from grs_agents.library.template import Value, Values, fill_template, resolve, stems
 from grs_agents.library.urdf import read_urdf
 
 
@@ -27,7 +26,7 @@ class Library:
         self._assets: dict[str, Asset] = {}
         self._root_of: dict[str, Path] = {}
         self._models: dict[str, ObjectModel] = {}
-        self._filled: dict[tuple[object, ...], ObjectModel] = {}
+        self._filled: dict[tuple[str, str], ObjectModel] = {}
         for root in self.roots:
             for asset in read_manifest(root).assets:
                 self._assets[asset.name] = asset
@@ -79,11 +78,23 @@ class Library:
             self._models[name] = self.filled(name, {}) if asset.template else read_urdf(root / name, root)
         return self._models[name]
 
-    def template_defaults(self, name: str) -> dict[str, tuple[float, ...]]:
+    def template_defaults(self, name: str) -> dict[str, tuple[Value, ...]]:
         """The documented default values of a template's placeholders; empty for an ordinary asset."""
         return dict(self.asset(name).template)
 
-    def fill_template(self, name: str, replace: Mapping[str, Sequence[float | str]]) -> str:
+    def template_stems(self, name: str) -> frozenset[str]:
+        """Every stem that a template understands: its own and the other ways to say them."""
+        return stems(self.asset(name).template)
+
+    def template_assumed(self, name: str, replace: Values) -> dict[str, tuple[Value, ...]]:
+        """The defaults that a template takes because ``replace`` says nothing about them, in any spelling.
+
+        Raises:
+            InputError: a value is not a finite number, a colour or a file name.
+        """
+        return resolve(replace, self.asset(name).template)[1]
+
+    def fill_template(self, name: str, replace: Values) -> str:
         """The URDF text of a template with ``replace`` (see `grs_agents.library.fill_template`) filled in.
 
         Raises:
@@ -96,12 +107,11 @@ class Library:
             raise InputError(f"cannot read {self.path(name)}: {error}", "restore the template") from error
         return fill_template(text, replace, self.asset(name).template)
 
-    def filled(self, name: str, replace: Mapping[str, Sequence[float | str]]) -> ObjectModel:
+    def filled(self, name: str, replace: Values) -> ObjectModel:
         """What a template says once ``replace`` and its defaults are filled in; errors as `fill_template`."""
-        key = (name, *((stem, *replace[stem]) for stem in sorted(replace)))
+        key = (name, self.fill_template(name, replace))
         if key not in self._filled:
-            folder = Path(name).parent.as_posix()
-            self._filled[key] = read_urdf(self.fill_template(name, replace), self._root(name), folder)
+            self._filled[key] = read_urdf(key[1], self._root(name), Path(name).parent.as_posix())
         return self._filled[key]
 
     def mesh_path(self, name: str) -> Path:
@@ -125,8 +135,8 @@ class Library:
         return Library(*self.roots, root)
 
     def things(self) -> tuple[Asset, ...]:
-        """The assets that can stand on a real table: neither templates nor marks on the table."""
-        return tuple(asset for asset in self.assets() if not asset.template and asset.mass > 0)
+        """The assets that can stand on a real table: no templates, no marks, no parts of a published task."""
+        return tuple(asset for asset in self.assets() if asset.everyday and not asset.template and asset.mass > 0)
 
     def nearest(self, size: Vec3, count: int = 5) -> tuple[Asset, ...]:
         """The ``count`` things whose size (m, upright, x and y in either order) is nearest to ``size``."""

@@ -78,7 +78,7 @@ class Environment(Workcell):
         self.task: Task | None = None
         self.recorder = Recorder()
         self.failed_placements = 0
-        self._scorer: StrictScorer | None = None
+        self._places: dict[int, Pose] = {}
         self.seed(templates.default_seed() if seed is None else seed)
         bullet.attach(self)
         if task is not None:
@@ -108,7 +108,7 @@ class Environment(Workcell):
         self.clear()
         self.failed_placements = 0
         self.warnings.clear()
-        self._scorer = None
+        self.recorder.look = None  # what it tells of is being cleared away
         self.recorder = Recorder(max_steps=int(self.task.max_steps))
         remember(self.recorder)
         try:
@@ -119,11 +119,9 @@ class Environment(Workcell):
             raise
         self.task.finish_reset(self)
         if settle:
-            self.lift_out_of_table()
-            self.physics.relax()
-            self.physics.settle()
-            self._scorer = StrictScorer(self.task, self)
-            self._note()
+            self.come_to_rest()
+            self._places = {number: self.get_object_pose(number) for number in self._objects}
+            self.recorder.look = self._look
         return self.observation
 
     # --- what there is ----------------------------------------------------------------------------------
@@ -171,7 +169,6 @@ class Environment(Workcell):
             reward = self.task.reward()[0]
         else:
             reward = self._act(as_pose(action["pose0"], "pose0"), as_pose(action["pose1"], "pose1"))
-        self._note()
         done = self.task.done() or len(self.recorder.actions) >= self.task.max_steps
         return self.observation, reward, done, self.info
 
@@ -203,12 +200,10 @@ class Environment(Workcell):
     def _names(self) -> dict[int, str]:
         return {number: item.asset for number, item in self._objects.items()}
 
-    def _note(self) -> None:
+    def _look(self, recorder: Recorder) -> None:
         if self.task is None:
             return
-        self.recorder.reward = self.task.total_reward
-        self.recorder.complete = self.task.done()
-        self.recorder.placed, self.recorder.wanted = self.task.count()
-        if self._scorer is not None:
-            score = self._scorer.score()
-            self.recorder.strict, self.recorder.shortfalls = score.value, score.shortfalls
+        recorder.reward, recorder.complete = self.task.total_reward, self.task.done()
+        recorder.placed, recorder.wanted = self.task.count()
+        score = StrictScorer(self.task, self, self._places).score()
+        recorder.strict, recorder.shortfalls = score.value, score.shortfalls

@@ -141,10 +141,10 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
         recording: an .npz file to write: ``times`` (N,), ``positions`` (N, B, 3), ``quaternions`` (N, B, 4, xyzw),
             ``names`` (B,) ("object_<id>" or a robot link), ``tool`` (N, 3).
     """
-    idle_reward = _idle_reward(instance, library)
     task = InstanceTask(instance)
     env = Environment(task=task, library=library, seed=instance.seed)
     env.timestep = instance.timestep
+    idle_reward = _idle_reward(env, task)
     initial: dict[int, Pose] = {}
     reachable: tuple[int, ...] = ()
     recorder: Recording | None = None
@@ -182,10 +182,7 @@ def solve(env: Environment, task: Task) -> None:
         _, _, done, _ = env.step(action)
 
 
-def _idle_reward(instance: TaskInstance, library: Library | None) -> float:
-    task = InstanceTask(instance)
-    env = Environment(task=task, library=library, seed=instance.seed)
-    env.timestep = instance.timestep
+def _idle_reward(env: Environment, task: Task) -> float:
     try:
         env.reset()
         env.step_simulation(int(IDLE_SECONDS / env.timestep))

@@ -1,5 +1,6 @@
 """A snapshot of the scene for planning: outlines, names, and what stands where."""
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,12 @@ if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
 
 _POINT = np.zeros((1, 2))
+
+
+def tilt_of(pose: Pose) -> float:
+    """The angle between an object's own z axis and the vertical, radians."""
+    x, y, _, _ = pose[1]
+    return math.acos(min(1.0, max(-1.0, 1 - 2 * (x * x + y * y))))
 
 
 class SceneView:
@@ -44,8 +51,7 @@ class SceneView:
 
     def tilt(self, number: int) -> float:
         """The angle between its own z axis and the vertical, radians."""
-        upward = utils.rotation_matrix(self.pose(number)[1])[2, 2]
-        return float(np.arccos(np.clip(upward, -1.0, 1.0)))
+        return tilt_of(self.pose(number))
 
     def model(self, number: int) -> ObjectModel:
         """What it is made of."""

@@ -13,7 +13,7 @@ counts it and, besides,
 An object that later goals speak of too is judged there. Other objects that were knocked over lower the whole score.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -21,9 +21,9 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.sim import scoring
-from grs_agents.sim.geometry import Prism, gaps
+from grs_agents.sim.geometry import Prism, footprint, gaps
 from grs_agents.sim.goals import Goal
-from grs_agents.sim.scene_view import SceneView
+from grs_agents.sim.scene_view import SceneView, tilt_of
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
@@ -44,19 +44,19 @@ class StrictScore:
 
 
 class StrictScorer:
-    """Scores a scene strictly; made when the scene has settled, before anything acts.
+    """Scores a scene strictly, by how it stands and how it stood before anything acted.
 
     Args:
         task: its goals are scored.
         env: the reset environment.
+        places: where every object stood when the scene had settled.
     """
 
-    def __init__(self, task: "Task", env: "Environment") -> None:
-        self.task, self.env = task, env
-        view = SceneView(env)
-        self._tilts = {number: view.tilt(number) for number in view.ids}
-        self._places = {number: view.pose(number) for number in view.ids}
-        self._spans = {number: (view.outline(number).low, view.outline(number).high) for number in view.ids}
+    def __init__(self, task: "Task", env: "Environment", places: Mapping[int, Pose]) -> None:
+        self.task, self.env, self._places = task, env, dict(places)
+        self._tilts = {number: tilt_of(pose) for number, pose in places.items()}
+        outlines = {number: footprint(env.shapes(number), pose) for number, pose in places.items()}
+        self._spans = {number: (outline.low, outline.high) for number, outline in outlines.items()}
 
     def score(self) -> StrictScore:
         """The score of the scene as it stands now."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Pose, Vec3
+from grs_agents.base import Pose, Quat
 from grs_agents.sim import ends, placement, scoring, templates
 from grs_agents.sim.episode import NoFreeSpaceError
 from grs_agents.sim.geometry import Prism
@@ -184,11 +184,12 @@ class Task(TaskKit):
 
     def get_random_pose(
         self, env: "Environment", obj_size: Sequence[float]
-    ) -> tuple[Vec3, tuple[float, float, float, float]] | tuple[None, None]:
+    ) -> tuple[list[float], Quat] | tuple[None, None]:
         """A free pose on the table, in reach of the arm, for an object of ``obj_size`` (x, y, z) metres.
 
         Returns:
-            ``(position, rotation xyzw)``, or ``(None, None)`` when there is no room.
+            ``([x, y, z], rotation xyzw)``, or ``(None, None)`` when there is no room. The position is a list, since
+            programs change it in place.
 
         Raises:
             NoFreeSpaceError: it was asked again and again although there is no room.
@@ -198,7 +199,7 @@ class Task(TaskKit):
         found = placement.random_pose(obj_size, self.bounds, _standing(env), env.rng)
         if found is not None:
             env.failed_placements = 0
-            return found
+            return list(found[0]), found[1]
         env.failed_placements += 1
         if env.failed_placements >= _PATIENCE:
             raise NoFreeSpaceError(

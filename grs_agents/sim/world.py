@@ -21,6 +21,8 @@ _BEAD_DAMPING: Final = 3e-5
 """Of what is tied at a point: added to its inertia (kg m^2), and against its turning (N m s/rad)."""
 _CROWD: Final = 12
 """From so many bodies that push or pull one another on, an iterative solver costs less than a direct one."""
+_ROLLING: Final = 0.002
+"""Arm of a ball's rolling resistance (m), as of a rubber ball on wood: one of 4 cm rests on slopes up to 6 degrees."""
 _GEOM_TYPE: Final[dict[str, Any]] = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -89,7 +91,7 @@ def build(
     objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
     ties: Sequence[InstanceTie] = (), tool: Tool = "suction",
 ) -> World:  # fmt: skip
-    """Compile a world.
+    """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
 
     Args:
         objects: what stands on the table.
@@ -142,19 +144,39 @@ def build(
 
 
 def _for_a_crowd(spec: Any) -> None:
-    """Options for piles and ropes: 50 grains in one heap cost 0.3 ms a step so, and 2-3 ms with those for a few objects."""
+    """Options for piles and ropes: 50 grains in a heap cost 0.3 ms a step so, and 2-3 ms with those for a few objects."""
     option = spec.option
     option.solver = mujoco.mjtSolver.mjSOL_CG
     option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     option.impratio, option.tolerance, option.iterations = 1.0, 1e-6, 50
     for geom in spec.geoms:
-        geom.condim = 3
+        geom.condim = 3 if geom.condim == 4 else geom.condim
+
+
+def place(built: World, data: Any, objects: Sequence[InstanceObject]) -> None:
+    """Set a state of a world back to its beginning, with every object at its pose, at rest.
+
+    Args:
+        built: whose ``model`` holds the poses of what cannot move.
+        data: the ``mujoco.MjData``.
+        objects: those that the world was built from, wherever they stand.
+    """
+    # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
+    for item in objects:
+        if item.id not in built.addresses:
+            (position, (x, y, z, w)), body = item.pose, built.bodies[item.id]
+            built.model.body_pos[body], built.model.body_quat[body] = position, (w, x, y, z)
+    mujoco.mj_resetData(built.model, data)
+    for item in objects:
+        if item.id in built.addresses:
+            (position, (x, y, z, w)), start = item.pose, built.addresses[item.id]
+            data.qpos[start : start + 7] = (*position, w, x, y, z)
 
 
 def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: Library, visuals: bool) -> None:
-    (position, (x, y, z, w)), name = item.pose, f"object_{item.id}"
-    body = spec.worldbody.add_body(name=name, pos=position, quat=(w, x, y, z))
+    name = f"object_{item.id}"
+    body = spec.worldbody.add_body(name=name)
     if is_free(item, shapes):
         body.add_freejoint(name=name)
     volumes = [_volume(shape, shapes) for shape in shapes.colliders]
@@ -162,8 +184,11 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
     mass = shapes.mass if shapes.mass > 0 else max(0.02, _DENSITY * total)
     for index, (shape, volume) in enumerate(zip(shapes.colliders, volumes, strict=True)):
         geom = _add_geom(spec, body, shape, library, f"{name}_{index}")
-        geom.contype, geom.conaffinity, geom.condim, geom.group = 1, 1 | ROBOT_CONTYPE, 4, 3 if visuals else 0
-        geom.friction = (shapes.friction, 0.01, 0.0005)
+        rolls = shape.kind == "sphere"
+        geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
+        geom.condim, geom.friction = (
+            (6, (shapes.friction, 0.01, _ROLLING)) if rolls else (4, (shapes.friction, 0.01, 0))
+        )
         geom.mass = max(mass * volume / total, 1e-5)
         geom.rgba = item.color or shape.color or (0.7, 0.7, 0.7, 1.0)
     for index, shape in enumerate(shapes.visuals if visuals else ()):
@@ -190,6 +215,8 @@ def _make_bead(spec: Any, tie: InstanceTie) -> None:
     for number in (tie.parent, tie.child):
         for joint in spec.body(f"object_{number}").joints:
             joint.armature, joint.damping = _BEAD_ARMATURE, np.full(3, _BEAD_DAMPING)
+        for geom in spec.body(f"object_{number}").geoms:
+            geom.condim = 3
 
 
 def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
