@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 _TOUCHING: Final = 0.006
 _OVERLAP: Final = -0.0005
 _STILL: Final = 0.05
+_GRAIN: Final = 0.02
+"""What is no larger than this lies as it falls: any of its sides will do, metres."""
 _POINT: Final = np.zeros((1, 2))
 
 
@@ -155,7 +157,7 @@ class StrictScorer:
 
     def _toppled(self, number: int, view: SceneView) -> bool:
         shapes = view.model(number).colliders
-        if all(shape.kind == "sphere" for shape in shapes):
+        if all(shape.kind == "sphere" for shape in shapes) or max(view.model(number).size) <= _GRAIN:
             return False
         return view.tilt(number) > self._tilts.get(number, 0.0) + self.task.rot_eps
 

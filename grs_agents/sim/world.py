@@ -16,11 +16,12 @@ from grs_agents.sim.utils import COLORS
 TIMESTEP: Final = 0.004
 Tool = Literal["suction", "spatula"]
 _DENSITY: Final = 300.0
-_BEAD_ARMATURE: Final = 2e-6
-_BEAD_DAMPING: Final = 3e-5
+_BEAD_ARMATURE: Final = 4e-6
+_BEAD_DAMPING: Final = 6e-5
 """Of what is tied at a point: added to its inertia (kg m^2), and against its turning (N m s/rad)."""
 _CROWD: Final = 12
-"""From so many bodies that push or pull one another on, an iterative solver costs less than a direct one."""
+_FEW_TIES: Final = 3
+"""Of more loose bodies that are pushed, or more ties, an iterative solver takes care, faster and steadier."""
 _ROLLING: Final = 0.002
 """Arm of a ball's rolling resistance (m), as of a rubber ball on wood: one of 4 cm rests on slopes up to 6 degrees."""
 _GEOM_TYPE: Final[dict[str, Any]] = {
@@ -114,7 +115,7 @@ def build(
         _add_object(spec, item, shapes, library, visuals)
         if is_free(item, shapes):
             free.append(item.id)
-    if len(ties) > _CROWD or (tool == "spatula" and len(free) > _CROWD):
+    if len(ties) > _FEW_TIES or (tool == "spatula" and len(free) > _CROWD):
         _for_a_crowd(spec)
     graspable = free if tool == "suction" else []
     for number in graspable:
