@@ -46,7 +46,9 @@ def add_shape(kind: int, radius: float, half_extents: Sequence[float], length: f
         UnsupportedError: it is no box, sphere or cylinder.
     """
     if kind not in _TEMPLATES:
-        raise UnsupportedError(f"p: a shape of type {kind} is not there", "use p.GEOM_BOX, GEOM_SPHERE or GEOM_CYLINDER")
+        raise UnsupportedError(
+            f"p: a shape of type {kind} is not there", "use p.GEOM_BOX, GEOM_SPHERE or GEOM_CYLINDER"
+        )
     extents = {
         GEOM_SPHERE: (2 * radius,) * 3,
         GEOM_BOX: tuple(2 * float(half) for half in half_extents),

@@ -174,7 +174,7 @@ class Physics:
         return bool((mine & upright & ~robot).any())
 
     def grasp(self, number: int) -> None:
-        """Switch suction on: the object keeps its present pose relative to the cup; part of a rope hangs from it freely."""
+        """Switch suction on: the object keeps its present pose relative to the cup; of a rope's bead, its place alone."""
         weld, cup, body = self.world.welds[number], self.world.cup_body, self.world.bodies[number]
         back, relative, rotation = np.empty(4), np.empty(3), np.empty(4)
         mujoco.mju_negQuat(back, self.data.xquat[cup])

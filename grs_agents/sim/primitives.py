@@ -184,7 +184,13 @@ class PickPlace:
         physics.settle()
 
     def _travel(
-        self, end: Vec3, yaw: float, radius: float, drop: float, obstacles: Sequence[Prism], speed: float,
+        self,
+        end: Vec3,
+        yaw: float,
+        radius: float,
+        drop: float,
+        obstacles: Sequence[Prism],
+        speed: float,
         clearance: float = _CLEARANCE,
     ) -> bool:
         """Go over the table to a point and down to it, each leg just above what lies within ``radius`` of it.

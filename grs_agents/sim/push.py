@@ -20,7 +20,7 @@ SHORT: Final = 0.05
 _SPEED: Final = 0.30
 _RAMP: Final = 0.12
 """Seconds in which a stroke reaches its speed, and stops: gentler than friction, so that nothing slides on."""
-_DOWN_SPEED: Final = 0.25
+_DOWN_SPEED: Final = 0.1
 _ABOVE: Final = 0.06
 _MOVED: Final = 0.005
 

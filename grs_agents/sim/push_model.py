@@ -62,7 +62,7 @@ def clear_starts(strokes: Strokes, pieces: Pieces, margin: float = 0.003) -> Boo
     ahead, aside = _local(strokes, pieces.places)
     reach = pieces.radii * 1.3 + margin
     under = (ahead > -BLADE_THICKNESS - reach) & (ahead < reach) & (np.abs(aside) < BLADE_WIDTH / 2 + reach)
-    return ~under.any(axis=1)
+    return np.logical_not(under.any(axis=1))
 
 
 def predict(strokes: Strokes, pieces: Pieces) -> FloatArray:

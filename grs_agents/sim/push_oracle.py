@@ -184,9 +184,7 @@ class _Scene:
         """Whether the blade would meet something fixed between two points (2,)."""
         way = end - start
         middle, length = (start + end) / 2, float(np.linalg.norm(way)) + 0.02
-        area = rectangle(
-            (float(middle[0]), float(middle[1])), (length, BLADE_WIDTH), float(np.arctan2(way[1], way[0]))
-        )
+        area = rectangle((float(middle[0]), float(middle[1])), (length, BLADE_WIDTH), float(np.arctan2(way[1], way[0])))
         return any(
             gaps(area, prism.outline, np.zeros((1, 2)))[0] < 0
             for prism in self.view.prisms if not self.view.is_free(prism.owner)
@@ -195,11 +193,10 @@ class _Scene:
     def why_not(self) -> Stop:
         """No stroke is worth its effort: what is still astray."""
         places = self.pieces.places
-        astray = [
-            self.pieces.ids[row]
-            for rows, wanted in self._groups
-            for row in rows[np.min([place.distance(places[rows]) for place in wanted], axis=0) > 0]
-        ]
+        astray: list[int] = []
+        for rows, wanted in self._groups:
+            away = np.min([place.distance(places[rows]) for place in wanted], axis=0)
+            astray += [self.pieces.ids[int(row)] for row in rows[away > 0]]
         names = tuple(dict.fromkeys(self.view.name(number) for number in astray))
         far = [number for number in astray if not kinematics.can_reach((*self.view.pose(number)[0][:2], HEIGHT))]
         if far:

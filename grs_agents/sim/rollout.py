@@ -30,8 +30,8 @@ class Rollout(Frozen):
         seed: of the instance.
         episode: how it ended.
         idle_reward: what doing nothing for 2 simulated seconds would have earned.
-        moved: asset names of the objects that the robot picked or pushed and that end more than 2 cm or 15 degrees from where
-            they were.
+        moved: asset names of the objects that the robot picked or pushed and that end more than 2 cm or 15 degrees
+            from where they were.
         initial, final: pose of each object by id, after settling and at the end.
         reachable: ids of rigid objects that the arm can reach.
         recording: the .npz file, if one was asked for.

@@ -145,7 +145,7 @@ def build(
 
 
 def _for_a_crowd(spec: Any) -> None:
-    """Options for piles and ropes: 50 grains in a heap cost 0.3 ms a step so, and 2-3 ms with those for a few objects."""
+    """Options for piles and ropes: 50 grains in a heap cost 0.3 ms a step so, 2-3 ms with those for a few objects."""
     option = spec.option
     option.solver = mujoco.mjtSolver.mjSOL_CG
     option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE

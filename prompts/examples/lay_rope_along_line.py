@@ -1,5 +1,3 @@
-import numpy as np
-
 from grs_agents.sim import Task, utils
 
 
