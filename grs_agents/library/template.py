@@ -18,8 +18,9 @@ be a colour's name; of ``FNAME`` the last part alone counts, a file beside the t
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import PurePosixPath
+from typing import cast
 
 import numpy as np
 
@@ -69,8 +70,8 @@ def resolve(
         defaults: the template's documented defaults.
 
     Returns:
-        The values by the template's own stems, and those defaults that ``replace`` says nothing about
-        (the components left open of a stem; an alpha alone does not count).
+        The values by the template's own stems (and a ``HALF`` that is not half of ``DIM``), and those defaults
+        that ``replace`` says nothing about (the components left open of a stem; an alpha alone does not count).
 
     Raises:
         InputError: a value is not a finite number, a colour or a file name.
@@ -93,7 +94,7 @@ def resolve(
         left = tuple(default[index] for index in range(len(default)) if index not in found)
         if left and not (stem == "COLOR" and len(found) >= 3):
             assumed[stem] = left
-    return values, assumed
+    return values | _own_half(given, values, known), assumed
 
 
 def fill_template(text: str, replace: Values, defaults: Mapping[str, Sequence[Value]] | None = None) -> str:
@@ -120,11 +121,18 @@ def fill_template(text: str, replace: Values, defaults: Mapping[str, Sequence[Va
         "HALF": tuple(length / 2 for length in lengths),
         "INSET": tuple(max(0.0, length - WALL) / 2 for length in lengths),
     }
-    for stem in derived:
-        if stem in replace and stem not in values:
-            own = tuple(_row(stem, replace[stem], 3))
-            derived[stem] = own + derived[stem][len(own) :]
     return _substituted(text, derived | values)
+
+
+def _own_half(
+    given: Mapping[str, Mapping[int, Value]], values: Mapping[str, Sequence[Value]], known: Collection[str]
+) -> dict[str, tuple[Value, ...]]:
+    """A ``HALF`` of its own: three-sided squares set their lines back by half a line."""
+    if "HALF" not in known or "HALF" in values or not {"HALF", "DIM"} <= set(given):
+        return {}
+    halves = [float(value) / 2 for value in values["DIM"]]
+    own = [float(given["HALF"].get(index, half)) for index, half in enumerate(halves)]
+    return {} if np.allclose(own, halves, atol=1e-7) else {"HALF": tuple(own)}
 
 
 def _substituted(text: str, values: Mapping[str, Sequence[Value]]) -> str:
@@ -161,7 +169,8 @@ def _corner(size: Mapping[int, Value]) -> dict[str, dict[int, Value]]:
 
 
 def _row(stem: str, value: Sequence[Value] | float | str, count: int) -> Row:
-    words: list[object] = [value] if isinstance(value, str) or np.ndim(value) == 0 else list(value)
+    bare = isinstance(value, str | float | int) or np.ndim(value) == 0
+    words: list[object] = [value] if bare else list(cast(Sequence[object], value))
     if stem == "FNAME" and words:
         return [_file(words[0])]
     if stem == "COLOR" and len(words) == 1 and isinstance(words[0], str):
@@ -169,7 +178,7 @@ def _row(stem: str, value: Sequence[Value] | float | str, count: int) -> Row:
             raise UnknownNameError("color", words[0], COLORS)
         return list(COLORS[words[0]])
     numbers: Row = [_number(stem, index, word) for index, word in enumerate(words)]
-    return numbers * count if np.ndim(value) == 0 and not isinstance(value, str) else numbers
+    return numbers * count if bare and not isinstance(value, str) else numbers
 
 
 def _file(value: object) -> str:
@@ -181,8 +190,8 @@ def _file(value: object) -> str:
 
 def _number(stem: str, index: int, value: object) -> float:
     try:
-        number = float(value) if isinstance(value, (int, float, str, np.number)) else math.nan
-    except ValueError:
+        number = float(cast(float, value))
+    except (TypeError, ValueError):
         number = math.nan
     if not abs(number) < 1e6:
         raise InputError(f"template value {stem}{index} is {str(value)[:80]!r}", "give a finite number (of metres)")

@@ -28,15 +28,18 @@ _RED: Rgba = (0.85, 0.16, 0.16, 1.0)
 
 
 def build_templates() -> list[Built]:
-    """Container, box, cylinder and balls."""
+    """Container, box, block, cylinder and balls."""
     walls = [(origin, f'<box size="{size}"/>') for origin, size in _CONTAINER]
     stick = '<cylinder radius="HALF0" length="DIM2"/>'
     return [
         _solid("container/container", "a box without a lid of any size", (0.20, 0.16, 0.06), _BROWN, walls, 0.3),
         _solid("box/box", "a solid box of any size", (0.05, 0.05, 0.05), _GRAY, [("0 0 0", _WHOLE)], 0.1),
-        _solid("cylinder/cylinder", "an upright cylinder of any size", (0.05,) * 3, _GRAY, [("0 0 0", stick)], 0.1),
-        _solid("ball/ball", "a ball of any size", (0.04,) * 3, _RED, [("0 0 0", _ROUND)], 0.05),
-        _solid("sphere/sphere", "a ball of any size", (0.04,) * 3, _RED, [("0 0 0", _ROUND)], 0.05),
+        _solid("block/block", "a solid block of any size", (0.04, 0.04, 0.04), _GRAY, [("0 0 0", _WHOLE)], 0.05),
+        _solid(
+            "cylinder/cylinder", "an upright cylinder of any size", (0.05, 0.05, 0.05), _GRAY, [("0 0 0", stick)], 0.1
+        ),
+        _solid("ball/ball", "a ball of any size", (0.04, 0.04, 0.04), _RED, [("0 0 0", _ROUND)], 0.05),
+        _solid("sphere/sphere", "a ball of any size", (0.04, 0.04, 0.04), _RED, [("0 0 0", _ROUND)], 0.05),
     ]
 
 
@@ -52,7 +55,8 @@ def _solid(name: str, look: str, size: Vec3, color: Rgba, parts: Sequence[Part],
         color=color_name(color[:3]),
         description=f"{look} (DIM0 x DIM1 x DIM2 m), to be filled in",
         hollow=category == "container",
-        fixture=category != "ball",
+        fixture=category not in ("ball", "block"),
+        everyday=category not in ("ball", "block"),
         template={"DIM": size, "COLOR": color},
     )
     return build_template(asset, parts, parts)
@@ -90,7 +94,7 @@ def mark(
         description=f"{look}, to be filled in",
         hollow=category == "zone",
         fixture=category == "zone",
-        everyday=False,
+        everyday=category == "zone",
         template=template,
     )
     return build_template(asset, parts, ())

@@ -34,7 +34,10 @@ _CORNERS = 16
 
 def build_toys() -> list[Built]:
     """Every loose toy."""
-    blocks = [_solid(name, box((side,) * 3), (side,) * 3, *rest) for name, side, *rest in _BLOCKS]
+    blocks = [
+        _solid(name, box((side, side, side)), (side, side, side), mass, color, look)
+        for name, side, mass, color, look in _BLOCKS
+    ]
     balls = [_ball(*one) for one in _BALLS]
     stick = _solid(
         "cylinder/cylinder", cylinder(0.02, 0.06), (0.04, 0.04, 0.06), 0.05, "red", "a red cylinder, 4 x 6 cm"
@@ -43,7 +46,8 @@ def build_toys() -> list[Built]:
 
 
 def _ball(name: str, radius: float, mass: float, color: str, look: str) -> Built:
-    return _solid(name, Shape(kind="sphere", size=(radius,)), (2 * radius,) * 3, mass, color, look)
+    width = 2 * radius
+    return _solid(name, Shape(kind="sphere", size=(radius,)), (width, width, width), mass, color, look)
 
 
 def _solid(name: str, shape: Shape, size: Vec3, mass: float, color: str, look: str) -> Built:
@@ -56,7 +60,7 @@ def _disk(stem: str, radius: float, height: float, color: str) -> Built:
     """A flat ring that drops over a peg: drawn round, touching as wedges."""
     mesh = annulus(regular(ROUND, radius, 0.0), regular(ROUND, _HOLE, 0.0), -height / 2, height / 2)
     name = f"hanoi/{stem}.obj"
-    mass = round(800 * math.pi * (radius**2 - _HOLE**2) * height, 4)
+    mass = round(1200 * math.pi * (radius**2 - _HOLE**2) * height, 4)
     look = f"a {color} disk with a hole, {200 * radius:g} cm wide and {100 * height:g} cm high"
     asset = toy(f"hanoi/{stem}", "disk", (2 * radius, 2 * radius, height), mass, color, look)
     seen = Shape(kind="mesh", size=(1, 1, 1), mesh=name, color=opaque(color))
