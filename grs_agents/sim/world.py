@@ -118,12 +118,7 @@ def build(
     if len(ties) > _FEW_TIES or (tool == "spatula" and len(free) > _CROWD):
         _for_a_crowd(spec)
     graspable = free if tool == "suction" else []
-    for number in graspable:
-        weld = spec.add_equality(
-            name=f"suction_{number}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1="cup", name2=f"object_{number}", active=False,
-        )  # fmt: skip
-        weld.solref = (2 * timestep, 1.0)
+    _add_suction(spec, graspable, timestep)
     for index, tie in enumerate(ties):
         _add_tie(spec, tie, index, timestep)
         if tie.kind == "point":
@@ -153,6 +148,16 @@ def _for_a_crowd(spec: Any) -> None:
     option.impratio, option.tolerance, option.iterations = 1.0, 1e-6, 50
     for geom in spec.geoms:
         geom.condim = 3 if geom.condim == 4 else geom.condim
+
+
+def _add_suction(spec: Any, graspable: Sequence[int], timestep: float) -> None:
+    """One weld to the cup, switched off, for each object that it may take."""
+    for number in graspable:
+        weld = spec.add_equality(
+            name=f"suction_{number}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="cup", name2=f"object_{number}", active=False,
+        )  # fmt: skip
+        weld.solref = (2 * timestep, 1.0)
 
 
 def place(built: World, data: Any, objects: Sequence[InstanceObject]) -> None:
