@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.sim import kinematics
-from grs_agents.sim.primitives import FREE_SPEED, Motion, PickPlace, move
+from grs_agents.sim import utils
+from grs_agents.sim.motion import ToolPose
+from grs_agents.sim.primitives import FREE_SPEED, PickPlace
 from grs_agents.sim.reach import at, wrap
 from grs_agents.sim.spatula import BLADE_THICKNESS, BLADE_WIDTH
 
@@ -20,9 +21,9 @@ SHORT: Final = 0.05
 _SPEED: Final = 0.30
 _RAMP: Final = 0.12
 """Seconds in which a stroke reaches its speed, and stops: gentler than friction, so that nothing slides on."""
-_DOWN_SPEED: Final = 0.1
 _ABOVE: Final = 0.06
-_MOVED: Final = 0.005
+_MOVED: Final = 0.01
+"""What a push shifts by less it has but touched, metres."""
 
 
 @dataclass(frozen=True)
@@ -75,49 +76,34 @@ class Push(PickPlace):
 
     def _along(self, start: FloatArray, end: FloatArray) -> str:
         physics = self.physics
-        yaw = self.yaw + self._turn(float(np.arctan2(end[1] - start[1], end[0] - start[0])))
-        low, last = _vec(start), _vec(end)
-        above = (low[0], low[1], low[2] + _ABOVE)
-        motion = straight(physics.timestep, start, end, yaw)
-        if not motion.possible or not kinematics.reachable(np.array([low, last])).all():
-            return f"the arm cannot reach from {at(low)} to {at(last)} with the tool down"
-        if not self._travel(above, yaw, BLADE_WIDTH / 2 + BLADE_THICKNESS, 0.0, self.obstacles, FREE_SPEED):
-            return f"the arm cannot reach {at(low)} with the tool down"
-        self._follow(move(physics.timestep, physics.tip, low, (yaw, yaw), _DOWN_SPEED), lambda: bool(physics.touched()))
+        yaw = self.yaw + wrap(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)
+        low, high = ToolPose(utils.vec3(start), yaw), ToolPose(utils.vec3(start + (0.0, 0.0, _ABOVE)), yaw)
+        radius = BLADE_WIDTH / 2 + BLADE_THICKNESS
+        reachable = self.arm.reachable(np.array([start, end])).all()
+        if not reachable or not self._travel(high, radius, 0.0, self.obstacles, FREE_SPEED):
+            return f"the arm cannot reach {at(utils.vec3(start))} with the tool down{self._hindrance}"
+        self._descend(high, low, lambda: bool(physics.touched()))
         under = sorted(physics.touched())
         if under and physics.tip[2] > HEIGHT + 0.004:
-            self._lift(yaw)
-            return f"the blade came down on {self.names[under[0]]} at {at(low)}"
-        self._follow(motion)
-        physics.arrive(motion.joints[-1])
-        self._lift(yaw)
+            self._retreat()
+            return f"the blade came down on {self.names[under[0]]} at {at(utils.vec3(start))}"
+        points = straight(physics.timestep, start, end)
+        path = self.arm.solve(points, np.full(len(points), yaw), physics.commanded)
+        if not self._possible(path):
+            self._retreat()
+            return f"the arm cannot push from {at(utils.vec3(start))} to {at(utils.vec3(end))} with the tool down{self._hindrance}"
+        physics.follow(path)
+        physics.arrive(path[-1])
+        self._retreat()
         return "pushed"
 
-    def _turn(self, direction: float) -> float:
-        """The smallest turn of the tool that sets the blade across a direction, unwinding the wrist where needed."""
-        turn = wrap(direction - self.yaw, np.pi)
-        wound = float(self.physics.data.ctrl[5])
-        if abs(wound) > np.pi and turn * wound < 0:
-            turn += np.pi * float(np.sign(wound))
-        return turn
 
-    def _lift(self, yaw: float) -> None:
-        tip = self.physics.tip
-        self._go((tip, (tip[0], tip[1], tip[2] + _ABOVE)), yaw, 0.5)
-        self.physics.settle()
-
-
-def straight(timestep: float, start: FloatArray, end: FloatArray, yaw: float) -> Motion:
-    """The tool's straight way from start to end (3,), metres, at one yaw (rad), one row a time step."""
+def straight(timestep: float, start: FloatArray, end: FloatArray) -> FloatArray:
+    """The tip's straight way (N, 3) from start to end (3,), metres, one row a time step."""
     length = float(np.linalg.norm(end - start))
     ramp = min(_RAMP, length / _SPEED)
     seconds = length / _SPEED + ramp
     time = np.linspace(0.0, seconds, max(4, int(seconds / timestep) + 1))
     gone = np.minimum(time, ramp) ** 2 / (2 * ramp) + np.clip(time - ramp, 0.0, seconds - 2 * ramp)
     gone += ramp / 2 - (np.minimum(seconds - time, ramp)) ** 2 / (2 * ramp)
-    points = start + (end - start) * (gone / gone[-1])[:, None]
-    return Motion(kinematics.solve(points, np.full(len(points), yaw)))
-
-
-def _vec(point: FloatArray) -> Vec3:
-    return (float(point[0]), float(point[1]), float(point[2]))
+    return start + (end - start) * (gone / gone[-1])[:, None]

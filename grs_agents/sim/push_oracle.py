@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.sim import kinematics, utils
+from grs_agents.sim import utils
 from grs_agents.sim.episode import Stop
 from grs_agents.sim.geometry import gaps, rectangle, turn
 from grs_agents.sim.goals import Goal
@@ -98,7 +98,7 @@ class PushOracle(Oracle):
             ends = np.array([strokes.starts[index], strokes.ends[index]])
             known = any(float(np.abs(done - ends.ravel()).max()) < 0.004 for done in self._tried)
             tips = np.column_stack([ends, [HEIGHT, HEIGHT]])
-            if not known and kinematics.reachable(tips).all() and not scene.obstructed(*ends):
+            if not known and self.env.arm.reachable(tips).all() and not scene.obstructed(*ends):
                 yield int(index)
 
 
@@ -198,7 +198,7 @@ class _Scene:
             away = np.min([place.distance(places[rows]) for place in wanted], axis=0)
             astray += [self.pieces.ids[int(row)] for row in rows[away > 0]]
         names = tuple(dict.fromkeys(self.view.name(number) for number in astray))
-        far = [number for number in astray if not kinematics.can_reach((*self.view.pose(number)[0][:2], HEIGHT))]
+        far = [number for number in astray if not self.view.env.arm.can_reach((*self.view.pose(number)[0][:2], HEIGHT))]
         if far:
             return Stop("unreachable", f"{len(far)} of {len(astray)} objects astray are out of the arm's reach", names)
         return Stop("partial", f"no stroke brings the last {len(astray)} objects nearer to their targets", names)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.sim import kinematics, placement, templates, utils
+from grs_agents.sim import placement, templates, utils
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.geometry import turn
 from grs_agents.sim.instance import InstanceTie
@@ -80,11 +80,11 @@ def _lay(env: "Environment", bounds: FloatArray, count: int, spacing: float, rad
         for _ in range(_TRIES):
             curve = _curve(count, spacing, bend * float(env.rng.uniform(0.5, 1.0) * env.rng.choice([-1.0, 1.0])))
             size = (*(np.ptp(curve, axis=0) + 2 * radius), 2 * radius)
-            pose = placement.random_pose(size, bounds, standing, env.rng)
+            pose = placement.random_pose(size, bounds, standing, env.rng, env.arm)
             if pose is None:
                 break
             points = curve @ turn(utils.yaw_of(pose[1])).T + np.asarray(pose[0][:2])
-            if kinematics.reachable(np.column_stack([points, np.full(count, 2 * radius)])).all():
+            if env.arm.reachable(np.column_stack([points, np.full(count, 2 * radius)])).all():
                 return points
     raise NoFreeSpaceError(
         f"no free place for a rope of {count} beads, {count * spacing:.2f} m, among {len(env.objects)} objects",

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Vec3
 from grs_agents.library import Library, ObjectModel
 from grs_agents.sim import geometry, templates, utils, world
+from grs_agents.sim.arm import Arm
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.instance import InstanceObject, InstanceTie
@@ -37,10 +38,11 @@ class Tabletop:
     Args:
         library: 3D assets.
         budget: simulated steps that its worlds may use together.
+        arm: the robot behind it.
     """
 
-    def __init__(self, library: Library, budget: Budget) -> None:
-        self.library, self.budget = library, budget
+    def __init__(self, library: Library, budget: Budget, arm: Arm) -> None:
+        self.library, self.budget, self.arm = library, budget, arm
         self.timestep = world.TIMESTEP
         self.tool: world.Tool = "suction"
         self.warnings: list[str] = []
@@ -224,7 +226,8 @@ class Tabletop:
         kinds = tuple((item.id, item.asset, tuple(sorted(item.fill.items())), item.category) for item in objects)
         key = (self.timestep, kinds, self.ties, self.tool)
         if self._world is None or self._world[0] != key:
-            self._world = (key, world.build(objects, self.library, self.timestep, ties=self._ties, tool=self.tool))
+            built = world.build(objects, self.library, self.timestep, ties=self._ties, tool=self.tool, arm=self.arm)
+            self._world = (key, built)
         return self._world[1]
 
     def come_to_rest(self) -> None:

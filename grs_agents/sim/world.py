@@ -7,9 +7,11 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from grs_agents.library import Library, ObjectModel, Shape
+from grs_agents.sim.arm import Arm
+from grs_agents.sim.arms import get_arm
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.instance import InstanceObject, InstanceTie
-from grs_agents.sim.robot import ROBOT_CONTYPE, add_robot
+from grs_agents.sim.robot import ROBOT_CONTYPE
 from grs_agents.sim.spatula import fit_spatula
 from grs_agents.sim.utils import COLORS
 
@@ -41,9 +43,10 @@ class World:
         bodies: object id to body id.
         welds: id of a rigid object to the id of its suction weld.
         addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
-        jointed: ids of the objects that a point ties to another.
         owners: geom id to object id, -1 for the table and the robot.
         cup_geom, cup_body, tip_site: of the suction cup, or of the spatula in its place.
+        limp: ids of what a point ties to another, as ropes: it gives way to the cup, always seals, and hangs freely.
+        arm: whose joints are the first positions, speeds and controls.
     """
 
     model: Any
@@ -51,10 +54,11 @@ class World:
     welds: dict[int, int]
     addresses: dict[int, int]
     owners: tuple[int, ...]
-    jointed: frozenset[int]
     cup_geom: int
     cup_body: int
     tip_site: int
+    arm: Arm
+    limp: frozenset[int] = frozenset()
 
 
 def model_of(item: InstanceObject, library: Library) -> ObjectModel:
@@ -90,7 +94,7 @@ def new_spec(timestep: float) -> Any:
 
 def build(
     objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
-    ties: Sequence[InstanceTie] = (), tool: Tool = "suction",
+    ties: Sequence[InstanceTie] = (), tool: Tool = "suction", arm: Arm | None = None,
 ) -> World:  # fmt: skip
     """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
 
@@ -101,12 +105,14 @@ def build(
         visuals: also add what is only seen (meshes, marks on the table); the physics does not need it.
         ties: what keeps objects together.
         tool: at the end of the arm; a spatula takes nothing up, so there are no suction welds beside it.
+        arm: the robot, None for the default one.
 
     Raises:
         UnknownNameError: an asset is not in the library.
     """
     spec = new_spec(timestep)
-    add_robot(spec)
+    arm = arm or get_arm()
+    arm.add(spec)
     if tool == "spatula":
         fit_spatula(spec)
     free: list[int] = []
@@ -131,11 +137,12 @@ def build(
         bodies=bodies,
         welds={number: int(model.equality(f"suction_{number}").id) for number in graspable},
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
-        jointed=frozenset(number for tie in ties if tie.kind == "point" for number in (tie.parent, tie.child)),
+        limp=frozenset(number for tie in ties if tie.kind == "point" for number in (tie.parent, tie.child)),
         owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
         cup_geom=int(model.geom("cup").id),
         cup_body=int(model.body("cup").id),
         tip_site=int(model.site("tip").id),
+        arm=arm,
     )
 
 

@@ -79,7 +79,7 @@ def test_a_push_that_cannot_be_says_why_and_moves_nothing(start, end, note: str)
     (action,) = env.episode.actions
     assert note in action.note
     assert action.pushed == ()
-    assert env.get_object_pose(1)[0] == pytest.approx((0.5, 0.0, 0.02), abs=0.003)
+    assert env.get_object_pose(1)[0] == pytest.approx((0.5, 0.0, 0.02), abs=0.01)
 
 
 def test_one_block_is_pushed_into_a_zone_and_onto_a_pose() -> None:
