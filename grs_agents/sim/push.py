@@ -77,7 +77,7 @@ class Push(PickPlace):
     def _along(self, start: FloatArray, end: FloatArray) -> str:
         physics = self.physics
         yaw = self.yaw + wrap(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)
-        low, high = ToolPose(utils.vec3(start), yaw), ToolPose(utils.vec3(start + (0.0, 0.0, _ABOVE)), yaw)
+        low, high = ToolPose(utils.vec3(start), yaw), ToolPose(utils.vec3(start + np.array([0.0, 0.0, _ABOVE])), yaw)
         radius = BLADE_WIDTH / 2 + BLADE_THICKNESS
         reachable = self.arm.reachable(np.array([start, end])).all()
         if not reachable or not self._travel(high, radius, 0.0, self.obstacles, FREE_SPEED):
@@ -91,7 +91,7 @@ class Push(PickPlace):
         path = self.arm.solve(points, np.full(len(points), yaw), physics.commanded)
         if not self._possible(path):
             self._retreat()
-            return f"the arm cannot push from {at(utils.vec3(start))} to {at(utils.vec3(end))} with the tool down{self._hindrance}"
+            return f"the arm cannot push on from {at(low.point)} to {at(utils.vec3(end))}{self._hindrance}"
         physics.follow(path)
         physics.arrive(path[-1])
         self._retreat()

@@ -1,5 +1,6 @@
 """Ropes: beads in a row, each tied to the next at a point, laid on the table in a gentle curve."""
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -40,7 +41,7 @@ def make(
         )
     points = _lay(env, bounds, n_parts, spacing, min(radius, spacing / 2))
     numbers = _beads(env, points, min(radius, spacing / 2), color_name)
-    for parent, child in zip(numbers, numbers[1:], strict=False):
+    for parent, child in pairwise(numbers):
         env.tie(
             InstanceTie(
                 kind="point", parent=parent, child=child,

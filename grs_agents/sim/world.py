@@ -127,8 +127,6 @@ def build(
     _add_suction(spec, graspable, timestep)
     for index, tie in enumerate(ties):
         _add_tie(spec, tie, index, timestep)
-        if tie.kind == "point":
-            _make_bead(spec, tie)
     model: Any = spec.compile()
     bodies = {item.id: int(model.body(f"object_{item.id}").id) for item in objects}
     owner_of = {body: number for number, body in bodies.items()}
@@ -219,6 +217,8 @@ def _add_tie(spec: Any, tie: InstanceTie, index: int, timestep: float) -> None:
         name=f"tie_{index}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
     )
     equality.solref = (2 * timestep, 1.0)
+    if tie.kind == "point":
+        _make_bead(spec, tie)
 
 
 def _make_bead(spec: Any, tie: InstanceTie) -> None:
