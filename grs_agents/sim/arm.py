@@ -22,7 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 HOME: Final[Vec3] = (0.35, 0.0, 0.42)
 """Where the tip waits if the arm can bring it there, metres."""
 _HOMES: Final = (HOME, (0.4, 0.0, 0.3), (0.5, 0.0, 0.3), (0.3, 0.0, 0.3), (0.5, 0.0, 0.2), (0.3, 0.0, 0.15))
-_NEAR: Final = 0.12
+_NEAR: Final = 0.2
 
 
 class Arm:

@@ -21,7 +21,7 @@ _UPRIGHT: Final = 0.02
 _SHARE: Final = 0.7
 """How much of the cup's holding force the arm's own motion may use."""
 _GRAVITY: Final = 9.81
-_SLOWEST, _QUICKEST = 0.5, 30.0
+_SLOWEST, _QUICKEST = 0.5, 40.0
 """Metres a second squared: what a heavy thing gets all the same, and what the joints' torques allow."""
 
 

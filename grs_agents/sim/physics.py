@@ -60,8 +60,8 @@ class Physics:
     ) -> None:
         self.world, self.budget = world, budget
         self.model: Any = world.model
-        self.data: Any = mujoco.MjData(self.model)
-        place(world, self.data, objects)
+        self.data: Any = world.data
+        place(world, objects)
         self.timestep = float(self.model.opt.timestep)
         self.arm, self.dof = world.arm, world.arm.dof
         if joints is None:
@@ -107,9 +107,9 @@ class Physics:
         w, x, y, z = self.data.xquat[body].tolist()
         return utils.vec3(self.data.xpos[body].tolist()), utils.quat((x, y, z, w))
 
-    def snapshot(self) -> Any:
-        """A copy of the whole state, sleep included, for ``restore``."""
-        saved = mujoco.MjData(self.model)
+    def snapshot(self, onto: Any = None) -> Any:
+        """A copy of the whole state, sleep included, for ``restore``; ``onto`` an older copy, which it replaces."""
+        saved = mujoco.MjData(self.model) if onto is None else onto
         mujoco.mj_copyData(saved, self.model, self.data)
         return saved
 

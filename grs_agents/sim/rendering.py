@@ -88,8 +88,8 @@ def _seen(
     objects: Sequence[InstanceObject], library: Library, joints: FloatArray | None, arm: Arm | None
 ) -> tuple[world.World, Any]:
     scene = world.build(objects, library, visuals=True, arm=arm)
-    data = mujoco.MjData(scene.model)
-    world.place(scene, data, objects)
+    data = scene.data
+    world.place(scene, objects)
     if joints is not None:
         data.qpos[: len(joints)] = joints
     mujoco.mj_forward(scene.model, data)

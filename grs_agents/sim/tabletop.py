@@ -24,6 +24,7 @@ class _Rested:
     """A scene before it settled, its state afterwards, and the steps that this took."""
 
     before: object
+    world: world.World
     state: Any
     steps: int
 
@@ -241,7 +242,9 @@ class Tabletop:
         self.lift_out_of_table()
         self.physics.relax()
         self.physics.settle()
-        self._rested = _Rested(before, self.physics.snapshot(), start - self.budget.left)
+        older = known.state if known is not None and known.world is self.physics.world else None
+        state = self.physics.snapshot(older)
+        self._rested = _Rested(before, self.physics.world, state, start - self.budget.left)
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate a number of time steps."""
@@ -253,7 +256,7 @@ class Tabletop:
             if not self.is_free(number):
                 continue
             pose = self.get_object_pose(number)
-            low = self.outline(number).low
+            low = geometry.lowest(self.shapes(number), pose)
             if low < 0:
                 (x, y, z), rotation = pose
                 self.place_object(number, ((x, y, z - low + 0.0002), rotation))

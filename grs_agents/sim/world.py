@@ -36,10 +36,10 @@ _GEOM_TYPE: Final[dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class World:
-    """A compiled model and where the objects are in it.
+    """A compiled model, its state, and where the objects are in it.
 
     Attributes:
-        model: the ``mujoco.MjModel``.
+        model, data: the ``mujoco.MjModel`` and its one ``mujoco.MjData``.
         bodies: object id to body id.
         welds: id of a rigid object to the id of its suction weld.
         addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
@@ -50,6 +50,7 @@ class World:
     """
 
     model: Any
+    data: Any
     bodies: dict[int, int]
     welds: dict[int, int]
     addresses: dict[int, int]
@@ -125,13 +126,13 @@ def build(
         _for_a_crowd(spec)
     graspable = free if tool == "suction" else []
     _add_suction(spec, graspable, timestep)
-    for index, tie in enumerate(ties):
-        _add_tie(spec, tie, index, timestep)
+    _add_ties(spec, ties, timestep)
     model: Any = spec.compile()
     bodies = {item.id: int(model.body(f"object_{item.id}").id) for item in objects}
     owner_of = {body: number for number, body in bodies.items()}
     return World(
         model=model,
+        data=mujoco.MjData(model),
         bodies=bodies,
         welds={number: int(model.equality(f"suction_{number}").id) for number in graspable},
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
@@ -165,12 +166,11 @@ def _add_suction(spec: Any, graspable: Sequence[int], timestep: float) -> None:
         weld.solref = (2 * timestep, 1.0)
 
 
-def place(built: World, data: Any, objects: Sequence[InstanceObject]) -> None:
-    """Set a state of a world back to its beginning, with every object at its pose, at rest.
+def place(built: World, objects: Sequence[InstanceObject]) -> None:
+    """Set a world back to its beginning, with every object at its pose, at rest.
 
     Args:
-        built: whose ``model`` holds the poses of what cannot move.
-        data: the ``mujoco.MjData``.
+        built: the world; its ``model`` holds the poses of what cannot move.
         objects: those that the world was built from, wherever they stand.
     """
     # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
@@ -178,11 +178,11 @@ def place(built: World, data: Any, objects: Sequence[InstanceObject]) -> None:
         if item.id not in built.addresses:
             (position, (x, y, z, w)), body = item.pose, built.bodies[item.id]
             built.model.body_pos[body], built.model.body_quat[body] = position, (w, x, y, z)
-    mujoco.mj_resetData(built.model, data)
+    mujoco.mj_resetData(built.model, built.data)
     for item in objects:
         if item.id in built.addresses:
             (position, (x, y, z, w)), start = item.pose, built.addresses[item.id]
-            data.qpos[start : start + 7] = (*position, w, x, y, z)
+            built.data.qpos[start : start + 7] = (*position, w, x, y, z)
 
 
 def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: Library, visuals: bool) -> None:
@@ -204,6 +204,11 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
         geom = _add_geom(spec, body, shape, library, f"{name}_visual_{index}")
         geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 0, 0.0, 2
         geom.rgba = item.color or shape.color or _named_color(item, library)
+
+
+def _add_ties(spec: Any, ties: Sequence[InstanceTie], timestep: float) -> None:
+    for index, tie in enumerate(ties):
+        _add_tie(spec, tie, index, timestep)
 
 
 def _add_tie(spec: Any, tie: InstanceTie, index: int, timestep: float) -> None:
