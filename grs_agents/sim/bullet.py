@@ -3,14 +3,14 @@
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from grs_agents.base import Quat, Vec3
-from grs_agents.sim import utils
+from grs_agents.sim import bullet_bodies, utils
+from grs_agents.sim.bullet_bodies import GEOM_BOX, GEOM_CYLINDER, GEOM_MESH, GEOM_SPHERE
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.instance import InstanceTie
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
 
-GEOM_SPHERE, GEOM_BOX, GEOM_CYLINDER, GEOM_MESH = 2, 3, 4, 5
 JOINT_PRISMATIC, JOINT_FIXED, JOINT_POINT2POINT = 1, 4, 5
 _JOINTS: Final[dict[int, Literal["point", "fixed"]]] = {JOINT_POINT2POINT: "point", JOINT_FIXED: "fixed"}
 _GEOMS: Final = {"sphere": GEOM_SPHERE, "box": GEOM_BOX, "cylinder": GEOM_CYLINDER, "mesh": GEOM_MESH}
@@ -21,6 +21,7 @@ _current: "list[Environment]" = []
 def attach(env: "Environment") -> None:
     """Make ``env`` the environment that the calls below read."""
     _current[:] = [env]
+    bullet_bodies.forget()
 
 
 def _environment() -> "Environment":
@@ -125,6 +126,50 @@ def createConstraint(
             child_frame=(utils.vec3(childFramePosition), utils.quat(childFrameOrientation)),
         )
     )
+
+
+def createCollisionShape(
+    shapeType: int, radius: float = 0.5, halfExtents: Any = (1, 1, 1), height: float = 1.0, *_: Any, **__: Any
+) -> int:
+    """Describe a box, a sphere or a cylinder (m) for ``createMultiBody``; returns its number."""
+    return bullet_bodies.add_shape(shapeType, radius, halfExtents, height)
+
+
+def createVisualShape(
+    shapeType: int,
+    radius: float = 0.5,
+    halfExtents: Any = (1, 1, 1),
+    length: float = 1.0,
+    fileName: str = "",
+    meshScale: Any = None,
+    planeNormal: Any = None,
+    rgbaColor: Any = None,
+    *_: Any,
+    **__: Any,
+) -> int:
+    """As ``createCollisionShape``; only its colour shows on a body that has a collision shape too."""
+    del fileName, meshScale, planeNormal
+    return bullet_bodies.add_shape(shapeType, radius, halfExtents, length, rgbaColor)
+
+
+def createMultiBody(
+    baseMass: float = 0,
+    baseCollisionShapeIndex: int = -1,
+    baseVisualShapeIndex: int = -1,
+    basePosition: Any = None,
+    baseOrientation: Any = utils.IDENTITY,
+    *_: Any,
+    **__: Any,
+) -> int:
+    """Add a body of one shape; returns its id. Without mass it is fixed, without a collision shape a mark."""
+    shapes = (baseCollisionShapeIndex, baseVisualShapeIndex)
+    return bullet_bodies.add_body(_environment(), baseMass, *shapes, basePosition, baseOrientation)
+
+
+def changeDynamics(bodyUniqueId: int, *_: Any, **__: Any) -> None:
+    """Accepted with a warning: masses and friction are the library's."""
+    _environment().object(bodyUniqueId)
+    _environment().warn("p.changeDynamics: masses and friction are the library's, it changes nothing")
 
 
 def changeConstraint(userConstraintUniqueId: int, *_: Any, **__: Any) -> None:

@@ -1,4 +1,4 @@
-"""What ``task.ee`` and ``task.primitive`` may be, under CLIPort's names, and which of them this runtime can do."""
+"""What ``task.ee`` and ``task.primitive`` may be, under CLIPort's names."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ class Suction:
 
 
 class Spatula:
-    """A blade for pushing; not there yet: a task that asks for it is refused at ``env.reset()``."""
+    """A blade at the end of the arm that pushes along the table, and takes nothing up."""
 
 
 class PickPlace:
@@ -28,28 +28,15 @@ class PickPlace:
 
 
 def push(*_: Any, **__: Any) -> None:
-    """The primitive that pushes along the table.
+    """The primitive that pushes along the table: ``task.primitive = push`` makes ``env.step(action)`` do so.
 
     Raises:
-        UnsupportedError: always, it is not there yet.
+        UnsupportedError: it was called; the environment does what it stands for.
     """
-    raise UnsupportedError("the push primitive is not there yet", "use pick-and-place: leave task.primitive as it is")
+    raise UnsupportedError("the push primitive was called as a function", "use env.step({'pose0': ..., 'pose1': ...})")
 
 
 def pushes(task: "Task") -> bool:
     """Whether a task's actions push with the spatula rather than pick and place."""
     ee, primitive = task.ee, task.primitive
     return primitive is push or primitive == "push" or ee is Spatula or isinstance(ee, Spatula) or ee == "spatula"
-
-
-def check(task: "Task") -> None:
-    """Refuse a task whose end effector or primitive this runtime does not have.
-
-    Raises:
-        UnsupportedError: it asks for a spatula or for pushing.
-    """
-    if pushes(task):
-        raise UnsupportedError(
-            f"{type(task).__name__} asks for pushing with a spatula, which is not there yet",
-            "leave task.ee and task.primitive as they are: suction, pick-and-place",
-        )

@@ -24,6 +24,7 @@ from grs_agents.sim.goals import as_pose
 from grs_agents.sim.observation import Observation
 from grs_agents.sim.physics import DEFAULT_BUDGET, Budget
 from grs_agents.sim.primitives import PickPlace, PickPlaceResult
+from grs_agents.sim.push import Push, PushResult
 from grs_agents.sim.strict import StrictScorer
 from grs_agents.sim.workcell import Workcell
 
@@ -114,7 +115,7 @@ class Environment(Workcell):
         self.recorder = Recorder(max_steps=int(self.task.max_steps))
         remember(self.recorder)
         try:
-            ends.check(self.task)
+            self.tool = "spatula" if ends.pushes(self.task) else "suction"
             self.task.reset(self)
         except GrsError as error:
             self.recorder.stop = stop_of(error)
@@ -155,10 +156,11 @@ class Environment(Workcell):
     # --- acting -----------------------------------------------------------------------------------------
 
     def step(self, action: Action | None = None) -> tuple[Observation, float, bool, Info]:
-        """Pick and place once, then score.
+        """Pick and place once, or push once if that is the task's primitive, then score.
 
         Args:
-            action: ``{'pose0': pick pose, 'pose1': place pose}`` of the suction cup's tip, or None to wait.
+            action: ``{'pose0': pick pose, 'pose1': place pose}`` of the suction cup's tip, or the poses from and
+                towards which to push; None to wait.
 
         Returns:
             (observation, reward added by this step, done, info). ``done``: all goals met, or ``max_steps`` used.
@@ -169,22 +171,37 @@ class Environment(Workcell):
             self.physics.step(10)
             reward = self.task.reward()[0]
         else:
-            pick, place = as_pose(action["pose0"], "pose0"), as_pose(action["pose1"], "pose1")
-            result = self.pick_place(pick, place)
-            reward = self.task.reward()[0]
-            asset = "" if result.grasped is None else self.object(result.grasped).asset
-            self.recorder.actions.append(
-                ActionRecord(
-                    object=result.grasped, asset=asset, pick=pick[0], place=place[0], reward=reward, note=result.note
-                )
-            )
+            reward = self._act(as_pose(action["pose0"], "pose0"), as_pose(action["pose1"], "pose1"))
         done = self.task.done() or len(self.recorder.actions) >= self.task.max_steps
         return self.observation, reward, done, self.info
 
+    def _act(self, pose0: Pose, pose1: Pose) -> float:
+        """Do what the task's primitive does, score, and write it down; returns the reward that it added."""
+        if self.tool == "spatula":
+            pushed = self.push(pose0, pose1)
+            moved, number, note = pushed.pushed, next(iter(pushed.pushed), None), pushed.note
+        else:
+            result = self.pick_place(pose0, pose1)
+            moved, number, note = (), result.grasped, result.note
+        reward = self.task.reward()[0] if self.task is not None else 0.0
+        asset = "" if number is None else self.object(number).asset
+        self.recorder.actions.append(
+            ActionRecord(
+                object=number, asset=asset, pick=pose0[0], place=pose1[0], reward=reward, note=note, pushed=moved
+            )
+        )
+        return reward
+
+    def push(self, pose0: Pose, pose1: Pose) -> PushResult:
+        """Push along the table from one pose to another with the spatula; does not score."""
+        return Push(self.physics, self.outlines(), self._names()).push(pose0, pose1)
+
     def pick_place(self, pick: Pose, place: Pose) -> PickPlaceResult:
         """Pick at one pose of the tip and place at another; does not score."""
-        names = {number: item.asset for number, item in self._objects.items()}
-        return PickPlace(self.physics, self.outlines(), names).run(pick, place)
+        return PickPlace(self.physics, self.outlines(), self._names()).run(pick, place)
+
+    def _names(self) -> dict[int, str]:
+        return {number: item.asset for number, item in self._objects.items()}
 
     def _look(self, recorder: Recorder) -> None:
         if self.task is None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import GrsError
@@ -11,6 +11,10 @@ Outcome = Literal[
     "success", "partial", "step_limit", "unreachable", "dropped", "toppled", "target_occupied",
     "target_too_small", "no_free_space", "nothing_to_do", "error",
 ]  # fmt: skip
+
+
+_WELL: Final = ("placed", "pushed")
+"""What primitives report when all went well."""
 
 
 class SimulationError(GrsError):
@@ -34,13 +38,14 @@ class UnsupportedError(SimulationError):
 
 
 class ActionRecord(Frozen):
-    """One pick-and-place.
+    """One pick-and-place, or one push.
 
     Attributes:
-        object: id and asset of what was picked; None and "" when nothing was.
-        pick, place: where the suction cup went, metres.
+        object, asset: id and name of what was picked, or was pushed the farthest; None and "" when nothing was.
+        pick, place: the positions of the action's two poses, metres.
         reward: what the action added.
         note: what the primitive reports, e.g. ``"placed"`` or ``"nothing to grasp at (0.50, 0.10, 0.02)"``.
+        pushed: ids of everything that a push moved, farthest first.
     """
 
     object: int | None
@@ -49,6 +54,7 @@ class ActionRecord(Frozen):
     place: Vec3
     reward: float
     note: str
+    pushed: tuple[int, ...] = ()
 
 
 class Episode(Frozen):
@@ -132,7 +138,7 @@ class Recorder:
             return Stop("success", f"every goal met: {count}, reward {self.reward:.2f}")
         if self.stop is not None and self.stop.outcome != "partial":
             return self.stop
-        troubles = [action for action in self.actions if action.note != "placed"]
+        troubles = [action for action in self.actions if action.note not in _WELL]
         names = tuple(dict.fromkeys(action.asset for action in troubles if action.asset))
         last = f"; last trouble: {troubles[-1].note}" if troubles else ""
         if self.max_steps and len(self.actions) >= self.max_steps:

@@ -10,7 +10,8 @@ from grs_agents.sim.episode import Stop
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.grasp import find_hold
 from grs_agents.sim.placement import Spot
-from grs_agents.sim.reach import Blocked, reach_note
+from grs_agents.sim.reach import Blocked, Suits, reach_note
+from grs_agents.sim.rope_oracle import RopePlanner, chain
 from grs_agents.sim.scene_view import SceneView
 
 if TYPE_CHECKING:
@@ -45,14 +46,14 @@ class Oracle:
         self._episode: Any = None
         self._attempts: dict[tuple[int, int], int] = {}
         self._planner = targets.Planner()
+        self._ropes = RopePlanner()
 
     def act(self, obs: Any = None, info: Any = None) -> Action | None:
         """The next pick and place, or None when there is nothing to do or nothing that can be done."""
         del obs, info
         if self._episode is not self.env.recorder:
             self._episode = self.env.recorder
-            self._attempts.clear()
-            self._planner = targets.Planner()
+            self._forget()
         self.env.recorder.stop = None
         decision = self._decide()
         if isinstance(decision, Stop):
@@ -60,13 +61,24 @@ class Oracle:
             return None
         return decision
 
+    def _forget(self) -> None:
+        """A new episode begins."""
+        self._attempts.clear()
+        self._planner = targets.Planner()
+        self._ropes = RopePlanner()
+
     def _decide(self) -> Action | Stop:
         if not self.task.stated_goals:
             return Stop("nothing_to_do", "the task states no goal: its reset() never calls add_goal")
         if not self.task.goals:
             return Stop("success", "every goal is met")
-        view = SceneView(self.env)
+        return self._plan_goals(SceneView(self.env))
+
+    def _plan_goals(self, view: SceneView) -> Action | Stop:
+        """The next action for the goals that are not met, or why there is none."""
         for goal in self.task.goals:
+            if chain(goal, self.env) and (plan := self._plan_rope(goal, view)) is not None:
+                return plan
             reasons: list[Stop] = []
             for row in self._order(goal, view):
                 plan = self._plan(goal, row, view, 0)
@@ -84,6 +96,18 @@ class Oracle:
         clauses = self.env.episode.shortfalls
         why = f": {clauses[0]}" if clauses else ""
         return Stop("partial", f"no object is left to move, yet {len(self.task.goals)} goals are not met{why}")
+
+    def _plan_rope(self, goal: Goal, view: SceneView) -> Action | None:
+        """Take the bead of a rope to its place that helps the most; None if none can be taken."""
+        for row, target in self._ropes.ranked(goal, view, self.task.pos_eps):
+            number = goal.objs[row]
+            attempt = (len(self.task.goals), number)
+            hold = self._hold(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
+            spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
+            if isinstance(hold, tuple) and Suits(hold[2], self.env.arm)(np.array([spot.center]), np.zeros(1))[0]:
+                self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
+                return _action(number, hold, spot, view)
+        return None
 
     def _order(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of the goal whose objects are not yet placed: low targets and big objects first."""

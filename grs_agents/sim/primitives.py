@@ -21,6 +21,9 @@ FREE_SPEED: Final = 1.2
 HELD_SPEED: Final = 0.8
 TOUCH_SPEED: Final = 0.06
 _CLEARANCE: Final = 0.03
+ROPE_SPEED: Final = 0.2
+_ROPE_CLEARANCE: Final = 0.01
+"""What is tied to other things is dragged rather than carried: slowly and low, else it flings about."""
 _LOWEST: Final = 0.001
 _RETREAT: Final = 0.06
 _TURNS: Final = tuple(turn * np.pi / 2 for turn in (0, 1, -1, 2, -2, 3, -3, 4, -4))
@@ -111,7 +114,9 @@ class PickPlace:
     def _place(self, grasped: int, place: ToolPose) -> str:
         physics, tip = self.physics, self.physics.tip
         own = [obstacle for obstacle in self.obstacles if obstacle.owner == grasped]
-        others = [obstacle for obstacle in self.obstacles if obstacle.owner != grasped]
+        tied = grasped in physics.world.limp
+        fellows = physics.world.limp if tied else {grasped}
+        others = [obstacle for obstacle in self.obstacles if obstacle.owner not in fellows]
         drop = max(0.0, tip[2] - min((prism.low for prism in own), default=tip[2]))
         radius = max(
             (float(np.linalg.norm(prism.outline - np.asarray(tip[:2]), axis=1).max()) for prism in own), default=0.05
@@ -120,7 +125,8 @@ class PickPlace:
         tilted = bool(up[2] < 1.0)
         hanging = float(np.hypot(radius, drop)) if tilted else drop
         near = place.moved(0.012 * up)
-        if not self._travel(near, (hanging if tilted else radius) + 0.01, hanging, others, HELD_SPEED):
+        speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
+        if not self._travel(near, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance):
             if physics.held is None:
                 self._retreat()
                 return self._dropped(grasped)
@@ -167,7 +173,10 @@ class PickPlace:
     def _here(self) -> ToolPose:
         return ToolPose(self.physics.tip, self.yaw, self.tilt)
 
-    def _travel(self, end: ToolPose, radius: float, drop: float, obstacles: Sequence[Prism], speed: float) -> bool:
+    def _travel(
+        self, end: ToolPose, radius: float, drop: float, obstacles: Sequence[Prism], speed: float,
+        clearance: float = _CLEARANCE,
+    ) -> bool:  # fmt: skip
         """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` of it.
 
         Args:
@@ -176,6 +185,7 @@ class PickPlace:
             drop: how far what hangs from the cup reaches below it, metres.
             obstacles: what to pass over.
             speed: of the tip, m/s.
+            clearance: to what it passes over, metres.
 
         Returns:
             Whether it got there; if there was no way, the arm has not moved. It stops where the cup lets go.
@@ -184,7 +194,7 @@ class PickPlace:
         for route in routes(tip, end.point):
             way: list[Vec3] = [tip]
             for start, stop in pairwise(route):
-                height = highest_along(start, stop, radius, obstacles) + drop + _CLEARANCE
+                height = highest_along(start, stop, radius, obstacles) + drop + clearance
                 height = max(height, end.point[2] if stop == end.point else 0.0, tip[2] + 0.02 if drop else 0.0)
                 way += [(start[0], start[1], height), (stop[0], stop[1], height)]
             if self._go(self._turning((*way, end.point), end), speed):

@@ -10,7 +10,7 @@ from grs_agents.sim.environment import Environment
 from grs_agents.sim.oracle import Oracle
 from grs_agents.sim.task import Task
 
-_TASK = ("add_goal", "get_random_pose", "get_random_size", "fill_template")
+_TASK = ("add_goal", "get_random_pose", "get_random_size", "fill_template", "make_piles", "make_ropes")
 _ENVIRONMENT = ("add_object", "get_object_pose", "get_object_size", "set_color", "reset", "step")
 _GOALS = ("inside", "on", "stacked", "near", "aligned", "upright", "in_zone")
 _UTILS = ("eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ", "multiply", "invert", "apply")

@@ -31,8 +31,8 @@ class Rollout(Frozen):
         seed: of the instance.
         episode: how it ended.
         idle_reward: what doing nothing for 2 simulated seconds would have earned.
-        moved: asset names of the objects that the robot picked and that end more than 2 cm or 15 degrees from where
-            they were.
+        moved: asset names of the objects that the robot picked or pushed and that end more than 2 cm or 15 degrees
+            from where they were.
         initial, final: pose of each object by id, after settling and at the end.
         reachable: ids of rigid objects that the arm can reach.
         recording: the .npz file, if one was asked for.
@@ -221,12 +221,12 @@ def _reachable(env: Environment, task: InstanceTask) -> tuple[int, ...]:
 
 
 def _moved(env: Environment, task: InstanceTask, initial: dict[int, Pose], final: dict[int, Pose]) -> tuple[str, ...]:
-    picked = {action.object for action in env.episode.actions}
+    acted_on = {number for action in env.episode.actions for number in (action.object, *action.pushed)}
     names: list[str] = []
     for own in initial:
         shift = math.dist(initial[own][0], final[own][0])
         overlap = abs(sum(a * b for a, b in zip(initial[own][1], final[own][1], strict=True)))
         turned = 2 * math.acos(min(1.0, overlap)) > _TURNED
-        if task.ids[own] in picked and (shift > _MOVED or turned):
+        if task.ids[own] in acted_on and (shift > _MOVED or turned):
             names.append(env.object(task.ids[own]).asset)
     return tuple(names)

@@ -43,7 +43,7 @@ class Cup:
         self._touching(True)
 
     def grasp(self, number: int) -> None:
-        """Switch suction on: the object keeps its present pose relative to the cup."""
+        """Switch suction on: the object keeps its present pose relative to the cup; a rope's bead is free to turn."""
         world, data = self._world, self._data
         weld, cup, body = world.welds[number], world.cup_body, world.bodies[number]
         back, relative, rotation = np.empty(4), np.empty(3), np.empty(4)
@@ -51,7 +51,8 @@ class Cup:
         mujoco.mju_rotVecQuat(relative, data.xpos[body] - data.xpos[cup], back)
         mujoco.mju_mulQuat(rotation, back, data.xquat[body])
         row = world.model.eq_data[weld]
-        row[0:3], row[3:6], row[6:10], row[10] = 0.0, relative, rotation, 1.0
+        row[0:3], row[3:6], row[6:10] = 0.0, relative, rotation
+        row[10] = float(number not in world.limp)  # how stiffly it holds the rotation
         data.eq_active[weld] = 1
         self.held, self.slip, self.due, self._strained = number, None, WATCHED, False
         self._touching(False)

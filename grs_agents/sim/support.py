@@ -11,6 +11,8 @@ from grs_agents.sim.scene_view import SceneView
 _TOUCHING: Final = 0.006
 _OVERLAP: Final = -0.0005
 _STILL: Final = 0.05
+_GRAIN: Final = 0.02
+"""What is no larger than this lies as it falls: any of its sides will do, metres."""
 _POINT: Final = np.zeros((1, 2))
 
 
@@ -30,8 +32,9 @@ def _carries(prism: Prism, feet: Iterable[Prism]) -> bool:
 
 
 def toppled(number: int, view: SceneView, tolerance: float) -> bool:
-    """Whether an object is more tilted than at the start, by more than ``tolerance`` radians; balls never are."""
-    if all(shape.kind == "sphere" for shape in view.model(number).colliders):
+    """Whether an object is more tilted than at the start, by more than ``tolerance`` radians; no ball or grain is."""
+    model = view.model(number)
+    if all(shape.kind == "sphere" for shape in model.colliders) or max(model.size) <= _GRAIN:
         return False
     return view.tilt(number) > view.tilt_at_start(number) + tolerance
 

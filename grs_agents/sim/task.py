@@ -251,8 +251,9 @@ class Task(TaskKit):
     def oracle(self, env: "Environment") -> "Oracle":
         """An agent that solves the task: ``agent.act(obs, info)`` gives the next action, or None when it stops."""
         from grs_agents.sim.oracle import Oracle
+        from grs_agents.sim.push_oracle import PushOracle
 
-        return Oracle(self, env)
+        return PushOracle(self, env) if ends.pushes(self) else Oracle(self, env)
 
     @property
     def stated_goals(self) -> list[tuple[Goal, str]]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
-from grs_agents.sim import templates, top_down, utils
+from grs_agents.sim import rope, templates, top_down, utils
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.goals import as_pose
 
@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
 
 FloatArray = npt.NDArray[np.float64]
-_PILE: Final = 50
-_GRAIN: Final = 0.02
+_GRAIN: Final = "block/small.urdf"
+"""A cube of 1 cm."""
+_CELL: Final = 0.0145
+"""A cell that holds it however it is turned, metres."""
 _CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
 """Lengths of an anchor's two legs, metres."""
 
@@ -32,6 +34,7 @@ class TaskKit:
         self.assets_root = ""
         self.train_set: npt.NDArray[np.int64] = np.arange(0, 14)
         self.test_set: npt.NDArray[np.int64] = np.arange(14, 20)
+        self.num_blocks = 50
         self._env: Environment | None = None
 
     @property
@@ -82,26 +85,45 @@ class TaskKit:
         return templates.asset_name(path, library) in library
 
     def make_piles(self, env: "Environment", block_color: Any = None, *_: Any, **__: Any) -> list[int]:
-        """Strew 50 cubes of 2 cm over a patch of the table; returns their ids."""
-        urdf = templates.fill(env.library, "box/box-template.urdf", {"DIM": (_GRAIN,) * 3})
-        low = self.bounds[:2, 0] + (0.15, 0.4)
-        # Cells of a grid that hold a cube however it is turned, so that none starts inside another.
-        cells = np.stack(np.meshgrid(np.arange(8), np.arange(8), indexing="ij"), axis=-1).reshape(-1, 2)
-        chosen = env.rng.permutation(cells)[:_PILE]
-        found: list[int] = []
-        for cell in chosen:
-            x, y = low + (cell + 0.5) * 1.45 * _GRAIN
-            rotation = utils.eulerXYZ_to_quatXYZW((0.0, 0.0, float(env.rng.uniform(-np.pi, np.pi))))
-            found.append(env.add_object(urdf, ((float(x), float(y), _GRAIN / 2), rotation), color=block_color))
-        return found
-
-    def make_ropes(self, *_: Any, **__: Any) -> list[int]:
-        """Lay a rope.
+        """Strew ``num_blocks`` cubes of 1 cm over a patch of 20 cm in the middle of the table; returns their ids.
 
         Raises:
-            UnsupportedError: always, bodies that bend are not there yet.
+            SimulationError: so many do not lie there side by side.
         """
-        raise UnsupportedError("ropes are not there yet", "use rigid objects")
+        low, side = self.bounds[:2, 0] + (0.15, 0.4), int(0.2 / _CELL)
+        if not 0 <= self.num_blocks <= side**2:
+            raise SimulationError(
+                f"make_piles: num_blocks is {self.num_blocks}, {side**2} have room side by side", "ask for fewer"
+            )
+        # A cube a cell, so that none starts inside another.
+        cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 2)
+        found: list[int] = []
+        for cell in env.rng.permutation(cells)[: self.num_blocks]:
+            x, y = low + (cell + 0.5) * 0.2 / side
+            rotation = utils.eulerXYZ_to_quatXYZW((0.0, 0.0, float(env.rng.uniform(-np.pi, np.pi))))
+            found.append(env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=block_color))
+        return found
+
+    def make_ropes(
+        self, env: "Environment", corners: Any, radius: float = 0.005, n_parts: int = 20, color_name: str = "red",
+        *_: Any, **__: Any,
+    ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], npt.NDArray[np.float64]]:  # fmt: skip
+        """Lay a rope of beads on a free place of the table, in a gentle curve.
+
+        Args:
+            env: where.
+            corners: two points (or poses): between them the rope is to lie in the end, and so long it is.
+            radius: of a bead, metres.
+            n_parts: how many beads.
+            color_name: of all but the two ends, which are white.
+
+        Returns:
+            What ``add_goal`` takes: ``objs``, ``targ_poses`` along the line, and ``matches`` for either direction.
+
+        Raises:
+            NoFreeSpaceError: there is no room for it.
+        """
+        return rope.make(env, self.bounds, corners, radius, int(n_parts), color_name)
 
     make_rope = make_ropes
 

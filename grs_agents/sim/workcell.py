@@ -61,9 +61,9 @@ class Workcell(Tabletop):
         return self.arm.home.copy()
 
     @property
-    def ee(self) -> ends.Suction:
-        """The suction cup."""
-        return ends.Suction()
+    def ee(self) -> ends.Suction | ends.Spatula:
+        """What is at the end of the arm."""
+        return ends.Spatula() if self.tool == "spatula" else ends.Suction()
 
     @property
     def agent_cams(self) -> list[cameras.CameraConfig]:

@@ -3,7 +3,7 @@ import pytest
 from sim_scenes import Scripted, at, run, zone_goal
 
 from grs_agents.errors import UnknownNameError
-from grs_agents.sim import Environment, NoFreeSpaceError, SimulationBudgetError, UnsupportedError, ends, p
+from grs_agents.sim import Environment, NoFreeSpaceError, SimulationBudgetError, p
 
 
 def reset(scene, **options) -> Environment:
@@ -66,15 +66,3 @@ def test_the_same_seed_gives_the_same_episode_bit_for_bit() -> None:
     assert first == second
     assert env.info == again.info
     assert run(scene, seed=4)[0].actions != first.actions
-
-
-def test_a_task_that_asks_for_pushing_is_refused_by_name() -> None:
-    def scene(task, env) -> None:
-        env.add_object("HOPE/Corn.urdf", at(0.5, 0.1, 0.029))
-
-    task = Scripted(scene)
-    task.primitive = ends.push
-    env = Environment(task=task)
-    with pytest.raises(UnsupportedError, match="spatula"):
-        env.reset()
-    assert env.episode.outcome == "error"
