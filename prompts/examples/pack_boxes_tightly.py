@@ -19,11 +19,13 @@ class PackBoxesTightly(Task):
         super().reset(env)
         size = np.array([0.24, 0.20, 0.05])
         pose = ((0.52, float(env.rng.uniform(-0.05, 0.05)), size[2] / 2), (0, 0, 0, 1))
-        container = self.fill_template("container/container-template.urdf", {"DIM": size, "COLOR": utils.COLORS["brown"]})
+        container = self.fill_template(
+            "container/container-template.urdf", {"DIM": size, "COLOR": utils.COLORS["brown"]}
+        )
         env.add_object(container, pose, "fixed")
 
         # Cut the floor across and both parts along; walls are 1 cm thick, and a margin lets the boxes in.
-        inner, margin = size[:2] - 0.02, 0.012
+        inner, margin = size[:2] - 0.02, 0.02
         cut = env.rng.uniform(0.4, 0.6) * inner[0]
         boxes = []
         for width in (cut, inner[0] - cut):

@@ -17,7 +17,9 @@ class SortBlocksIntoZones(Task):
 
     def reset(self, env):
         super().reset(env)
-        colors = [str(color) for color in env.rng.choice(["red", "green", "blue", "yellow", "purple"], 2, replace=False)]
+        colors = [
+            str(color) for color in env.rng.choice(["red", "green", "blue", "yellow", "purple"], 2, replace=False)
+        ]
         zone_size = (0.18, 0.18, 0.002)
         zones = {}
         for color in colors:

@@ -21,7 +21,9 @@ class TwoTowers(Task):
         y = float(env.rng.uniform(0.10, 0.25))
         mats = {"red": (0.55, y), "blue": (0.55, -y)}
         for color, place in mats.items():
-            mat = self.fill_template("zone/zone-template.urdf", {"DIM": (0.1, 0.1, 0.002), "COLOR": utils.COLORS[color]})
+            mat = self.fill_template(
+                "zone/zone-template.urdf", {"DIM": (0.1, 0.1, 0.002), "COLOR": utils.COLORS[color]}
+            )
             env.add_object(mat, ((*place, 0.001), (0, 0, 0, 1)), "fixed")
 
         blocks = {color: [] for color in mats}
