@@ -24,8 +24,8 @@ class PackBoxesTightly(Task):
         )
         env.add_object(container, pose, "fixed")
 
-        # Cut the floor across and both parts along; walls are 1 cm thick, and a margin lets the boxes in.
-        inner, margin = size[:2] - 0.02, 0.02
+        # Cut the floor across and both parts along; walls are 5 mm thick, and a margin lets the boxes in.
+        inner, margin = size[:2] - 0.01, 0.02
         cut = env.rng.uniform(0.4, 0.6) * inner[0]
         boxes = []
         for width in (cut, inner[0] - cut):

@@ -17,7 +17,7 @@ class UnpackContainer(Task):
 
     def reset(self, env):
         super().reset(env)
-        box_size, wall, side = (0.24, 0.18, 0.05), 0.01, float(env.rng.choice([-1, 1]))
+        box_size, floor, side = (0.24, 0.18, 0.05), 0.005, float(env.rng.choice([-1, 1]))
         x, y = 0.48, side * 0.20
         box = self.fill_template("container/container-template.urdf", {"DIM": box_size, "COLOR": utils.COLORS["brown"]})
         env.add_object(box, ((x, y, box_size[2] / 2), (0, 0, 0, 1)), "fixed")
@@ -25,11 +25,11 @@ class UnpackContainer(Task):
         mat = self.fill_template("zone/zone-template.urdf", {"DIM": mat_size, "COLOR": utils.COLORS["yellow"]})
         env.add_object(mat, mat_pose, "fixed")
 
-        # They stand on the box's bottom, which is as thick as its walls, well clear of each other.
+        # They stand on the floor of the box, 5 mm thick, well clear of each other.
         things = []
         for index, color in enumerate(env.rng.permutation(["red", "green", "blue", "purple"])):
             dim = (0.05, 0.05, float(env.rng.uniform(0.04, 0.08)))
-            place = (x + (0.05 if index % 2 else -0.05), y + (0.04 if index < 2 else -0.04), wall + dim[2] / 2)
+            place = (x + (0.05 if index % 2 else -0.05), y + (0.04 if index < 2 else -0.04), floor + dim[2] / 2)
             template = "cylinder/cylinder-template.urdf" if index % 2 else "box/box-template.urdf"
             thing = self.fill_template(template, {"DIM": dim, "COLOR": utils.COLORS[color]})
             things.append(env.add_object(thing, (place, (0, 0, 0, 1))))
