@@ -4,7 +4,7 @@ from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.library import Library
 from grs_agents.library.proxy import write_proxy
 from grs_agents.library.shapes import ObjectModel, Shape
-from grs_agents.library.template import fill_template
+from grs_agents.library.template import fill_template, resolve, stems
 from grs_agents.library.urdf import read_urdf
 from grs_agents.library.urdf_text import urdf_text
 
@@ -16,6 +16,8 @@ __all__ = [
     "fill_template",
     "read_manifest",
     "read_urdf",
+    "resolve",
+    "stems",
     "urdf_text",
     "write_proxy",
 ]

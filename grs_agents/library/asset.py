@@ -26,6 +26,7 @@ class Asset(Frozen):
         description: one sentence for people and models.
         hollow: other things can be put in it or on it.
         fixture: a task may add it without its being in the photo.
+        everyday: it may be what a photo shows; the toys and fixtures of published programs are not.
         template: defaults of its placeholders (``{"DIM": (x, y, z), "COLOR": (r, g, b, a)}``); empty for an
             ordinary asset.
     """
@@ -40,7 +41,8 @@ class Asset(Frozen):
     description: str
     hollow: bool = False
     fixture: bool = False
-    template: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+    everyday: bool = True
+    template: dict[str, tuple[float | str, ...]] = Field(default_factory=dict)
 
 
 class Manifest(Frozen):

@@ -1,19 +1,22 @@
 """The assets of one or more folders, found by name."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from grs_agents import content
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library.asset import Asset, read_manifest
+from grs_agents.library.own_file import own_asset, own_names, own_path, read_model
 from grs_agents.library.shapes import ObjectModel
-from grs_agents.library.template import fill_template
+from grs_agents.library.template import Value, Values, fill_template, resolve, stems
 from grs_agents.library.urdf import read_urdf
 
 
 class Library:
     """An overlay of library folders, each with a ``manifest.json``; where names collide, later folders win.
+
+    A URDF or MJCF file that no manifest lists is an asset too, by its name relative to its folder: it is read when
+    somebody names it, and never offered by `assets` and what builds on it.
 
     Args:
         roots: the folders; none means the library shipped with GRS.
@@ -27,39 +30,43 @@ class Library:
         self._assets: dict[str, Asset] = {}
         self._root_of: dict[str, Path] = {}
         self._models: dict[str, ObjectModel] = {}
-        self._filled: dict[tuple[object, ...], ObjectModel] = {}
+        self._own: dict[str, Asset] = {}
+        self._filled: dict[tuple[str, str], ObjectModel] = {}
         for root in self.roots:
             for asset in read_manifest(root).assets:
                 self._assets[asset.name] = asset
                 self._root_of[asset.name] = root
 
     def names(self) -> list[str]:
-        """Every asset's name, sorted."""
-        return sorted(self._assets)
+        """Every asset's name and every description file's, sorted."""
+        return sorted({*self._assets, *(name for root in self.roots for name in own_names(root))})
 
     def assets(self) -> tuple[Asset, ...]:
-        """Every asset, by name."""
-        return tuple(self._assets[name] for name in self.names())
+        """Every asset that a manifest lists, by name."""
+        return tuple(self._assets[name] for name in sorted(self._assets))
 
     def templates(self) -> tuple[str, ...]:
         """The names of the assets that have placeholders."""
-        return tuple(name for name in self.names() if self._assets[name].template)
+        return tuple(asset.name for asset in self.assets() if asset.template)
 
     def asset(self, name: str) -> Asset:
         """The asset called ``name``.
 
         Raises:
             UnknownNameError: nothing has that name; the message gives the nearest names.
+            InputError: it is a file that no manifest lists, and that is faulty.
         """
-        if name not in self._assets:
-            raise UnknownNameError("asset", name, self._assets)
-        return self._assets[name]
+        if name in self._assets:
+            return self._assets[name]
+        if name not in self._own:
+            self._own[name] = own_asset(name, self._read(name))
+        return self._own[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._assets
+        return isinstance(name, str) and (name in self._assets or self._own_root(name) is not None)
 
     def path(self, name: str) -> Path:
-        """The URDF file of an asset.
+        """The URDF or MJCF file of an asset.
 
         Raises:
             UnknownNameError: nothing has that name.
@@ -67,23 +74,32 @@ class Library:
         return self._root(name) / name
 
     def model(self, name: str) -> ObjectModel:
-        """What the asset's URDF says; a template is filled with its defaults.
+        """What the asset's file says; a template is filled with its defaults.
 
         Raises:
             UnknownNameError: nothing has that name.
-            InputError: its URDF is faulty.
+            InputError: its file is faulty.
         """
-        if name not in self._models:
-            asset = self.asset(name)
-            root = self._root(name)
-            self._models[name] = self.filled(name, {}) if asset.template else read_urdf(root / name, root)
-        return self._models[name]
+        listed = self._assets.get(name)
+        return self._read(name) if listed is None or not listed.template else self._defaulted(name)
 
-    def template_defaults(self, name: str) -> dict[str, tuple[float, ...]]:
+    def template_defaults(self, name: str) -> dict[str, tuple[Value, ...]]:
         """The documented default values of a template's placeholders; empty for an ordinary asset."""
         return dict(self.asset(name).template)
 
-    def fill_template(self, name: str, replace: Mapping[str, Sequence[float | str]]) -> str:
+    def template_stems(self, name: str) -> frozenset[str]:
+        """Every stem that a template understands: its own and the other ways to say them."""
+        return stems(self.asset(name).template)
+
+    def template_assumed(self, name: str, replace: Values) -> dict[str, tuple[Value, ...]]:
+        """The defaults that a template takes because ``replace`` says nothing about them, in any spelling.
+
+        Raises:
+            InputError: a value is not a finite number, a colour or a file name.
+        """
+        return resolve(replace, self.asset(name).template)[1]
+
+    def fill_template(self, name: str, replace: Values) -> str:
         """The URDF text of a template with ``replace`` (see `grs_agents.library.fill_template`) filled in.
 
         Raises:
@@ -96,12 +112,11 @@ class Library:
             raise InputError(f"cannot read {self.path(name)}: {error}", "restore the template") from error
         return fill_template(text, replace, self.asset(name).template)
 
-    def filled(self, name: str, replace: Mapping[str, Sequence[float | str]]) -> ObjectModel:
+    def filled(self, name: str, replace: Values) -> ObjectModel:
         """What a template says once ``replace`` and its defaults are filled in; errors as `fill_template`."""
-        key = (name, *((stem, *replace[stem]) for stem in sorted(replace)))
+        key = (name, self.fill_template(name, replace))
         if key not in self._filled:
-            folder = Path(name).parent.as_posix()
-            self._filled[key] = read_urdf(self.fill_template(name, replace), self._root(name), folder)
+            self._filled[key] = read_urdf(key[1], self._root(name), Path(name).parent.as_posix())
         return self._filled[key]
 
     def mesh_path(self, name: str) -> Path:
@@ -125,8 +140,8 @@ class Library:
         return Library(*self.roots, root)
 
     def things(self) -> tuple[Asset, ...]:
-        """The assets that can stand on a real table: neither templates nor marks on the table."""
-        return tuple(asset for asset in self.assets() if not asset.template and asset.mass > 0)
+        """The assets that can stand on a real table: no templates, no marks, no parts of a published task."""
+        return tuple(asset for asset in self.assets() if asset.everyday and not asset.template and asset.mass > 0)
 
     def nearest(self, size: Vec3, count: int = 5) -> tuple[Asset, ...]:
         """The ``count`` things whose size (m, upright, x and y in either order) is nearest to ``size``."""
@@ -137,6 +152,22 @@ class Library:
 
         return tuple(sorted(self.things(), key=distance)[:count])
 
+    def _read(self, name: str) -> ObjectModel:
+        if name not in self._models:
+            root = self._root(name)
+            self._models[name] = read_model(root / name, root)
+        return self._models[name]
+
+    def _defaulted(self, name: str) -> ObjectModel:
+        if name not in self._models:
+            self._models[name] = self.filled(name, {})
+        return self._models[name]
+
+    def _own_root(self, name: str) -> Path | None:
+        return next((root for root in reversed(self.roots) if own_path(root, name) is not None), None)
+
     def _root(self, name: str) -> Path:
-        self.asset(name)
-        return self._root_of[name]
+        root = self._root_of.get(name) or self._own_root(name)
+        if root is None:
+            raise UnknownNameError("asset", name, self.names())
+        return root

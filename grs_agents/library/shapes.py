@@ -11,6 +11,9 @@ from grs_agents.base import Frozen, Quat, Vec3
 Rgba = tuple[float, float, float, float]
 ShapeKind = Literal["box", "cylinder", "sphere", "mesh"]
 Points = npt.NDArray[np.float64]
+Placement = tuple[Vec3, Quat]
+"""A position in m and a rotation, xyzw."""
+HERE: Placement = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 class Shape(Frozen):
@@ -71,6 +74,28 @@ def rotation_matrix(quaternion: Quat) -> Points:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def composed(outer: Placement, inner: Placement) -> Placement:
+    """Where something is that is placed by ``inner`` in a frame that is placed by ``outer``."""
+    (px, py, pz), (x1, y1, z1, w1) = outer
+    x2, y2, z2, w2 = inner[1]
+    dx, dy, dz = (float(value) for value in rotation_matrix(outer[1]) @ np.asarray(inner[0]))
+    rotation = (
+        w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+        w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+        w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+    )
+    return (px + dx, py + dy, pz + dz), rotation
+
+
+def moved(shape: Shape, placement: Placement) -> Shape:
+    """The shape of a frame that is placed by ``placement``, in the frame around."""
+    if placement == HERE:
+        return shape
+    position, quaternion = composed(placement, (shape.position, shape.quaternion))
+    return shape.model_copy(update={"position": position, "quaternion": quaternion})
 
 
 def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quat:

@@ -77,7 +77,7 @@ class Environment(Workcell):
         self.task: Task | None = None
         self.recorder = Recorder()
         self.failed_placements = 0
-        self._scorer: StrictScorer | None = None
+        self.places: dict[int, Pose] = {}
         self.seed(templates.default_seed() if seed is None else seed)
         bullet.attach(self)
         if task is not None:
@@ -107,7 +107,7 @@ class Environment(Workcell):
         self.clear()
         self.failed_placements = 0
         self.warnings.clear()
-        self._scorer = None
+        self.recorder.look = None  # what it tells of is being cleared away
         self.recorder = Recorder(max_steps=int(self.task.max_steps))
         remember(self.recorder)
         try:
@@ -118,11 +118,9 @@ class Environment(Workcell):
             raise
         self.task.finish_reset(self)
         if settle:
-            self.lift_out_of_table()
-            self.physics.relax()
-            self.physics.settle()
-            self._scorer = StrictScorer(self.task, self)
-            self._note()
+            self.come_to_rest()
+            self.places = {number: self.get_object_pose(number) for number in self._objects}
+            self.recorder.look = self._look
         return self.observation
 
     # --- what there is ----------------------------------------------------------------------------------
@@ -177,7 +175,6 @@ class Environment(Workcell):
                     object=result.grasped, asset=asset, pick=pick[0], place=place[0], reward=reward, note=result.note
                 )
             )
-        self._note()
         done = self.task.done() or len(self.recorder.actions) >= self.task.max_steps
         return self.observation, reward, done, self.info
 
@@ -186,12 +183,10 @@ class Environment(Workcell):
         names = {number: item.asset for number, item in self._objects.items()}
         return PickPlace(self.physics, self.outlines(), names).run(pick, place)
 
-    def _note(self) -> None:
+    def _look(self, recorder: Recorder) -> None:
         if self.task is None:
             return
-        self.recorder.reward = self.task.total_reward
-        self.recorder.complete = self.task.done()
-        self.recorder.placed, self.recorder.wanted = self.task.count()
-        if self._scorer is not None:
-            score = self._scorer.score()
-            self.recorder.strict, self.recorder.shortfalls = score.value, score.shortfalls
+        recorder.reward, recorder.complete = self.task.total_reward, self.task.done()
+        recorder.placed, recorder.wanted = self.task.count()
+        score = StrictScorer(self.task, self, self.places).score()
+        recorder.strict, recorder.shortfalls = score.value, score.shortfalls

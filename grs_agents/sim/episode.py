@@ -1,5 +1,6 @@
 """What came of an episode: a typed outcome, and one sentence that says why with names and numbers."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -92,7 +93,10 @@ def stop_of(error: GrsError) -> Stop:
 
 @dataclass
 class Recorder:
-    """Gathers one environment's current episode."""
+    """Gathers one environment's current episode.
+
+    ``look`` measures how the scene stands; it is asked only when somebody wants to know.
+    """
 
     actions: list[ActionRecord] = field(default_factory=list[ActionRecord])
     stop: Stop | None = None
@@ -103,9 +107,12 @@ class Recorder:
     placed: int = 0
     wanted: int = 0
     complete: bool = False
+    look: "Callable[[Recorder], None] | None" = None
 
     def episode(self) -> Episode:
         """The episode so far."""
+        if self.look is not None:
+            self.look(self)
         stop = self._ending()
         return Episode(
             outcome=stop.outcome,

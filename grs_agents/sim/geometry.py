@@ -165,3 +165,19 @@ def rest_heights(body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, g
         touching = gaps(body.outline, obstacle.outline, offsets) < gap
         np.maximum(heights, obstacle.high, out=heights, where=touching)
     return heights
+
+
+def distance(first: FloatArray, second: FloatArray) -> float:
+    """The distance between two convex outlines, metres; 0 where they overlap."""
+    if gaps(first, second, np.zeros((1, 2)))[0] <= 0:
+        return 0.0
+    return min(_to_edges(first, second), _to_edges(second, first))
+
+
+def _to_edges(points: FloatArray, outline: FloatArray) -> float:
+    """The least distance from any of the points (N, 2) to any edge of an outline."""
+    edges = np.roll(outline, -1, axis=0) - outline
+    length = np.maximum((edges**2).sum(axis=1), 1e-12)
+    offset = points[:, None] - outline[None]
+    share = np.clip((offset * edges).sum(axis=2) / length, 0.0, 1.0)
+    return float(np.linalg.norm(offset - share[..., None] * edges, axis=2).min())

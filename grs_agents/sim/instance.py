@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from grs_agents.base import Frozen, Pose, Quat, Vec3
+from grs_agents.sim.relations import REFERENCED, Kind
 
 LARGEST_POSITION = 2.0
 """Metres from the robot base, along any axis."""
@@ -80,6 +81,26 @@ class InstanceZone(Frozen):
     size: tuple[Extent, Extent, Annotated[float, Field(allow_inf_nan=False, ge=0, le=2)]]
 
 
+class InstanceRelation(Frozen):
+    """How a goal's objects are to lie; what each kind means strictly is in ``sim.relation_rules``.
+
+    Attributes:
+        kind: which relation.
+        reference: id of the container, support, zone or neighbour, if the kind has one.
+        distance: ``near``: largest gap; ``aligned``: spacing of centres, None = any; metres.
+    """
+
+    kind: Kind
+    reference: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    distance: Annotated[float, Field(allow_inf_nan=False, gt=0, le=1)] | None = None
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if (self.reference is not None) != (self.kind in REFERENCED):
+            raise ValueError(f"relation {self.kind} with reference {self.reference}: {REFERENCED} have one")
+        return self
+
+
 class InstanceGoal(Frozen):
     """One goal; goals are met one after the other, in their order.
 
@@ -89,11 +110,13 @@ class InstanceGoal(Frozen):
         targets: target poses.
         replace: several objects may share a target.
         rotations: the yaw of the target is asked for.
-        metric: ``pose`` (xy within ``pos_eps``, yaw within ``rot_eps``) or ``zone`` (share of volume inside).
+        metric: ``pose`` (xy within ``pos_eps``, yaw within ``rot_eps``), ``zone`` (share of volume inside) or
+            ``relation``.
         zones: for metric ``zone``.
         max_reward: reward for the whole goal.
         symmetries: for each object, the angle (rad) after which it looks the same; 0 = any yaw.
         language: what a person would say.
+        relation: for metric ``relation``; such a goal has no targets.
     """
 
     objects: Annotated[tuple[int, ...], Field(min_length=1, max_length=200)]
@@ -101,11 +124,12 @@ class InstanceGoal(Frozen):
     targets: Annotated[tuple[Placed, ...], Field(max_length=200)]
     replace: bool
     rotations: bool
-    metric: Literal["pose", "zone"]
+    metric: Literal["pose", "zone", "relation"]
     zones: Annotated[tuple[InstanceZone, ...], Field(max_length=50)] = ()
     max_reward: Annotated[float, Field(allow_inf_nan=False, ge=0, le=1.0001)]
     symmetries: tuple[Annotated[float, Field(allow_inf_nan=False, ge=0, le=6.3)], ...]
     language: Annotated[str, Field(max_length=2000)] = ""
+    relation: InstanceRelation | None = None
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
@@ -113,6 +137,8 @@ class InstanceGoal(Frozen):
             raise ValueError("a pose goal needs at least one target pose")
         if self.metric == "zone" and not self.zones:
             raise ValueError("a zone goal needs at least one zone")
+        if (self.metric == "relation") != (self.relation is not None):
+            raise ValueError(f"metric {self.metric} with relation {self.relation}: 'relation' goals alone have one")
         if len(self.matches) != len(self.objects) or len(self.symmetries) != len(self.objects):
             raise ValueError(f"{len(self.objects)} objects need as many rows of matches and symmetries")
         if any(len(row) != len(self.targets) for row in self.matches):
@@ -159,7 +185,10 @@ class TaskInstance(Frozen):
         ids = [item.id for item in self.objects]
         if len(set(ids)) != len(ids):
             raise ValueError("object ids must differ")
-        unknown = {number for goal in self.goals for number in goal.objects} - set(ids)
+        named = {number for goal in self.goals for number in goal.objects}
+        relations = [goal.relation for goal in self.goals if goal.relation is not None]
+        named |= {relation.reference for relation in relations if relation.reference is not None}
+        unknown = named - set(ids)
         if unknown:
             raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")
         loose = {number for tie in self.ties for number in (tie.parent, tie.child)} - set(ids)
@@ -168,4 +197,7 @@ class TaskInstance(Frozen):
         return self
 
 
-__all__ = ["InstanceGoal", "InstanceObject", "InstanceTie", "InstanceZone", "Pose", "Quat", "TaskInstance", "Vec3"]
+__all__ = [
+    "InstanceGoal", "InstanceObject", "InstanceRelation", "InstanceTie", "InstanceZone", "Pose", "Quat", "TaskInstance",
+    "Vec3",
+]  # fmt: skip

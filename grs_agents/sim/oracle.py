@@ -80,6 +80,9 @@ class Oracle:
     def _order(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of the goal whose objects are not yet placed: low targets and big objects first."""
         scores = self.task.scores(goal)
+        if goal.relation is not None and goal.relation.kind in ("stacked", "aligned"):
+            met = min(scores) >= _PLACED
+            return [] if met else self._planner.rows(goal, view)
         rows = [row for row, score in enumerate(scores) if score < _PLACED]
 
         def key(row: int) -> tuple[float, float, int]:

@@ -1,6 +1,6 @@
 """Stepping a world: a budget of simulated steps, settling, contacts, suction, and arm paths."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -10,8 +10,9 @@ from grs_agents.base import Pose, Vec3
 from grs_agents.sim import kinematics, utils
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.episode import SimulationBudgetError
+from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.robot import HOME
-from grs_agents.sim.world import World
+from grs_agents.sim.world import World, place
 
 FloatArray = npt.NDArray[np.float64]
 DEFAULT_BUDGET: Final = 500_000
@@ -52,13 +53,17 @@ class Physics:
     Args:
         world: the compiled model.
         budget: shared by the worlds of one environment.
+        objects: where everything stands.
         joints: joint angles (6,) to start from, None for home.
     """
 
-    def __init__(self, world: World, budget: Budget, joints: FloatArray | None = None) -> None:
+    def __init__(
+        self, world: World, budget: Budget, objects: Sequence[InstanceObject], joints: FloatArray | None = None
+    ) -> None:
         self.world, self.budget = world, budget
         self.model: Any = world.model
         self.data: Any = mujoco.MjData(self.model)
+        place(world, self.data, objects)
         self.timestep = float(self.model.opt.timestep)
         if joints is None:
             joints = home_joints()
@@ -88,8 +93,18 @@ class Physics:
     def pose(self, number: int) -> Pose:
         """Position and rotation (xyzw) of an object."""
         body = self.world.bodies[number]
-        w, x, y, z = self.data.xquat[body]
-        return utils.vec3(self.data.xpos[body]), utils.quat((x, y, z, w))
+        w, x, y, z = self.data.xquat[body].tolist()
+        return utils.vec3(self.data.xpos[body].tolist()), utils.quat((x, y, z, w))
+
+    def snapshot(self) -> Any:
+        """A copy of the whole state, sleep included, for ``restore``."""
+        saved = mujoco.MjData(self.model)
+        mujoco.mj_copyData(saved, self.model, self.data)
+        return saved
+
+    def restore(self, saved: Any) -> None:
+        """Take up a state that ``snapshot`` gave, of the same model."""
+        mujoco.mj_copyData(self.data, self.model, saved)
 
     def teleport(self, number: int, pose: Pose) -> None:
         """Set a free object down at a pose, at rest."""

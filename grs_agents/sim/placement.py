@@ -14,6 +14,7 @@ from grs_agents.sim.geometry import Prism, gaps, inside_margin, rectangle, rest_
 FloatArray = npt.NDArray[np.float64]
 _BATCH: Final = 256
 _BATCHES: Final = 6
+_FLUSH: Final = 0.003
 _LEVEL: Final = 0.012
 """Supports that differ by less than this are one level, metres."""
 
@@ -129,11 +130,23 @@ def find_spot(
         floor = float(rest_heights(shape, neighbours, inside, -0.002).min()) if not stack else float(heights.min())
         level = (heights <= max(floor, 0.0) + _LEVEL) if not stack else np.ones(len(heights), dtype=bool)
         good = level & suits(inside, heights)
+        steady = good & _centred(inside, heights, neighbours)
+        good = steady if steady.any() else good
         if good.any():
             chosen = _choose(inside[good], heights[good], region, near or region.center if spread else None)
             point = inside[good][chosen]
             return Spot((float(point[0]), float(point[1])), angle, float(heights[good][chosen]))
     return None
+
+
+def _centred(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
+    """Where (N,) a body's centre is over what carries it: it will not tip, as it would on a rim."""
+    found = heights < _FLUSH
+    for prism in obstacles:
+        near = np.abs(heights - prism.high) < _FLUSH
+        if near.any():
+            found |= near & (inside_margin(np.zeros((1, 2)), prism.outline, offsets) > 0)
+    return found
 
 
 def _near(obstacles: Sequence[Prism], region: Region, shape: Prism) -> list[Prism]:

@@ -85,6 +85,7 @@ def cast(
 def _seen(objects: Sequence[InstanceObject], library: Library, joints: FloatArray) -> tuple[world.World, Any]:
     scene = world.build(objects, library, visuals=True)
     data = mujoco.MjData(scene.model)
+    world.place(scene, data, objects)
     data.qpos[:6] = joints
     mujoco.mj_forward(scene.model, data)
     return scene, data

@@ -13,9 +13,10 @@ from grs_agents.sim import ends
 from grs_agents.sim.environment import Environment
 from grs_agents.sim.episode import Episode, stop_of
 from grs_agents.sim.goals import Goal
-from grs_agents.sim.instance import InstanceGoal, InstanceZone, TaskInstance
+from grs_agents.sim.instance import InstanceGoal, InstanceRelation, InstanceZone, TaskInstance
 from grs_agents.sim.reach import Suits
 from grs_agents.sim.recording import Recording
+from grs_agents.sim.relations import Relation
 from grs_agents.sim.task import Task
 
 IDLE_SECONDS: Final = 2.0
@@ -78,11 +79,20 @@ class InstanceTask(Task):
         for tie in self.instance.ties:
             env.tie(tie.model_copy(update={"parent": self.ids[tie.parent], "child": self.ids[tie.child]}))
         for goal in self.instance.goals:
+            if goal.relation is not None:
+                self.add_goal(self._relation(goal), step_max_reward=goal.max_reward, language_goal=goal.language)
+                continue
             self.add_goal(
                 [self.ids[number] for number in goal.objects], np.array(goal.matches).reshape(len(goal.objects), -1),
                 list(goal.targets), goal.replace, goal.rotations, goal.metric,
                 [(zone.pose, zone.size) for zone in goal.zones], goal.max_reward, list(goal.symmetries), goal.language,
             )  # fmt: skip
+
+    def _relation(self, goal: InstanceGoal) -> Relation:
+        assert goal.relation is not None, "a goal without a relation"
+        reference = None if goal.relation.reference is None else self.ids[goal.relation.reference]
+        objects = tuple(self.ids[number] for number in goal.objects)
+        return Relation(goal.relation.kind, objects, reference, goal.relation.distance)
 
 
 def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskInstance:
@@ -118,6 +128,7 @@ def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskIn
 
 
 def _instance_goal(goal: Goal, words: str) -> InstanceGoal:
+    relation = goal.relation
     return InstanceGoal(
         objects=tuple(goal.objs),
         matches=tuple(tuple(int(value) for value in row) for row in goal.matches),
@@ -129,6 +140,9 @@ def _instance_goal(goal: Goal, words: str) -> InstanceGoal:
         max_reward=goal.step_max_reward,
         symmetries=tuple(goal.symmetries),
         language=words[:2000],
+        relation=None
+        if relation is None
+        else InstanceRelation(kind=relation.kind, reference=relation.reference, distance=relation.distance),
     )
 
 
@@ -141,10 +155,10 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
         recording: an .npz file to write: ``times`` (N,), ``positions`` (N, B, 3), ``quaternions`` (N, B, 4, xyzw),
             ``names`` (B,) ("object_<id>" or a robot link), ``tool`` (N, 3).
     """
-    idle_reward = _idle_reward(instance, library)
     task = InstanceTask(instance)
     env = Environment(task=task, library=library, seed=instance.seed)
     env.timestep = instance.timestep
+    idle_reward = _idle_reward(env, task)
     initial: dict[int, Pose] = {}
     reachable: tuple[int, ...] = ()
     recorder: Recording | None = None
@@ -182,10 +196,7 @@ def solve(env: Environment, task: Task) -> None:
         _, _, done, _ = env.step(action)
 
 
-def _idle_reward(instance: TaskInstance, library: Library | None) -> float:
-    task = InstanceTask(instance)
-    env = Environment(task=task, library=library, seed=instance.seed)
-    env.timestep = instance.timestep
+def _idle_reward(env: Environment, task: Task) -> float:
     try:
         env.reset()
         env.step_simulation(int(IDLE_SECONDS / env.timestep))

@@ -1,5 +1,8 @@
 """A snapshot of the scene for planning: outlines, names, and what stands where."""
 
+import copy
+import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,12 +10,19 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.library import ObjectModel
 from grs_agents.sim import utils
-from grs_agents.sim.geometry import Prism, inside_margin, turn
+from grs_agents.sim.geometry import Prism, footprint, inside_margin, prisms, turn
+from grs_agents.sim.volumes import Volume
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
 
 _POINT = np.zeros((1, 2))
+
+
+def tilt_of(pose: Pose) -> float:
+    """The angle between an object's own z axis and the vertical, radians."""
+    x, y, _, _ = pose[1]
+    return math.acos(min(1.0, max(-1.0, 1 - 2 * (x * x + y * y))))
 
 
 class SceneView:
@@ -24,6 +34,20 @@ class SceneView:
         self._items = {item.id: item for item in env.objects}
         self._models = {number: env.shapes(number) for number in self._items}
         self.prisms: list[Prism] = env.outlines()
+        self._supposed: dict[int, Prism] = {}
+
+    def supposing(self, poses: Mapping[int, Pose]) -> "SceneView":
+        """The same scene with some objects elsewhere: what a plan would bring about."""
+        other = copy.copy(self)
+        other._items = self._items | {
+            number: self._items[number].model_copy(update={"pose": pose}) for number, pose in poses.items()
+        }
+        other._supposed = self._supposed | {
+            number: footprint(self._models[number], pose, number) for number, pose in poses.items()
+        }
+        moved = [prism for number, pose in poses.items() for prism in prisms(self._models[number], pose, number)]
+        other.prisms = [*self.others(*poses), *moved]
+        return other
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -44,12 +68,20 @@ class SceneView:
 
     def tilt(self, number: int) -> float:
         """The angle between its own z axis and the vertical, radians."""
-        upward = utils.rotation_matrix(self.pose(number)[1])[2, 2]
-        return float(np.arccos(np.clip(upward, -1.0, 1.0)))
+        return tilt_of(self.pose(number))
+
+    def tilt_at_start(self, number: int) -> float:
+        """That angle when the scene had settled, before anything acted."""
+        start = self.env.places.get(number)
+        return 0.0 if start is None else tilt_of(start)
 
     def model(self, number: int) -> ObjectModel:
         """What it is made of."""
         return self._models[number]
+
+    def volume(self, number: int) -> Volume:
+        """Its collision volume."""
+        return self.env.volume(number)
 
     def is_free(self, number: int) -> bool:
         """Whether it can be moved."""
@@ -61,7 +93,7 @@ class SceneView:
 
     def outline(self, number: int) -> Prism:
         """One prism around the whole object."""
-        return self.env.outline(number)
+        return self._supposed[number] if number in self._supposed else self.env.outline(number)
 
     def extent(self, number: int) -> tuple[float, float]:
         """Horizontal extents along its own axes as it stands, metres."""

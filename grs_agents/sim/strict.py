@@ -13,26 +13,26 @@ counts it and, besides,
 An object that later goals speak of too is judged there. Other objects that were knocked over lower the whole score.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.sim import scoring
-from grs_agents.sim.geometry import Prism, gaps
+from grs_agents.sim.geometry import footprint
 from grs_agents.sim.goals import Goal
+from grs_agents.sim.relation_rules import shortfalls
 from grs_agents.sim.scene_view import SceneView
+from grs_agents.sim.support import rests, supporters, toppled
+from grs_agents.sim.volumes import share_inside
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
     from grs_agents.sim.task import Task
 
-_TOUCHING: Final = 0.006
-_OVERLAP: Final = -0.0005
-_STILL: Final = 0.05
-_POINT: Final = np.zeros((1, 2))
+_HEIGHT: Final = 0.015
+"""Farthest from the height that a target says, metres, however wide ``pos_eps`` is."""
 
 
 @dataclass(frozen=True)
@@ -44,19 +44,18 @@ class StrictScore:
 
 
 class StrictScorer:
-    """Scores a scene strictly; made when the scene has settled, before anything acts.
+    """Scores a scene strictly, by how it stands and how it stood before anything acted.
 
     Args:
         task: its goals are scored.
         env: the reset environment.
+        places: where every object stood when the scene had settled.
     """
 
-    def __init__(self, task: "Task", env: "Environment") -> None:
-        self.task, self.env = task, env
-        view = SceneView(env)
-        self._tilts = {number: view.tilt(number) for number in view.ids}
-        self._places = {number: view.pose(number) for number in view.ids}
-        self._spans = {number: (view.outline(number).low, view.outline(number).high) for number in view.ids}
+    def __init__(self, task: "Task", env: "Environment", places: Mapping[int, Pose]) -> None:
+        self.task, self.env, self._places = task, env, dict(places)
+        outlines = {number: footprint(env.shapes(number), pose) for number, pose in places.items()}
+        self._spans = {number: (outline.low, outline.high) for number, outline in outlines.items()}
 
     def score(self) -> StrictScore:
         """The score of the scene as it stands now."""
@@ -72,13 +71,20 @@ class StrictScorer:
                 final.setdefault(number, rows[row])
             value += goal.step_max_reward * float(np.mean(rows))
         bystanders = [number for number in view.ids if view.is_free(number) and number not in final]
-        fallen = [number for number in bystanders if self._toppled(number, view)]
+        fallen = [number for number in bystanders if toppled(number, view, self.task.rot_eps)]
         notes.update({number: f"{view.name(number)} was knocked over" for number in fallen})
         standing = 1 - len(fallen) / len(bystanders) if fallen else 1.0
         return StrictScore(round(min(1.0, value) * standing, 9), tuple(notes.values()))
 
     def _goal(self, goal: Goal, view: SceneView, last: set[int], notes: dict[int, str]) -> list[float]:
         """The score of each object of one goal; ``notes`` gains a clause for each of ``last`` that falls short."""
+        if goal.relation is not None:
+            clauses = shortfalls(goal.relation, view, self.task.rot_eps)
+            notes_of = dict(zip(goal.objs, clauses, strict=True))
+            for number in last:
+                if notes_of[number]:
+                    notes.setdefault(number, f"{view.name(number)} {notes_of[number]}")
+            return [float(not clause) for clause in clauses]
         claimed = self._claims(goal, view)
         scores: list[float] = []
         for row, number in enumerate(goal.objs):
@@ -90,21 +96,21 @@ class StrictScorer:
 
     def _share(self, goal: Goal, row: int, claimed: dict[int, int], view: SceneView) -> tuple[float, str]:
         number = goal.objs[row]
-        if self._toppled(number, view):
+        if toppled(number, view, self.task.rot_eps):
             return 0.0, "does not stand upright"
-        if not self._rests(number):
+        if not rests(number, view):
             return 0.0, "does not lie still"
         if goal.metric == "zone":
             return self._zone_share(goal, number, view)
         return (1.0, "") if row in claimed else (0.0, "is at no target that is its own, height included")
 
     def _zone_share(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
-        model, ceiling = view.model(number), float(self.task.zone_bounds[2, 1])
-        share = scoring.share_inside(model, view.pose(number), goal.params, ceiling)
+        ceiling = float(self.task.zone_bounds[2, 1])
+        share = share_inside(view.volume(number), view.pose(number), goal.params, ceiling)
         if share < 0.01:
             return 0.0, "is not in its zone"
         top = max(zone[0][0][2] + zone[1][2] / 2 for zone in goal.params)
-        high = view.outline(number).low > max(0.0, top) + self.task.pos_eps
+        high = view.outline(number).low > max(0.0, top) + self._height
         if high and not self._on_fellows(number, self._fellows(goal), view):
             return 0.0, f"rests at {view.outline(number).low:.2f} m, above its zone"
         return (1.0, "") if share > 0.985 else (share, f"is {share:.0%} in its zone")
@@ -127,9 +133,9 @@ class StrictScorer:
         if not self.task.is_match(pose, target, goal.symmetries[row]):
             return False
         heights = (pose[0][2], view.outline(number).low)
-        if any(abs(height - target[0][2]) <= self.task.pos_eps for height in heights):
+        if any(abs(height - target[0][2]) <= self._height for height in heights):
             return True
-        half = heights[0] - heights[1] + self.task.pos_eps
+        half = heights[0] - heights[1] + self._height
         if any(self._is_place(other, target, half) for other in supporters(number, view)):
             return True
         return goal.replace and self._on_fellows(number, self._fellows(goal), view)
@@ -139,6 +145,11 @@ class StrictScorer:
         (low, high), (x, y, _) = self._spans[number], self._places[number][0]
         aside = max(abs(target[0][0] - x), abs(target[0][1] - y))
         return aside <= self.task.pos_eps and low <= target[0][2] <= high + half
+
+    @property
+    def _height(self) -> float:
+        """How far from the height that a target says an object may lie, metres."""
+        return min(self.task.pos_eps, _HEIGHT)
 
     def _fellows(self, goal: Goal) -> set[int]:
         """Objects that goals want in the same zones or at the same targets."""
@@ -152,31 +163,6 @@ class StrictScorer:
     def _on_fellows(self, number: int, fellows: set[int], view: SceneView) -> bool:
         under = supporters(number, view)
         return bool(under) and all(other in fellows for other in under)
-
-    def _toppled(self, number: int, view: SceneView) -> bool:
-        shapes = view.model(number).colliders
-        if all(shape.kind == "sphere" for shape in shapes):
-            return False
-        return view.tilt(number) > self._tilts.get(number, 0.0) + self.task.rot_eps
-
-    def _rests(self, number: int) -> bool:
-        physics = self.env.physics
-        return physics.held != number and physics.speed_of(number) < _STILL
-
-
-def supporters(number: int, view: SceneView) -> set[int]:
-    """Ids of the objects whose top an object's underside rests on."""
-    own = [prism for prism in view.prisms if prism.owner == number]
-    low = min((prism.low for prism in own), default=0.0)
-    feet = [prism for prism in own if prism.low < low + _TOUCHING]
-    return {prism.owner for prism in view.others(number) if _carries(prism, feet)}
-
-
-def _carries(prism: Prism, feet: Iterable[Prism]) -> bool:
-    return any(
-        abs(foot.low - prism.high) < _TOUCHING and gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP
-        for foot in feet
-    )
 
 
 def assign(options: Sequence[Sequence[int]]) -> dict[int, int]:

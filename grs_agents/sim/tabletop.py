@@ -1,6 +1,7 @@
 """The table: typed objects, where they stand, and the running world that is compiled from them."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -13,8 +14,20 @@ from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.instance import InstanceObject, InstanceTie
 from grs_agents.sim.physics import Budget, Physics
+from grs_agents.sim.volumes import Volume, volume_of
 
 FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Rested:
+    """A scene before it settled, its state afterwards, and the steps that this took."""
+
+    before: object
+    state: Any
+    steps: int
+
+
 CATEGORIES = ("fixed", "rigid", "deformable")
 _Outline = tuple[Pose, list[geometry.Prism], geometry.Prism]
 
@@ -35,8 +48,11 @@ class Tabletop:
         self._ties: list[InstanceTie] = []
         self._models: dict[int, ObjectModel] = {}
         self._outlines: dict[int, _Outline] = {}
+        self._volumes: dict[int, tuple[ObjectModel, Volume]] = {}
         self._physics: Physics | None = None
         self._stale = False
+        self._world: tuple[object, world.World] | None = None
+        self._rested: _Rested | None = None
 
     def clear(self) -> None:
         """Take everything off the table; the arm goes home."""
@@ -154,6 +170,14 @@ class Tabletop:
             self._models[obj] = world.model_of(self.object(obj), self.library)
         return self._models[obj]
 
+    def volume(self, obj: int) -> Volume:
+        """The collision volume of an object as points in its own frame."""
+        shapes = self.shapes(obj)
+        known = self._volumes.get(id(shapes))
+        if known is None or known[0] is not shapes:
+            known = self._volumes[id(shapes)] = (shapes, volume_of(shapes, self.library))
+        return known[1]
+
     def is_free(self, obj: int) -> bool:
         """Whether an object can be moved."""
         return world.is_free(self.object(obj), self.shapes(obj))
@@ -161,7 +185,7 @@ class Tabletop:
     def get_object_pose(self, obj: int) -> Pose:
         """Position (m) of the centre of an object's box and its rotation (xyzw)."""
         item = self.object(obj)
-        if self._physics is not None and obj in self._physics.world.bodies:
+        if self._physics is not None and obj in self._physics.world.addresses:
             return self._physics.pose(obj)
         return item.pose
 
@@ -199,11 +223,31 @@ class Tabletop:
             current = self.objects
             self._objects = {item.id: item for item in current}
             observer = None if self._physics is None else self._physics.observer
-            built = world.build(current, self.library, self.timestep, ties=self._ties)
-            self._physics = Physics(built, self.budget, joints)
+            self._physics = Physics(self._built(current), self.budget, current, joints)
             self._physics.observer = observer
             self._stale = False
         return self._physics
+
+    def _built(self, objects: Sequence[InstanceObject]) -> world.World:
+        """The compiled world of these objects; the last one again if only their places differ."""
+        kinds = tuple((item.id, item.asset, tuple(sorted(item.fill.items())), item.category) for item in objects)
+        key = (self.timestep, kinds, self.ties)
+        if self._world is None or self._world[0] != key:
+            self._world = (key, world.build(objects, self.library, self.timestep, ties=self._ties))
+        return self._world[1]
+
+    def come_to_rest(self) -> None:
+        """Let everything settle; a scene that was settled before is taken up as it came to rest then."""
+        before, known = (self.timestep, self.objects, self.ties), self._rested
+        if known is not None and known.before == before:
+            self.budget.spend(known.steps)
+            self.physics.restore(known.state)
+            return
+        start = self.budget.left
+        self.lift_out_of_table()
+        self.physics.relax()
+        self.physics.settle()
+        self._rested = _Rested(before, self.physics.snapshot(), start - self.budget.left)
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate a number of time steps."""
@@ -223,7 +267,9 @@ class Tabletop:
     def place_object(self, obj: int, pose: Pose) -> None:
         """Set an object down at a pose at once, without the arm."""
         self._objects[obj] = self.object(obj).model_copy(update={"pose": pose})
-        if self._physics is not None and not self._stale:
+        if not self.is_free(obj):
+            self._stale = True
+        elif self._physics is not None and not self._stale:
             self._physics.teleport(obj, pose)
 
 

@@ -13,6 +13,7 @@ from grs_agents.sim.goals import Goal, Zone
 from grs_agents.sim.placement import Region, Spot, find_spot, turned
 from grs_agents.sim.pose_target import pose_target
 from grs_agents.sim.reach import Blocked, Suits, Target, wrap
+from grs_agents.sim.relation_target import RelationPlanner
 from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.zone_target import members_of, pack, why_not
 
@@ -36,6 +37,7 @@ class Planner:
 
     def __init__(self) -> None:
         self._plans: dict[Zone, dict[int, Planned]] = {}
+        self._relations = RelationPlanner()
 
     def target(self, goal: Goal, row: int, task: "Task", view: SceneView, lift: float) -> Target:
         """Where the object of one row of a goal should go, or why nowhere.
@@ -47,9 +49,15 @@ class Planner:
             view: the scene.
             lift: from the object's lowest point to where the cup holds it, metres.
         """
+        if goal.relation is not None:
+            return self._relations.target(goal, row, task, view, lift)
         if goal.metric == "pose":
             return pose_target(goal, row, task, view, lift)
         return self._zone_target(goal, row, task, view, lift)
+
+    def rows(self, goal: Goal, view: SceneView) -> list[int]:
+        """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
+        return self._relations.rows(goal, view)
 
     def _zone_target(self, goal: Goal, row: int, task: "Task", view: SceneView, lift: float) -> Target:
         number, reasons = goal.objs[row], list[Target]()

@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Pose, Vec3
+from grs_agents.base import Pose, Quat
 from grs_agents.sim import ends, placement, scoring, templates
 from grs_agents.sim.episode import NoFreeSpaceError
 from grs_agents.sim.geometry import Prism
-from grs_agents.sim.goals import Goal, as_goal, has_negative_zone, make_goal
+from grs_agents.sim.goals import Goal, as_goal, doubts, make_goal, named, worth_one
 from grs_agents.sim.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
+from grs_agents.sim.relation_rules import shortfalls
+from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.task_kit import TaskKit
 
 if TYPE_CHECKING:
@@ -93,23 +95,14 @@ class Task(TaskKit):
         self.progress = self.total_reward = 0.0
 
     def add_goal(
-        self,
-        objs: Any,
-        matches: Any,
-        targ_poses: Any,
-        replace: bool = False,
-        rotations: bool = True,
-        metric: str = "pose",
-        params: Any = None,
-        step_max_reward: float = 1.0,
-        symmetries: Any = None,
-        language_goal: str = "",
-        **_: Any,
-    ) -> None:
+        self, objs: Any, matches: Any = None, targ_poses: Any = None, replace: bool = False, rotations: bool = True,
+        metric: str = "pose", params: Any = None, step_max_reward: float = 1.0, symmetries: Any = None,
+        language_goal: str = "", **_: Any,
+    ) -> None:  # fmt: skip
         """State a goal. Goals are met one after the other; their ``step_max_reward`` should add up to 1.
 
         Args:
-            objs: ids that ``env.add_object`` returned.
+            objs: ids that ``env.add_object`` returned; or a typed goal, e.g. ``inside(cans, box)``, which says all.
             matches: ``np.ones((objects, targets))``: 1 where a target will do for an object.
             targ_poses: target poses ``((x, y, z), (qx, qy, qz, qw))`` of objects' centres.
             replace: whether several objects may share one target.
@@ -124,6 +117,7 @@ class Task(TaskKit):
 
         Examples::
 
+            self.add_goal(inside(cans, box), step_max_reward=1 / 2, language_goal="...")
             self.add_goal(objs=[can], matches=np.ones((1, 1)), targ_poses=[pose], replace=False, rotations=True,
                           metric='pose', params=None, step_max_reward=1 / 2, symmetries=[0], language_goal="...")
             self.add_goal(objs=cans, matches=np.ones((len(cans), 1)), targ_poses=[box_pose], replace=True,
@@ -135,10 +129,10 @@ class Task(TaskKit):
         """
         goal = make_goal(objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries)
         if self._env is not None:
-            for number in goal.objs:
+            for number in named(goal):
                 self._env.object(number)
-            if has_negative_zone(metric, params):
-                self._env.warn("add_goal: a zone size with negative lengths was taken without their sign")
+            for doubt in doubts(objs, matches, targ_poses, metric, params, symmetries):
+                self._env.warn(doubt)
         self.goals.append(goal)
         if language_goal:
             self.lang_goals.append(str(language_goal))
@@ -153,14 +147,9 @@ class Task(TaskKit):
         self.goals = [as_goal(goal) for goal in self.goals]
         if not self.goals:
             env.warn("the task states no goal: its reset() never calls add_goal")
-        total = sum(goal.step_max_reward for goal in self.goals)
-        if self.goals and abs(total - 1) > 0.01:
-            env.warn(f"the goals' step_max_reward add up to {total:.2f}, scaled to 1")
-            even = 1 / len(self.goals)
-            self.goals = [
-                goal._replace(step_max_reward=goal.step_max_reward / total if total > 0 else even)
-                for goal in self.goals
-            ]
+        self.goals, doubt = worth_one(self.goals)
+        if doubt:
+            env.warn(doubt)
         words = self.lang_goals or [self.lang_template]
         self.lang_goals = [words[min(index, len(words) - 1)] for index in range(len(self.goals))]
         self._all_goals = list(zip(self.goals, self.lang_goals, strict=True))
@@ -184,11 +173,12 @@ class Task(TaskKit):
 
     def get_random_pose(
         self, env: "Environment", obj_size: Sequence[float]
-    ) -> tuple[Vec3, tuple[float, float, float, float]] | tuple[None, None]:
+    ) -> tuple[list[float], Quat] | tuple[None, None]:
         """A free pose on the table, in reach of the arm, for an object of ``obj_size`` (x, y, z) metres.
 
         Returns:
-            ``(position, rotation xyzw)``, or ``(None, None)`` when there is no room.
+            ``([x, y, z], rotation xyzw)``, or ``(None, None)`` when there is no room. The position is a list, since
+            programs change it in place.
 
         Raises:
             NoFreeSpaceError: it was asked again and again although there is no room.
@@ -198,7 +188,7 @@ class Task(TaskKit):
         found = placement.random_pose(obj_size, self.bounds, _standing(env), env.rng)
         if found is not None:
             env.failed_placements = 0
-            return found
+            return list(found[0]), found[1]
         env.failed_placements += 1
         if env.failed_placements >= _PATIENCE:
             raise NoFreeSpaceError(
@@ -213,10 +203,12 @@ class Task(TaskKit):
     def scores(self, goal: Goal) -> list[float]:
         """For each object of a goal, how far (0..1) it is where it should be."""
         env = self.environment
+        if goal.relation is not None:
+            return [float(not clause) for clause in shortfalls(goal.relation, SceneView(env), self.rot_eps)]
         poses = {number: env.get_object_pose(number) for number in goal.objs}
-        models = {number: env.shapes(number) for number in goal.objs}
+        volumes = {number: env.volume(number) for number in goal.objs}
         ceiling = float(self.zone_bounds[2, 1])
-        return scoring.object_scores(goal, poses, models, ceiling, self.pos_eps, self.rot_eps)
+        return scoring.object_scores(goal, poses, volumes, ceiling, self.pos_eps, self.rot_eps)
 
     def reward(self) -> tuple[float, dict[str, Any]]:
         """What was gained since the last call; goals that are met leave ``goals``."""

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.sim import scoring, templates, top_down, utils
+from grs_agents.sim import templates, top_down, utils
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.goals import as_pose
 
@@ -120,7 +120,7 @@ class TaskKit:
 
     def get_box_object_points(self, obj: int) -> FloatArray:
         """Points (3, N) spread over an object's collision volume, object frame, metres."""
-        return np.copy(scoring.volume_points(self.environment.shapes(obj)))
+        return np.copy(self.environment.volume(obj).points)
 
     get_sphere_object_points = get_box_object_points
     get_mesh_object_points = get_box_object_points

@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from grs_agents.library import Library
-from grs_agents.sim import utils
-from grs_agents.sim.episode import SimulationError
+from grs_agents.library import Library, resolve, stems
 
 Values = Mapping[str, tuple[float | str, ...]]
 
@@ -64,53 +62,18 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
 
     Raises:
         UnknownNameError: the library has no such template.
-        InputError: a value is not a finite number.
+        InputError: a value is not a finite number, a colour or a file name.
     """
     base = asset_name(template, library)
-    known = library.template_defaults(base)
-    if not known:
+    defaults = library.template_defaults(base)
+    if not defaults:
         return base
-    values = {stem: value for stem, value in plain(replace).items() if stem in known or stem == "HALF"}
+    values = resolve(_positive(replace), defaults)[0]
     library.filled(base, values)
     label = ",".join(f"{stem}={'x'.join(_short(value) for value in values[stem])}" for stem in sorted(values))
-    name = f"{base}#{label}" if label else base
+    name = f"{base}#{label}"
     _filled[name] = Filling(base, values)
     return name
-
-
-def plain(replace: Mapping[str, Any]) -> Values:
-    """The values of a template as numbers and file names.
-
-    Lengths are made positive (box corners in the wrong order give negative ones), a colour may be a name, a single
-    number or name stands for a row of one, and of a file name the last two parts count.
-
-    Raises:
-        InputError: a value is neither a number nor a name.
-    """
-    return {stem: _plain(stem, value) for stem, value in replace.items()}
-
-
-def _plain(stem: str, value: Any) -> tuple[float | str, ...]:
-    if stem == "COLOR" and isinstance(value, str):
-        if value not in utils.COLORS:
-            raise SimulationError(f"colour {value!r} is unknown", f"use one of {', '.join(sorted(utils.COLORS))}")
-        value = utils.COLORS[value]
-    row: list[Any] = [value] if isinstance(value, str) or np.isscalar(value) else list(value)
-    found: list[float | str] = []
-    for item in row:
-        if isinstance(item, str):
-            found.append("/".join(PurePosixPath(item.replace("\\", "/")).parts[-2:]))
-            continue
-        try:
-            number = float(item)
-        except (TypeError, ValueError) as error:
-            raise SimulationError(f"fill_template: {stem} holds {item!r}", "give numbers") from error
-        found.append(abs(number) if stem.startswith(("DIM", "HALF", "SCALE")) else number)
-    return tuple(found)
-
-
-def _short(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[str]:
@@ -118,21 +81,28 @@ def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[
     defaults = library.template_defaults(asset_name(template, library))
     if not defaults:
         return ["it is no template, used as it is"]
-    given = {stem: len(row) for stem, row in plain(replace).items()}
-    found: list[str] = []
-    for stem, row in defaults.items():
-        count = given.get(stem, 0)
-        if count < len(row) and not (stem == "COLOR" and count >= 3):
-            found.append(f"{stem} left out takes its default {_row(row[count:])}")
-    known = {*defaults, "HALF", "INSET", "SCALE", "FNAME"}
+    known, assumed = stems(defaults), resolve(_positive(replace), defaults)[1]
+    found = [f"{stem} left out takes its default {_row(row)}" for stem, row in assumed.items()]
     found += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
-    negative = [stem for stem in given if stem in known and stem != "COLOR" and _has_negative(replace[stem])]
+    negative = [stem for stem in replace if stem in known and _is_length(stem) and _has_negative(replace[stem])]
     return found + [f"{stem} has negative lengths, taken without their sign" for stem in negative]
 
 
+def _is_length(stem: str) -> bool:
+    return stem.startswith(("DIM", "HALF", "SCALE"))
+
+
+def _positive(replace: Mapping[str, Any]) -> dict[str, Any]:
+    """Lengths made positive: box corners in the wrong order give negative ones."""
+    return {
+        stem: np.abs(value).tolist() if _is_length(stem) and _has_negative(value) else value
+        for stem, value in replace.items()
+    }
+
+
 def _has_negative(values: Any) -> bool:
-    row: list[Any] = [values] if isinstance(values, str) or np.isscalar(values) else list(values)
-    return any(not isinstance(value, str) and float(value) < 0 for value in row)
+    numbers = np.atleast_1d(np.asarray(values))
+    return numbers.dtype.kind in "if" and bool((numbers < 0).any())
 
 
 def listed(values: Values) -> str:
@@ -142,6 +112,10 @@ def listed(values: Values) -> str:
 
 def _row(row: Sequence[float | str]) -> str:
     return f"({', '.join(_short(value) for value in row)})"
+
+
+def _short(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 def filled(name: str) -> Filling | None:

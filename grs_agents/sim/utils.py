@@ -1,5 +1,6 @@
 """Colours and rigid transforms under the names that CLIPort programs use; quaternions are (x, y, z, w)."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -39,12 +40,13 @@ def vec3(values: Sequence[float] | FloatArray) -> Vec3:
 
 def quat(values: Sequence[float] | FloatArray) -> Quat:
     """The four numbers of ``values`` as a unit quaternion (x, y, z, w)."""
-    array = np.asarray(values, dtype=np.float64)
-    norm = float(np.linalg.norm(array))
-    if array.shape != (4,) or not np.isfinite(norm) or norm < 1e-9:
+    if len(values) != 4:
         return IDENTITY
-    array = array / norm
-    return (float(array[0]), float(array[1]), float(array[2]), float(array[3]))
+    x, y, z, w = (float(value) for value in values)
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not math.isfinite(norm) or norm < 1e-9:
+        return IDENTITY
+    return (x / norm, y / norm, z / norm, w / norm)
 
 
 def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:

@@ -80,7 +80,7 @@ def build(
     objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
     ties: Sequence[InstanceTie] = (),
 ) -> World:  # fmt: skip
-    """Compile a world.
+    """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
 
     Args:
         objects: what stands on the table.
@@ -123,9 +123,29 @@ def build(
     )
 
 
+def place(built: World, data: Any, objects: Sequence[InstanceObject]) -> None:
+    """Set a state of a world back to its beginning, with every object at its pose, at rest.
+
+    Args:
+        built: whose ``model`` holds the poses of what cannot move.
+        data: the ``mujoco.MjData``.
+        objects: those that the world was built from, wherever they stand.
+    """
+    # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
+    for item in objects:
+        if item.id not in built.addresses:
+            (position, (x, y, z, w)), body = item.pose, built.bodies[item.id]
+            built.model.body_pos[body], built.model.body_quat[body] = position, (w, x, y, z)
+    mujoco.mj_resetData(built.model, data)
+    for item in objects:
+        if item.id in built.addresses:
+            (position, (x, y, z, w)), start = item.pose, built.addresses[item.id]
+            data.qpos[start : start + 7] = (*position, w, x, y, z)
+
+
 def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: Library, visuals: bool) -> None:
-    (position, (x, y, z, w)), name = item.pose, f"object_{item.id}"
-    body = spec.worldbody.add_body(name=name, pos=position, quat=(w, x, y, z))
+    name = f"object_{item.id}"
+    body = spec.worldbody.add_body(name=name)
     if is_free(item, shapes):
         body.add_freejoint(name=name)
     volumes = [_volume(shape, shapes) for shape in shapes.colliders]

@@ -16,9 +16,9 @@ def goal(**changes):
 
 
 def test_a_goal_unpacks_in_cliport_order() -> None:
-    objs, matches, targets, replace, rotations, metric, params, reward, symmetries = goal()
+    objs, matches, targets, replace, rotations, metric, params, reward, symmetries, relation = goal()
     assert (objs, matches.shape, targets, replace, rotations) == ([1, 2], (2, 1), [POSE], True, True)
-    assert (metric, params, reward, symmetries) == ("pose", [], 1.0, [0.0, 0.0])
+    assert (metric, params, reward, symmetries, relation) == ("pose", [], 1.0, [0.0, 0.0], None)
 
 
 def test_cliport_pairs_of_id_and_symmetry_are_understood() -> None:
@@ -31,6 +31,29 @@ def test_cliport_zone_params_with_object_points_are_understood() -> None:
 
 
 @pytest.mark.parametrize(
+    ("changes", "field", "value"),
+    [
+        ({"objs": (1, 2)}, "objs", [1, 2]),
+        ({"objs": [(1, POSE), 2]}, "objs", [1, 2]),
+        ({"targ_poses": [POSE[0]]}, "targ_poses", [POSE]),
+        ({"targ_poses": POSE}, "targ_poses", [POSE]),
+        ({"targ_poses": [POSE[0], POSE[0]], "matches": [[1, 0], [0, 1]]}, "targ_poses", [POSE, POSE]),
+        ({"symmetries": [np.pi]}, "symmetries", [np.pi, np.pi]),
+        ({"symmetries": [1, 2, 3]}, "symmetries", [1.0, 2.0]),
+        ({"symmetries": [7.0, -1]}, "symmetries", [2 * np.pi, 0.0]),
+        ({"metric": "zone", "params": (POSE, (0.2, 0.2, 0.0))}, "params", [(POSE, (0.2, 0.2, 0.0))]),
+    ],
+)
+def test_shapes_that_published_programs_pass_are_understood(changes, field, value) -> None:
+    assert getattr(goal(**changes), field) == value
+
+
+@pytest.mark.parametrize("matches", [None, [1, 1], [[1], [1]], np.ones((2, 2)), np.ones((5, 1))])
+def test_matches_in_other_shapes_are_understood(matches) -> None:
+    assert goal(matches=matches).matches.tolist() == [[1], [1]]
+
+
+@pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"matches": np.ones((1, 1))}, ["(1, 1)", "2 objects", "np.ones((2, 1))"]),
@@ -40,7 +63,7 @@ def test_cliport_zone_params_with_object_points_are_understood() -> None:
         ({"objs": []}, ["objs is empty"]),
         ({"targ_poses": [((0.5, np.nan, 0), POSE[1])]}, ["finite"]),
         ({"step_max_reward": float("nan")}, ["step_max_reward", "1 / len(objects)"]),
-        ({"symmetries": [1, 2, 3]}, ["symmetries", "2 objects"]),
+        ({"symmetries": [np.nan, 2]}, ["symmetries", "2 objects"]),
     ],
 )
 def test_what_does_not_fit_is_refused_with_the_value_and_the_remedy(changes, words) -> None:

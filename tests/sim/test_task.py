@@ -22,7 +22,7 @@ def test_a_placeholder_left_out_takes_its_default_with_a_warning() -> None:
         env.add_object(task.fill_template(BOX, {"COLOR": (1, 0, 0)}), at(0.4, 0.3, 0.05))
 
     instance = drawn(scene)
-    assert "DIM" not in instance.objects[1].fill
+    assert instance.objects[1].fill["DIM"] == Environment().library.template_defaults(BOX)["DIM"]
     assert [warning for warning in instance.warnings if "DIM left out" in warning and BOX in warning]
 
 
@@ -38,10 +38,10 @@ def test_a_placeholder_that_the_template_does_not_have_is_named() -> None:
     def scene(task, env) -> None:
         goal(task, env)
         env.add_object(
-            task.fill_template(BOX, {"DIM": (0.1,) * 3, "COLOR": (1, 0, 0), "DIMX": (2,)}), at(0.4, 0.3, 0.05)
+            task.fill_template(BOX, {"DIM": (0.1,) * 3, "COLOR": (1, 0, 0), "WIDTH": (2,)}), at(0.4, 0.3, 0.05)
         )
 
-    assert list(drawn(scene).warnings) == [f"fill_template({BOX!r}): DIMX is no placeholder of it, ignored"]
+    assert list(drawn(scene).warnings) == [f"fill_template({BOX!r}): WIDTH is no placeholder of it, ignored"]
 
 
 def test_box_corners_in_the_wrong_order_are_lengths_without_sign() -> None:

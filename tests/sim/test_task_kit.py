@@ -47,7 +47,7 @@ def test_sizes_colours_points_and_names() -> None:
     def scene(task, env) -> None:
         block = env.add_object("block/red_block.urdf", at(0.5, 0, 0.02))
         task.color_random_brown(block)
-        assert np.ptp(task.get_box_object_points(block), axis=1) == pytest.approx([0.04] * 3)
+        assert np.ptp(task.get_box_object_points(block), axis=1) == pytest.approx([0.04] * 3, rel=0.2)
         size = task.get_random_size(0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
         assert (size >= (0.1, 0.3, 0.5)).all()
         assert (size <= (0.2, 0.4, 0.6)).all()

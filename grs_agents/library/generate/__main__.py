@@ -5,11 +5,22 @@ from pathlib import Path
 from grs_agents import content
 from grs_agents.files import write_json
 from grs_agents.library.asset import MANIFEST, Manifest
+from grs_agents.library.generate.built import Built
+from grs_agents.library.generate.fixtures import build_fixtures
 from grs_agents.library.generate.groceries import build_groceries
 from grs_agents.library.generate.household import build_household
+from grs_agents.library.generate.kitting import build_kitting
+from grs_agents.library.generate.marks import build_marks
 from grs_agents.library.generate.scene import write_scene
 from grs_agents.library.generate.templates import build_templates
+from grs_agents.library.generate.toys import build_toys
 from grs_agents.library.library import Library
+
+
+def build_all() -> list[Built]:
+    """Every asset, in the order of its families."""
+    everyday = [*build_groceries(), *build_household()]
+    return [*everyday, *build_toys(), *build_fixtures(), *build_templates(), *build_marks(), *build_kitting()]
 
 
 def write_library(root: Path) -> Manifest:
@@ -17,7 +28,7 @@ def write_library(root: Path) -> Manifest:
 
     The same code and the same version of OpenCV write the same bytes.
     """
-    built = [*build_groceries(), *build_household(), *build_templates()]
+    built = build_all()
     for one in built:
         one.write(root)
     manifest = Manifest(assets=tuple(sorted((one.asset for one in built), key=lambda asset: asset.name)))

@@ -1,6 +1,6 @@
 """One generated asset: its manifest entry and the files it consists of."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,6 +10,9 @@ import numpy.typing as npt
 
 from grs_agents.files import write_bytes, write_text
 from grs_agents.library.asset import Asset
+from grs_agents.library.color import COLORS
+from grs_agents.library.shapes import Rgba, Shape
+from grs_agents.library.urdf_text import urdf_text
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,30 @@ class Built:
             write_text(root / name, text)
         for name, image in self.textures.items():
             write_bytes(root / name, png(image))
+
+
+def assemble(
+    asset: Asset, visuals: Sequence[Shape], colliders: Sequence[Shape], meshes: Mapping[str, str] | None = None
+) -> Built:
+    """An asset of these shapes, with the inertia of a solid box of its size and mass."""
+    x, y, z = asset.size
+    inertia = tuple(asset.mass * (a * a + b * b) / 12 for a, b in ((y, z), (x, z), (x, y)))
+    text = urdf_text(
+        asset.kind,
+        visuals,
+        colliders,
+        mass=asset.mass,
+        friction=asset.friction,
+        inertia=(inertia[0], inertia[1], inertia[2]),
+        folder=asset.name.rsplit("/", 1)[0],
+    )
+    return Built(asset, text, meshes or {})
+
+
+def opaque(color: str) -> Rgba:
+    """The colour of that name, not transparent."""
+    red, green, blue = COLORS[color]
+    return (red, green, blue, 1.0)
 
 
 def png(image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> bytes:

@@ -7,12 +7,10 @@ import numpy as np
 
 from grs_agents.base import Vec3
 from grs_agents.library.asset import Asset
-from grs_agents.library.color import COLORS
-from grs_agents.library.generate.built import Built
+from grs_agents.library.generate.built import Built, assemble, opaque
 from grs_agents.library.generate.mesh import Mesh, loft, superellipse, tube
 from grs_agents.library.generate.solids import box, cylinder, lifted, open_box, ring
 from grs_agents.library.shapes import Rgba, Shape, shape_bounds, union_bounds
-from grs_agents.library.urdf_text import urdf_text
 
 _CUBE = 0.04
 _CUBE_COLORS = ("red", "green", "blue", "yellow", "orange", "purple", "cyan", "brown", "gray", "white")
@@ -32,10 +30,10 @@ def build_cubes() -> list[Built]:
 
 def _cube(stem: str, color: str) -> Built:
     size = (_CUBE, _CUBE, _CUBE)
-    solid = box(size, color=_rgba(color))
+    solid = box(size, color=opaque(color))
     look = f"a {color} cube, 4 cm" if stem != "block" else "a plain gray cube, 4 cm, to be given any colour"
     asset = _asset(f"block/{stem}.urdf", stem, "cube", size, 0.05, color, look)
-    return _built(asset, [solid], [solid])
+    return assemble(asset, [solid], [solid])
 
 
 def build_open_boxes() -> list[Built]:
@@ -58,10 +56,10 @@ def build_open_boxes() -> list[Built]:
     )
     built: list[Built] = []
     for stem, size, color, mass, look in kinds:
-        tint: Rgba = (0.72, 0.54, 0.36, 1.0) if color == "brown" else _rgba(color)
+        tint: Rgba = (0.72, 0.54, 0.36, 1.0) if color == "brown" else opaque(color)
         walls = open_box(size, 0.005, tint)
         asset = _asset(f"container/{stem}.urdf", stem, "container", size, mass, color, look, True, True)
-        built.append(_built(asset, walls, walls))
+        built.append(assemble(asset, walls, walls))
     return built
 
 
@@ -129,15 +127,10 @@ def build_plate() -> Built:
 
 def build_zone() -> Built:
     """A coloured area on the table that nothing collides with."""
-    size = (0.2, 0.2, 0.002)
-    look = "a green square marked on the table, 20 x 20 cm, to place things on"
+    size = (0.12, 0.12, 0.002)
+    look = "a green square marked on the table, 12 x 12 cm, to place things on"
     asset = _asset("zone/zone.urdf", "zone", "zone", size, 0.0, "green", look, True, True)
-    return _built(asset, [box(size, color=_rgba("green"))], [])
-
-
-def _rgba(color: str) -> Rgba:
-    red, green, blue = COLORS[color]
-    return (red, green, blue, 1.0)
+    return assemble(asset, [box(size, color=opaque("green"))], [])
 
 
 def _asset(
@@ -174,21 +167,4 @@ def _with_mesh(asset: Asset, meshes: Sequence[tuple[str, Mesh, Rgba]], colliders
     low, high = union_bounds(shape_bounds(shape) for shape in colliders)
     centred = lifted(colliders, (0, 0, -(low[2] + high[2]) / 2))
     visuals = [Shape(kind="mesh", size=(1, 1, 1), mesh=name, color=color) for name, _, color in meshes]
-    return _built(asset, visuals, centred, {name: mesh.obj() for name, mesh, _ in meshes})
-
-
-def _built(
-    asset: Asset, visuals: Sequence[Shape], colliders: Sequence[Shape], meshes: dict[str, str] | None = None
-) -> Built:
-    x, y, z = asset.size
-    inertia = tuple(asset.mass * (a * a + b * b) / 12 for a, b in ((y, z), (x, z), (x, y)))
-    text = urdf_text(
-        asset.kind,
-        visuals,
-        colliders,
-        mass=asset.mass,
-        friction=asset.friction,
-        inertia=(inertia[0], inertia[1], inertia[2]),
-        folder=asset.name.rsplit("/", 1)[0],
-    )
-    return Built(asset, text, meshes or {})
+    return assemble(asset, visuals, centred, {name: mesh.obj() for name, mesh, _ in meshes})

@@ -24,5 +24,5 @@ def test_templates_document_their_defaults() -> None:
     for one in build_templates():
         assert one.asset.template["DIM"] == one.asset.size
         assert len(one.asset.template["COLOR"]) == 4
-        assert one.asset.fixture
+        assert one.asset.fixture == one.asset.everyday
         assert "COLOR0" in one.urdf
