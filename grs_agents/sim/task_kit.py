@@ -1,10 +1,13 @@
 """Helpers of CLIPort's and GenSim's ``Task`` that programs call while they set a scene up."""
 
+from collections.abc import Sequence
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.base import Pose, Quat
 from grs_agents.sim import templates, top_down, utils
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.goals import as_pose
@@ -26,6 +29,7 @@ class TaskKit:
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
         self.pix_size = 0.003125
         self.mode = "train"
+        self.assets_root = ""
         self.train_set: npt.NDArray[np.int64] = np.arange(0, 14)
         self.test_set: npt.NDArray[np.int64] = np.arange(14, 20)
         self._env: Environment | None = None
@@ -121,6 +125,27 @@ class TaskKit:
     def get_box_object_points(self, obj: int) -> FloatArray:
         """Points (3, N) spread over an object's collision volume, object frame, metres."""
         return np.copy(self.environment.volume(obj).points)
+
+    def get_target_sample_surface_points(
+        self, model: str, scale: Sequence[float], pose: Pose, num_points: int = 50
+    ) -> list[tuple[tuple[float, float, float], Quat]]:
+        """``num_points`` poses spread at random over a library mesh, e.g. ``"kitting/03.obj"``, scaled and placed.
+
+        Args:
+            model: file name of the mesh, folders in front of the library's own do not matter.
+            scale: factors of its x, y, z.
+            pose: where the mesh lies, robot frame.
+            num_points: how many.
+        """
+        import trimesh
+
+        library, name = self.environment.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
+        mesh: Any = trimesh.load_mesh(library.mesh_path(name))
+        found: list[FloatArray] = []
+        while sum(len(points) for points in found) < num_points:
+            found.append(trimesh.sample.volume_mesh(mesh, num_points * 3))
+        spread = utils.apply(pose, np.vstack(found)[:num_points].T * np.asarray(scale)[:, None])
+        return [(utils.vec3(point), utils.IDENTITY) for point in spread.T]
 
     get_sphere_object_points = get_box_object_points
     get_mesh_object_points = get_box_object_points

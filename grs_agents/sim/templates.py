@@ -64,11 +64,13 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
         UnknownNameError: the library has no such template.
         InputError: a value is not a finite number, a colour or a file name.
     """
-    base = asset_name(template, library)
+    base, before = asset_name(template, library), {}
+    if base in _filled:  # a program that overwrites the template's name with the result fills that again
+        base, before = _filled[base].template, _filled[base].values
     defaults = library.template_defaults(base)
     if not defaults:
         return base
-    values = resolve(_positive(replace), defaults)[0]
+    values = resolve({**before, **_positive(replace)}, defaults)[0]
     library.filled(base, values)
     label = ",".join(f"{stem}={'x'.join(_short(value) for value in values[stem])}" for stem in sorted(values))
     name = f"{base}#{label}"
@@ -78,7 +80,10 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
 
 def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[str]:
     """One clause for each value of a template that had to be assumed: left out, unknown to it, or negative."""
-    defaults = library.template_defaults(asset_name(template, library))
+    base = asset_name(template, library)
+    if base in _filled:
+        return []
+    defaults = library.template_defaults(base)
     if not defaults:
         return ["it is no template, used as it is"]
     known, assumed = stems(defaults), resolve(_positive(replace), defaults)[1]

@@ -1,6 +1,7 @@
 """Colours and rigid transforms under the names that CLIPort programs use; quaternions are (x, y, z, w)."""
 
 import math
+import random
 from collections.abc import Sequence
 
 import numpy as np
@@ -30,7 +31,40 @@ COLORS: dict[str, list[float]] = {
 }
 """Colour name to [r, g, b], each 0..1; lists, since programs append the alpha to them."""
 
+COLORS_NAMES = list(COLORS)
+TRAIN_COLORS = ["blue", "red", "green", "yellow", "brown", "gray", "cyan"]
+EVAL_COLORS = ["blue", "red", "green", "orange", "purple", "pink", "white"]
+assembling_kit_shapes = dict(
+    enumerate(
+        (
+            "letter R shape", "letter A shape", "triangle", "square", "plus", "letter T shape", "diamond", "pentagon",
+            "rectangle", "flower", "star", "circle", "letter G shape", "letter V shape", "letter E shape",
+            "letter L shape", "ring", "hexagon", "heart", "letter M shape",
+        )
+    )
+)  # fmt: skip
+"""What the kitting shapes look like, by number."""
+
 IDENTITY: Quat = (0.0, 0.0, 0.0, 1.0)
+
+
+def get_colors_names(mode: str) -> list[str]:
+    """The names of the colours of a mode: ``'train'``, ``'full'`` (both sets), else those kept for evaluation."""
+    if mode == "train":
+        return list(TRAIN_COLORS)
+    return list(dict.fromkeys(TRAIN_COLORS + EVAL_COLORS)) if mode == "full" else list(EVAL_COLORS)
+
+
+def get_colors(mode: str, n_colors: int = -1, **_: object) -> tuple[list[list[float]], list[str]]:
+    """All colours of a mode or ``n_colors`` of them at random, and their names."""
+    names = get_colors_names(mode)
+    chosen = names if n_colors < 0 else random.sample(names, n_colors)
+    return [list(COLORS[name]) for name in chosen], chosen
+
+
+def map_kit_scale(size: Sequence[float]) -> list[float]:
+    """The ``SCALE`` of a kitting shape spoken of by a size (m): (0.03, 0.03, 0.02) gives the usual (3, 3, 1) / 1000."""
+    return [size[0] / 10, size[1] / 10, size[2] / 20]
 
 
 def vec3(values: Sequence[float] | FloatArray) -> Vec3:

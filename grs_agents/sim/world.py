@@ -14,6 +14,8 @@ from grs_agents.sim.utils import COLORS
 
 TIMESTEP: Final = 0.004
 _DENSITY: Final = 300.0
+_ROLLING: Final = 0.002
+"""Arm of a ball's rolling resistance (m), as of a rubber ball on wood: one of 4 cm rests on slopes up to 6 degrees."""
 _GEOM_TYPE: Final[dict[str, Any]] = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -153,8 +155,11 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
     mass = shapes.mass if shapes.mass > 0 else max(0.02, _DENSITY * total)
     for index, (shape, volume) in enumerate(zip(shapes.colliders, volumes, strict=True)):
         geom = _add_geom(spec, body, shape, library, f"{name}_{index}")
-        geom.contype, geom.conaffinity, geom.condim, geom.group = 1, 1 | ROBOT_CONTYPE, 4, 3 if visuals else 0
-        geom.friction = (shapes.friction, 0.01, 0.0005)
+        rolls = shape.kind == "sphere"
+        geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
+        geom.condim, geom.friction = (
+            (6, (shapes.friction, 0.01, _ROLLING)) if rolls else (4, (shapes.friction, 0.01, 0))
+        )
         geom.mass = max(mass * volume / total, 1e-5)
         geom.rgba = item.color or shape.color or (0.7, 0.7, 0.7, 1.0)
     for index, shape in enumerate(shapes.visuals if visuals else ()):
