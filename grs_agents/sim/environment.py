@@ -38,7 +38,7 @@ class Environment(Workcell):
     """A table with objects and a robot arm whose base is at the origin (x forward, y left, z up, table top z = 0).
 
     Args:
-        assets_root: kept for CLIPort programs; a folder with a ``manifest.json`` is laid over the library.
+        assets_root: a folder whose assets are laid over the library; if it does not exist, the library alone is used.
         task: may be given later with ``set_task``.
         disp, shared_memory, hz: accepted and ignored; the time step is the instance's.
         record_cfg: ``save_video_path`` is where ``end_rec`` writes.
@@ -69,7 +69,7 @@ class Environment(Workcell):
         self.assets_root = str(assets_root)
         self.disp, self.shared_memory, self.hz, self.record_cfg = disp, shared_memory, hz, record_cfg
         library = library or templates.default_library()
-        if assets_root and (Path(assets_root) / "manifest.json").is_file():
+        if self.assets_root and Path(assets_root).is_dir():
             library = library.overlay(Path(assets_root))
         super().__init__(library, Budget(budget))
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])

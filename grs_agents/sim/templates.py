@@ -70,7 +70,7 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     defaults = library.template_defaults(base)
     if not defaults:
         return base
-    values = resolve({**before, **_positive(replace)}, defaults)[0]
+    values = resolve({**before, **_positive(replace, defaults)}, defaults)[0]
     library.filled(base, values)
     label = ",".join(f"{stem}={'x'.join(_short(value) for value in values[stem])}" for stem in sorted(values))
     name = f"{base}#{label}"
@@ -86,21 +86,24 @@ def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[
     defaults = library.template_defaults(base)
     if not defaults:
         return ["it is no template, used as it is"]
-    known, assumed = stems(defaults), resolve(_positive(replace), defaults)[1]
+    known, assumed = stems(defaults), resolve(_positive(replace, defaults), defaults)[1]
     found = [f"{stem} left out takes its default {_row(row)}" for stem, row in assumed.items()]
     found += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
-    negative = [stem for stem in replace if stem in known and _is_length(stem) and _has_negative(replace[stem])]
+    negative = [
+        stem for stem in replace if stem in known and _is_length(stem, defaults) and _has_negative(replace[stem])
+    ]
     return found + [f"{stem} has negative lengths, taken without their sign" for stem in negative]
 
 
-def _is_length(stem: str) -> bool:
-    return stem.startswith(("DIM", "HALF", "SCALE"))
+def _is_length(stem: str, defaults: Values) -> bool:
+    """Whether a stem speaks of lengths; a template without ``DIM``, a corner, has positions under such names."""
+    return "DIM" in defaults and stem.startswith(("DIM", "HALF", "SCALE"))
 
 
-def _positive(replace: Mapping[str, Any]) -> dict[str, Any]:
+def _positive(replace: Mapping[str, Any], defaults: Values) -> dict[str, Any]:
     """Lengths made positive: box corners in the wrong order give negative ones."""
     return {
-        stem: np.abs(value).tolist() if _is_length(stem) and _has_negative(value) else value
+        stem: np.abs(value).tolist() if _is_length(stem, defaults) and _has_negative(value) else value
         for stem, value in replace.items()
     }
 

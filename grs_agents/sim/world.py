@@ -155,11 +155,9 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
     mass = shapes.mass if shapes.mass > 0 else max(0.02, _DENSITY * total)
     for index, (shape, volume) in enumerate(zip(shapes.colliders, volumes, strict=True)):
         geom = _add_geom(spec, body, shape, library, f"{name}_{index}")
-        rolls = shape.kind == "sphere"
+        rolling = _ROLLING if shape.kind == "sphere" else 0.0
         geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
-        geom.condim, geom.friction = (
-            (6, (shapes.friction, 0.01, _ROLLING)) if rolls else (4, (shapes.friction, 0.01, 0))
-        )
+        geom.condim, geom.friction = 6 if rolling else 4, (shapes.friction, 0.01, rolling)
         geom.mass = max(mass * volume / total, 1e-5)
         geom.rgba = item.color or shape.color or (0.7, 0.7, 0.7, 1.0)
     for index, shape in enumerate(shapes.visuals if visuals else ()):

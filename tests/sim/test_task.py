@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at, pose_goal, zone_goal
 
+from grs_agents.library import Library
 from grs_agents.sim import instantiate, rollout
 
 BLOCK = "block/red_block.urdf"
@@ -22,7 +23,7 @@ def test_a_placeholder_left_out_takes_its_default_with_a_warning() -> None:
         env.add_object(task.fill_template(BOX, {"COLOR": (1, 0, 0)}), at(0.4, 0.3, 0.05))
 
     instance = drawn(scene)
-    assert instance.objects[1].fill["DIM"] == Environment().library.template_defaults(BOX)["DIM"]
+    assert instance.objects[1].fill["DIM"] == Library().template_defaults(BOX)["DIM"]
     assert [warning for warning in instance.warnings if "DIM left out" in warning and BOX in warning]
 
 
