@@ -40,6 +40,7 @@ def instance_of(example: Example, seed: int, library: Library) -> TaskInstance:
 def test_there_are_enough_programs_of_enough_families() -> None:
     assert len(EXAMPLES) >= 36
     assert len({example.family for example in EXAMPLES}) >= 12
+    assert [example.name for example in EXAMPLES if not (example.family.isalpha() and example.shows)] == []
 
 
 @EVERY
@@ -67,7 +68,7 @@ def test_the_oracle_solves_it_and_doing_nothing_does_not(example: Example, libra
     assert done.strict >= 0.99, done.episode.shortfalls
     assert done.idle_reward < 0.5
     assert len(done.moved) >= 2
-    assert not done.warnings + instance.warnings
+    assert done.warnings + instance.warnings == ()
 
 
 @EVERY
@@ -75,7 +76,7 @@ def test_its_goals_are_in_words_and_it_leaves_steps_to_spare(example: Example, l
     instance = instance_of(example, SEED, library)
     assert all(goal.language and "{" not in goal.language for goal in instance.goals)
     wanted = {number for goal in instance.goals for number in goal.objects}
-    assert instance.max_steps >= 1.5 * len(wanted)
+    assert instance.primitive == "push" or instance.max_steps >= 1.5 * len(wanted)
 
 
 @EVERY

@@ -21,7 +21,7 @@ TASKS = {
 
 
 def task(name: str, description: str, assets: tuple[str, ...]) -> TaskDefinition:
-    return TaskDefinition(name=name, description=description, assets=assets)
+    return TaskDefinition.model_validate({"name": name, "description": description, "assets": assets})
 
 
 def example(name: str, family: str, words: str) -> Example:
@@ -55,7 +55,7 @@ def test_equals_are_taken_by_the_seed_and_the_choice_is_repeatable() -> None:
 
 @pytest.mark.parametrize(
     ("source", "complaint"),
-    [("x = 1", "family"), ('"""A stack."""', "family"), ("def", "Python"), (None, "no example")],
+    [("def", "Python"), (None, "no example")],
 )
 def test_a_faulty_folder_is_named(tmp_path: Path, source: str | None, complaint: str) -> None:
     if source is not None:
