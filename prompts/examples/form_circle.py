@@ -26,14 +26,16 @@ class FormCircle(Task):
         env.add_object(mat, ((x, y, 0.0005), (0, 0, 0, 1)), "fixed")
         env.add_object("plate/plate.urdf", ((x, y, plate_size[2] / 2), (0, 0, 0, 1)), "fixed")
 
+        # Any cylinder may take any place, so all are of one height, and so are the targets.
+        height = float(env.rng.uniform(0.03, 0.07))
+        dim = (0.04, 0.04, height)
         cylinders = []
         for color in ("red", "orange", "yellow", "green", "blue", "purple"):
-            dim = (0.04, 0.04, float(env.rng.uniform(0.03, 0.07)))
             cylinder = self.fill_template("cylinder/cylinder-template.urdf", {"DIM": dim, "COLOR": utils.COLORS[color]})
             cylinders.append(env.add_object(cylinder, self.get_random_pose(env, dim)))
 
         angles = np.arange(count) * 2 * np.pi / count
-        targets = [((x + radius * np.cos(a), y + radius * np.sin(a), 0.025), (0, 0, 0, 1)) for a in angles]
+        targets = [((x + radius * np.cos(a), y + radius * np.sin(a), height / 2), (0, 0, 0, 1)) for a in angles]
         self.add_goal(
             objs=cylinders,
             matches=np.ones((count, count)),
