@@ -27,11 +27,13 @@ class Request(Frozen):
         simulation: source of the simulation program.
         seeds: one instance is asked for each.
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
+        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
     """
 
     simulation: str
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=1000)] = (0, 1, 2)
     library_roots: tuple[str, ...] = ()
+    robot: str = "ur5e"
 
 
 class Failure(Frozen):
@@ -99,6 +101,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
     compatibility.install()
     library = open_library(request["library_roots"])
+    sim.configure(library, robot=request["robot"])
     items: Sequence[str] = request["items"]
     task: Any = None
     with sandbox.Caught() as loading:

@@ -16,6 +16,7 @@ class Request(Frozen):
         instance: a ``TaskInstance`` as JSON.
         output: the PNG file to write.
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
+        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
         moment: after settling, or when the oracle has finished.
         position, target: of the camera and what it looks at, metres, robot frame.
         width, height: pixels.
@@ -24,6 +25,7 @@ class Request(Frozen):
     instance: dict[str, Any]
     output: str
     library_roots: tuple[str, ...] = ()
+    robot: str = "ur5e"
     moment: Literal["start", "end"] = "start"
     position: Vec3 = (1.35, 0.0, 0.75)
     target: Vec3 = (0.45, 0.0, 0.05)
@@ -63,11 +65,12 @@ def _draw(asked: Request) -> Path:
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)
+    sim.configure(library, instance.seed, asked.robot)
     task = sim.InstanceTask(instance)
     env = sim.Environment(task=task, library=library, seed=instance.seed)
     env.reset()
     if asked.moment == "end":
         sim.solve(env, task)
     view = rendering.View(asked.position, asked.target, height=asked.height, width=asked.width)
-    picture = rendering.render(env.objects, library, env.physics.joints, [view])[0]
+    picture = rendering.render(env.objects, library, env.physics.joints, [view], env.arm)[0]
     return write_bytes(Path(asked.output), rendering.png(picture.color))

@@ -15,11 +15,13 @@ class Request(Frozen):
     Attributes:
         instance: a ``TaskInstance`` as JSON.
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
+        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
         recording: an .npz file to write the motion to, or None.
     """
 
     instance: dict[str, Any]
     library_roots: tuple[str, ...] = ()
+    robot: str = "ur5e"
     recording: str | None = None
 
 
@@ -53,7 +55,9 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     try:
         instance = sim.TaskInstance.model_validate(asked.instance)
         recording = Path(asked.recording) if asked.recording else None
-        done = sim.rollout(instance, open_library(asked.library_roots), recording)
+        library = open_library(asked.library_roots)
+        sim.configure(library, instance.seed, asked.robot)
+        done = sim.rollout(instance, library, recording)
     except (GrsError, ValueError) as error:
         return Result(rollout=None, outcome="error", error=str(error)).model_dump(mode="json")
     return Result(rollout=done.model_dump(mode="json")).model_dump(mode="json")

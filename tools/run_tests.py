@@ -18,6 +18,7 @@ class Request(Frozen):
         tests: source of its unit tests, which import the program as ``task_code``.
         simulation_name: another module name the tests may import the program by.
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
+        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
         seed: seeds ``random`` and ``numpy.random`` before each test.
     """
 
@@ -25,6 +26,7 @@ class Request(Frozen):
     tests: str
     simulation_name: str = "task_code"
     library_roots: tuple[str, ...] = ()
+    robot: str = "ur5e"
     seed: int = Field(default=0, ge=0, lt=2**32)
 
 
@@ -43,7 +45,7 @@ def run(request: Request, context: ToolContext) -> Result:
         seed=request.seed,
         clear="grs_agents.sim:clear_episodes",
         episode="grs_agents.sim:last_episode",
-        extra={"library_roots": request.library_roots},
+        extra={"library_roots": request.library_roots, "robot": request.robot},
     )
     return Result(report=sandbox.run_tests(context.sandbox, "run_tests", programs, context.limits))
 
@@ -54,5 +56,6 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     from grs_agents.sim import compatibility
 
     compatibility.install()
-    sim.configure(open_library(request["extra"]["library_roots"]), request["seed"])
+    extra = request["extra"]
+    sim.configure(open_library(extra["library_roots"]), request["seed"], extra["robot"])
     return sandbox.run_tests_inside(request)

@@ -95,6 +95,7 @@ class Config(Frozen):
         policy: who decides between fixing code and tests: ``llm``, ``rules``, ``always_code``, a dotted path
             (``package.module:Policy``) or an entry point in the group ``grs_agents.policies``.
         seed: the seed of everything random, the offline model's choices included.
+        robot: the arm behind the table: ``ur5e``, ``panda`` or the path of an MJCF file (``.xml``) of one's own.
         max_fixes: code and test fixes together.
         reply_retries: how often a reply that does not parse is asked for again, with the error.
         models: chat model by role.
@@ -103,6 +104,7 @@ class Config(Frozen):
     graph: str = "grs"
     policy: str = "llm"
     seed: int = Field(default=0, ge=0, lt=2**31)
+    robot: str = Field(default="ur5e", pattern=r"^(ur5e|panda|.*\.(xml|mjcf))$", max_length=4096)
     max_fixes: int = Field(default=10, ge=0, le=1000)
     reply_retries: int = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})

@@ -31,6 +31,7 @@ class Library:
         self._root_of: dict[str, Path] = {}
         self._models: dict[str, ObjectModel] = {}
         self._own: dict[str, Asset] = {}
+        self._texts: dict[str, str] = {}
         self._filled: dict[tuple[str, str], ObjectModel] = {}
         for root in self.roots:
             for asset in read_manifest(root).assets:
@@ -106,11 +107,12 @@ class Library:
             UnknownNameError: nothing has that name.
             InputError: a value is not a finite number, or the file cannot be read.
         """
-        try:
-            text = self.path(name).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"cannot read {self.path(name)}: {error}", "restore the template") from error
-        return fill_template(text, replace, self.asset(name).template)
+        if name not in self._texts:
+            try:
+                self._texts[name] = self.path(name).read_text("utf-8")
+            except (OSError, UnicodeDecodeError) as error:
+                raise InputError(f"cannot read {self.path(name)}: {error}", "restore the template") from error
+        return fill_template(self._texts[name], replace, self.asset(name).template)
 
     def filled(self, name: str, replace: Values) -> ObjectModel:
         """What a template says once ``replace`` and its defaults are filled in; errors as `fill_template`."""

@@ -28,7 +28,7 @@ def measure(simulation: str, services: Services) -> Measured:
     never imported it."""
     roots = [str(root) for root in services.library.roots]
     seeds = [services.config.seed + step for step in range(services.config.audit.seeds)]
-    result = services.tool("instantiate", simulation=simulation, seeds=seeds, library_roots=roots)
+    result = services.tool("instantiate", simulation=simulation, seeds=seeds, library_roots=roots, robot=services.robot)
     failures = [f"seed {failure.seed}: {failure.outcome}: {failure.message}" for failure in result.failures]
     for stale in (services.folder / "instances").glob("seed_*"):  # of the program before this one
         stale.unlink()
@@ -42,6 +42,7 @@ def measure(simulation: str, services: Services) -> Measured:
             "rollout",
             instance=instance.model_dump(mode="json"),
             library_roots=roots,
+            robot=services.robot,
             recording=str((services.folder / recording).resolve()),
         )
         if outcome.rollout is None:

@@ -24,6 +24,7 @@ def run_tests(state: RunState, services: Services) -> Update:
         simulation=state["simulation"],
         tests=state["tests"],
         library_roots=[str(root) for root in services.library.roots],
+        robot=services.robot,
         seed=services.config.seed,
     )
     report: TestReport = result.report

@@ -17,6 +17,7 @@ from grs_agents.errors import ConfigError
 from grs_agents.library import Library
 from grs_agents.policies import Policy
 from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.sim.arms import ROBOTS, get_arm
 from grs_agents.state import RunState
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, NodeEnded, NodeStarted
@@ -60,6 +61,21 @@ class Services:
         """The shipped assets with the run's own proxies laid over."""
         proxies = self.folder / "assets"
         return Library().overlay(proxies) if proxies.is_dir() else Library()
+
+    @property
+    def robot(self) -> str:
+        """The arm's name, or the absolute path of its file: tools run in folders of their own."""
+        robot = self.config.robot
+        return robot if robot in ROBOTS else str(Path(robot).resolve())
+
+    def __post_init__(self) -> None:
+        """Refuse a robot that cannot be used before anything is spent on the run.
+
+        Raises:
+            InputError: its file cannot be read or holds no arm.
+        """
+        if self.robot not in ROBOTS:
+            get_arm(self.robot)
 
     def tool(self, name: str, **request: Any) -> Any:
         """Run the tool called ``name`` with a request made of ``request``.

@@ -56,6 +56,7 @@ def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
                 tests=tests,
                 simulation_name=order.simulation.stem,
                 library_roots=[str(root) for root in services.library.roots],
+                robot=services.robot,
                 seed=order.config.seed,
             ).report
         measured = measure(simulation, services)

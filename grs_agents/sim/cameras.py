@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from grs_agents.library import Library
 from grs_agents.sim import rendering, utils
+from grs_agents.sim.arm import Arm
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.episode import SimulationError
 from grs_agents.sim.instance import InstanceObject
@@ -40,8 +41,9 @@ AGENT_CAMERAS: tuple[CameraConfig, ...] = tuple(config_of(view) for view in (FRO
 
 
 def photograph(
-    objects: Sequence[InstanceObject], library: Library, joints: FloatArray, config: Mapping[str, Any]
-) -> rendering.Picture:
+    objects: Sequence[InstanceObject], library: Library, joints: FloatArray, config: Mapping[str, Any],
+    arm: Arm | None = None,
+) -> rendering.Picture:  # fmt: skip
     """What a configured camera sees.
 
     Raises:
@@ -62,4 +64,5 @@ def photograph(
         )
     pixels: FloatArray = np.indices((height, width)).astype(np.float64) + 0.5
     local = np.stack([(pixels[1] - cx) / fx, (pixels[0] - cy) / fy, np.ones((height, width))], axis=-1)
-    return rendering.cast(objects, library, joints, np.array(position), local @ utils.rotation_matrix(rotation).T)
+    directions = local @ utils.rotation_matrix(rotation).T
+    return rendering.cast(objects, library, joints, np.array(position), directions, arm)

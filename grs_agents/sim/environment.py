@@ -11,6 +11,7 @@ from grs_agents.base import Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
 from grs_agents.sim import bullet, ends, templates
+from grs_agents.sim.arms import get_arm
 from grs_agents.sim.episode import (
     ActionRecord,
     Episode,
@@ -21,7 +22,7 @@ from grs_agents.sim.episode import (
 )  # fmt: skip
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.observation import Observation
-from grs_agents.sim.physics import DEFAULT_BUDGET, Budget, home_joints
+from grs_agents.sim.physics import DEFAULT_BUDGET, Budget
 from grs_agents.sim.primitives import PickPlace, PickPlaceResult
 from grs_agents.sim.strict import StrictScorer
 from grs_agents.sim.workcell import Workcell
@@ -45,6 +46,7 @@ class Environment(Workcell):
         library: 3D assets; None for the shipped ones.
         seed: of ``rng``, which places objects at random; None for the process's default.
         budget: simulated steps this environment may use.
+        robot: ``"ur5e"``, ``"panda"`` or the path of an MJCF file; None for the process's default.
 
     Example::
 
@@ -65,13 +67,14 @@ class Environment(Workcell):
         library: Library | None = None,
         seed: int | None = None,
         budget: int = DEFAULT_BUDGET,
+        robot: str | None = None,
     ) -> None:
         self.assets_root = str(assets_root)
         self.disp, self.shared_memory, self.hz, self.record_cfg = disp, shared_memory, hz, record_cfg
         library = library or templates.default_library()
         if self.assets_root and Path(assets_root).is_dir():
             library = library.overlay(Path(assets_root))
-        super().__init__(library, Budget(budget))
+        super().__init__(library, Budget(budget), get_arm(robot or templates.default_robot()))
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
         self.pix_size = 0.003125
         self.task: Task | None = None
@@ -141,8 +144,8 @@ class Environment(Workcell):
     @property
     def observation(self) -> Observation:
         """``{'color': three images, 'depth': three images}``, rendered when they are read."""
-        joints = home_joints() if self._physics is None else self._physics.joints
-        return Observation(self.objects, self.library, joints)
+        joints = self.homej if self._physics is None else self._physics.joints
+        return Observation(self.objects, self.library, joints, self.arm)
 
     @property
     def episode(self) -> Episode:

@@ -103,6 +103,11 @@ def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
     return found
 
 
+def lowest(model: ObjectModel, pose: Pose) -> float:
+    """The height of the lowest point of an object's colliders at ``pose``, metres."""
+    return min((float(utils.apply(pose, local)[2].min()) for local in _local_points(model)), default=pose[0][2])
+
+
 def footprint(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
     """One prism around the whole object at ``pose``; a mark without colliders is a flat one."""
     local = _local_points(model)

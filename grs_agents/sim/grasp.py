@@ -13,8 +13,26 @@ from grs_agents.sim.physics import Physics
 FloatArray = npt.NDArray[np.float64]
 _SPACING: Final = 0.009
 _MOST: Final = 120
-_ANGLES: Final = np.arange(6) * (np.pi / 3)
+_ANGLES: Final = np.arange(8) * (np.pi / 4)
 _RING: Final = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+
+_RIM: Final = 0.008
+"""Where the lip of the cup seals, metres from its axis."""
+_GIVE: Final = 0.003
+"""How far the lip follows a surface that falls away: so a ball of more than 12 mm radius seals, metres."""
+SEALED: Final = 0.7
+"""The share of the lip that must be on the object for the cup to hold it."""
+
+
+def seal(physics: Physics, number: int) -> float:
+    """The share of the cup's lip, where the cup is now, that lies on an object: 0..1."""
+    matrix: FloatArray = np.array(physics.data.site_xmat[physics.world.tip_site]).reshape(3, 3)
+    axis, start = matrix[:, 2], np.asarray(physics.tip) - 0.02 * matrix[:, 2]
+    depth, owner = physics.ray(start, axis)
+    if owner != number or abs(depth - 0.02) > 0.02:
+        return 0.0
+    rays = [physics.ray(start + _RIM * (dx * matrix[:, 0] + dy * matrix[:, 1]), axis) for dx, dy in _RING]
+    return sum(other == number and abs(far - depth) <= _GIVE for far, other in rays) / len(rays)
 
 
 @dataclass(frozen=True)
@@ -78,11 +96,11 @@ def _roughness(physics: Physics, number: int, x: float, y: float, height: float)
     """How little of the cup's rim would touch (0 all, 0.024 none), and which other object stands in its way, or -1."""
     missing, step = 0, 0.0
     for dx, dy in _RING:
-        for radius in (0.008, 0.013):
+        for radius in (_RIM, 0.013):
             around, owner = physics.height_below(x + radius * float(dx), y + radius * float(dy))
             if owner != number and around > height + 0.005:
                 return 1.0, owner
-            if around > height + 0.003:
+            if around > height + _GIVE:
                 step = 0.05  # the object's own higher part: only if there is nothing better
-            missing += radius < 0.01 and (owner != number or around < height - 0.003)
-    return 0.004 * missing + step, -1
+            missing += radius < 0.01 and (owner != number or around < height - _GIVE)
+    return 0.003 * missing + step, -1

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.sim import kinematics, targets, utils
+from grs_agents.sim import targets, utils
 from grs_agents.sim.episode import Stop
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.grasp import find_hold
@@ -118,9 +118,9 @@ class Oracle:
         name, position = view.name(number), view.pose(number)[0]
         if not view.is_free(number):
             return Stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", (name,))
-        if not kinematics.can_reach((position[0], position[1], view.outline(number).high)):
+        if not self.env.arm.can_reach((position[0], position[1], view.outline(number).high)):
             where = f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f})"
-            note = reach_note((position[0], position[1], view.outline(number).high))
+            note = reach_note((position[0], position[1], view.outline(number).high), self.env.arm)
             return Stop("unreachable", f"object {name} at {where} {note}", (name,))
         hold = find_hold(view.physics, number, position, view.outline(number))
         if hold.point is not None:

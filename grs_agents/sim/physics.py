@@ -6,12 +6,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Pose, Vec3
-from grs_agents.sim import kinematics, utils
+from grs_agents.base import Pose, Quat, Vec3
+from grs_agents.sim import utils
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.episode import SimulationBudgetError
 from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.robot import HOME
+from grs_agents.sim.kinematics import DOWN
+from grs_agents.sim.suction import Cup
 from grs_agents.sim.world import World, place
 
 FloatArray = npt.NDArray[np.float64]
@@ -21,11 +22,8 @@ _ARRIVED: Final = 0.002
 """Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
 _GENTLE: Final = 0.15
 """Fastest a body may be pushed out of another while the scene settles at reset, m/s."""
-
-
-def home_joints() -> FloatArray:
-    """Joint angles (6,) of the waiting arm, radians."""
-    return kinematics.solve(np.array([HOME]), np.zeros(1))[0]
+_SOLID: Final = np.array([1, 0, 0, 1, 0, 0], dtype=np.uint8)
+"""Geom groups that a ray meets: objects' colliders and the table, not the arm."""
 
 
 class Budget:
@@ -54,7 +52,7 @@ class Physics:
         world: the compiled model.
         budget: shared by the worlds of one environment.
         objects: where everything stands.
-        joints: joint angles (6,) to start from, None for home.
+        joints: joint positions (dof,) to start from, None for home.
     """
 
     def __init__(
@@ -62,23 +60,29 @@ class Physics:
     ) -> None:
         self.world, self.budget = world, budget
         self.model: Any = world.model
-        self.data: Any = mujoco.MjData(self.model)
-        place(world, self.data, objects)
+        self.data: Any = world.data
+        place(world, objects)
         self.timestep = float(self.model.opt.timestep)
+        self.arm, self.dof = world.arm, world.arm.dof
         if joints is None:
-            joints = home_joints()
-        self.data.qpos[:6] = joints
-        self.data.ctrl[:6] = joints
-        gain = self.model.actuator_gainprm[:6, 0]
-        self._lead: FloatArray = -self.model.actuator_biasprm[:6, 2] / gain
-        self.held: int | None = None
+            joints = self.arm.home
+        self.data.qpos[: self.dof] = joints
+        self.data.ctrl[: self.dof] = joints
+        gain = self.model.actuator_gainprm[: self.dof, 0]
+        self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / gain
+        self.cup = Cup(world, self.data)
         self.observer: Callable[[], None] | None = None
         mujoco.mj_forward(self.model, self.data)
 
     @property
     def joints(self) -> FloatArray:
-        """Joint angles (6,), radians."""
-        return np.array(self.data.qpos[:6])
+        """Joint positions (dof,) of the arm: radians, or metres of a slide."""
+        return np.array(self.data.qpos[: self.dof])
+
+    @property
+    def commanded(self) -> FloatArray:
+        """The joint positions (dof,) that the arm is told to keep."""
+        return np.array(self.data.ctrl[: self.dof])
 
     @property
     def tip(self) -> Vec3:
@@ -90,15 +94,22 @@ class Physics:
         matrix = self.data.site_xmat[self.world.tip_site]
         return float(np.arctan2(matrix[3], matrix[0]))
 
+    def tip_rotation(self) -> Quat:
+        """How the tool is turned from straight down, xyzw."""
+        matrix = np.asarray(self.data.site_xmat[self.world.tip_site]).reshape(3, 3) @ DOWN
+        rotation = np.empty(4)
+        mujoco.mju_mat2Quat(rotation, np.ascontiguousarray(matrix).ravel())
+        return utils.quat(rotation[[1, 2, 3, 0]])
+
     def pose(self, number: int) -> Pose:
         """Position and rotation (xyzw) of an object."""
         body = self.world.bodies[number]
         w, x, y, z = self.data.xquat[body].tolist()
         return utils.vec3(self.data.xpos[body].tolist()), utils.quat((x, y, z, w))
 
-    def snapshot(self) -> Any:
-        """A copy of the whole state, sleep included, for ``restore``."""
-        saved = mujoco.MjData(self.model)
+    def snapshot(self, onto: Any = None) -> Any:
+        """A copy of the whole state, sleep included, for ``restore``; ``onto`` an older copy, which it replaces."""
+        saved = mujoco.MjData(self.model) if onto is None else onto
         mujoco.mj_copyData(saved, self.model, self.data)
         return saved
 
@@ -113,20 +124,29 @@ class Physics:
         mujoco.mj_forward(self.model, self.data)
 
     def step(self, count: int = 1) -> None:
-        """Simulate ``count`` time steps."""
+        """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``)."""
         self.budget.spend(count)
-        if self.observer is None:
+        cup = self.cup
+        if cup.held is None and self.observer is None:
             mujoco.mj_step(self.model, self.data, count)
             return
-        for _ in range(count):
-            mujoco.mj_step(self.model, self.data)
-            self.observer()
+        while count > 0:
+            part = 1 if self.observer is not None else min(count, cup.due)
+            mujoco.mj_step(self.model, self.data, part)
+            if self.observer is not None:
+                self.observer()
+            count -= part
+            cup.watch(part)
+
+    def mass(self, number: int) -> float:
+        """Of an object, kg."""
+        return float(self.model.body_mass[self.world.bodies[number]])
 
     def speed(self) -> float:
         """The fastest free body, m/s (turning counts a radian as 0.1 m)."""
-        if self.model.nv <= 6:
+        if self.model.nv <= self.dof:
             return 0.0
-        velocity = np.abs(self.data.qvel[6:].reshape(-1, 6))
+        velocity = np.abs(self.data.qvel[self.dof :].reshape(-1, 6))
         return float(max(velocity[:, :3].max(), 0.1 * velocity[:, 3:].max()))
 
     def speed_of(self, number: int) -> float:
@@ -149,7 +169,7 @@ class Physics:
         """Let overlapping bodies part slowly rather than burst: their speed is held down at every step."""
         for _ in range(int(seconds / self.timestep)):
             self.step()
-            velocity = self.data.qvel[6:]
+            velocity = self.data.qvel[self.dof :]
             np.clip(velocity, -_GENTLE, _GENTLE, out=velocity)
             if self.data.ncon == 0 or float(self.data.contact.dist.min()) > -0.001:
                 return
@@ -173,29 +193,16 @@ class Physics:
         robot = (self.model.geom_contype[pairs] == 2).any(axis=1)
         return bool((mine & upright & ~robot).any())
 
-    def grasp(self, number: int) -> None:
-        """Switch suction on: the object keeps its present pose relative to the cup."""
-        weld, cup, body = self.world.welds[number], self.world.cup_body, self.world.bodies[number]
-        back, relative, rotation = np.empty(4), np.empty(3), np.empty(4)
-        mujoco.mju_negQuat(back, self.data.xquat[cup])
-        mujoco.mju_rotVecQuat(relative, self.data.xpos[body] - self.data.xpos[cup], back)
-        mujoco.mju_mulQuat(rotation, back, self.data.xquat[body])
-        row = self.model.eq_data[weld]
-        row[0:3], row[3:6], row[6:10], row[10] = 0.0, relative, rotation, 1.0
-        self.data.eq_active[weld] = 1
-        self.held = number
-
-    def release(self) -> None:
-        """Switch suction off."""
-        if self.held is not None:
-            self.data.eq_active[self.world.welds[self.held]] = 0
-        self.held = None
+    @property
+    def held(self) -> int | None:
+        """Id of the object on the cup."""
+        return self.cup.held
 
     def follow(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
-        """Drive the arm through joint angles (N, 6), one row a time step.
+        """Drive the arm through joint positions (N, dof), one row a time step.
 
         Args:
-            path: finite joint angles, radians.
+            path: finite joint positions.
             stop: asked at every other step; the arm halts where it is as soon as it is true.
 
         Returns:
@@ -203,29 +210,40 @@ class Physics:
         """
         rate = np.gradient(path, self.timestep, axis=0) if len(path) > 1 else np.zeros_like(path)
         commands = path + rate * self._lead
-        control = self.data.ctrl
+        control, dof = self.data.ctrl, self.dof
         for index, command in enumerate(commands):
-            control[:6] = command
+            control[:dof] = command
             self.step()
             if stop is not None and index % 2 and stop():
-                control[:6] = self.data.qpos[:6]
+                control[:dof] = self.data.qpos[:dof]
                 return True
-        control[:6] = path[-1]
+        control[:dof] = path[-1]
         return False
 
     def arrive(self, joints: FloatArray, steps: int = 60) -> None:
-        """Let the arm, which lags behind a fast motion, come to joint angles (6,), at most ``steps`` time steps."""
+        """Let the arm, which lags behind a fast motion, come to joint positions (dof,) in at most ``steps`` steps."""
         for _ in range(0, steps, 4):
-            if float(np.abs(self.data.qpos[:6] - joints).max()) < _ARRIVED:
+            if float(np.abs(self.data.qpos[: self.dof] - joints).max()) < _ARRIVED:
                 return
             self.step(4)
 
     def height_below(self, x: float, y: float, top: float = 1.0) -> tuple[float, int]:
         """Where a ray straight down first meets something that can be touched: (height, object id or -1)."""
+        distance, owner = self.ray((x, y, top), (0.0, 0.0, -1.0))
+        return (0.0, -1) if distance < 0 else (top - distance, owner)
+
+    def ray(self, start: Sequence[float] | FloatArray, direction: Sequence[float] | FloatArray) -> tuple[float, int]:
+        """How far off a ray first meets something that can be touched, and its object's id or -1.
+
+        Args:
+            start: metres.
+            direction: of unit length.
+
+        Returns:
+            (metres, id); (-1, -1) where it meets nothing.
+        """
         geom = np.array([-1], dtype=np.int32)
-        groups = np.array([1, 0, 0, 1, 0, 0], dtype=np.uint8)
-        start, down = np.array([x, y, top]), np.array([0.0, 0.0, -1.0])
-        distance = float(mujoco.mj_ray(self.model, self.data, start, down, groups, 1, -1, geom))
-        if distance < 0:
-            return 0.0, -1
-        return top - distance, self.world.owners[int(geom[0])]
+        distance = float(
+            mujoco.mj_ray(self.model, self.data, np.asarray(start), np.asarray(direction), _SOLID, 1, -1, geom)
+        )
+        return (distance, self.world.owners[int(geom[0])]) if distance >= 0 else (-1.0, -1)

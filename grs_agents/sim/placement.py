@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.sim import kinematics, utils
+from grs_agents.sim import utils
+from grs_agents.sim.arm import Arm
 from grs_agents.sim.geometry import Prism, gaps, inside_margin, rectangle, rest_heights, turn
 
 FloatArray = npt.NDArray[np.float64]
@@ -20,8 +21,9 @@ _LEVEL: Final = 0.012
 
 
 def random_pose(
-    size: Sequence[float], bounds: FloatArray, obstacles: Sequence[Prism], rng: np.random.Generator, gap: float = 0.01
-) -> Pose | None:
+    size: Sequence[float], bounds: FloatArray, obstacles: Sequence[Prism], rng: np.random.Generator,
+    arm: Arm, gap: float = 0.01,
+) -> Pose | None:  # fmt: skip
     """A pose on the table where a box of ``size`` (m) stands free and the arm reaches it, or None.
 
     Args:
@@ -29,6 +31,7 @@ def random_pose(
         bounds: (3, 2) lowest and highest x, y, z.
         obstacles: what is there already.
         rng: drawn from.
+        arm: that is to reach it.
         gap: free space asked for around it, metres.
     """
     x, y, z = (max(abs(float(extent)), 0.001) for extent in size)
@@ -36,7 +39,7 @@ def random_pose(
         yaw = float(rng.uniform(-np.pi, np.pi))
         outline = rectangle((0.0, 0.0), (x, y), yaw)
         offsets = rng.uniform(bounds[:2, 0], bounds[:2, 1], size=(_BATCH, 2))
-        free = _free(outline, z, offsets, bounds, obstacles, gap)
+        free = _free(outline, z, offsets, bounds, obstacles, arm, gap)
         if free.any():
             chosen = offsets[int(np.argmax(free))]
             rotation = utils.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
@@ -45,8 +48,9 @@ def random_pose(
 
 
 def _free(
-    outline: FloatArray, top: float, offsets: FloatArray, bounds: FloatArray, obstacles: Sequence[Prism], gap: float
-) -> npt.NDArray[np.bool_]:
+    outline: FloatArray, top: float, offsets: FloatArray, bounds: FloatArray, obstacles: Sequence[Prism], arm: Arm,
+    gap: float,
+) -> npt.NDArray[np.bool_]:  # fmt: skip
     around = np.array(
         [
             [bounds[0, 0], bounds[1, 0]],
@@ -57,7 +61,7 @@ def _free(
     )
     free = inside_margin(outline, around, offsets) >= 0
     for height in (top, top + 0.15):
-        free &= kinematics.reachable(np.column_stack([offsets, np.full(len(offsets), height)]))
+        free &= arm.reachable(np.column_stack([offsets, np.full(len(offsets), height)]))
     for obstacle in obstacles:
         free &= gaps(outline, obstacle.outline, offsets) >= gap
     return free

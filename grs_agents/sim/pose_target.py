@@ -66,8 +66,8 @@ def _at_pose(target: Pose, number: int, symmetry: float, task: "Task", view: Sce
             best = (height, angle)
     height, angle = best or (0.0, 0.0)
     tip = (target[0][0], target[0][1], height + lift)
-    if not Suits(lift)(offset, np.array([height]))[0]:
-        return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip)}", (name,))
+    if not Suits(lift, view.env.arm)(offset, np.array([height]))[0]:
+        return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip, view.env.arm)}", (name,))
     shape = turned(body, np.asarray(pose[0][:2]), angle)
     wanted = target[0][2] - (pose[0][2] - body.low)
     blocker = _blocker(shape, offset, others, height, max(0.0, wanted) + 0.02, view)

@@ -1,4 +1,4 @@
-"""The pick-and-place primitive: suction gated on contact, placing until contact, typed failure."""
+"""The pick-and-place primitive: suction gated on contact and seal, placing until contact, typed failure."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,10 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.sim import kinematics, utils
+from grs_agents.sim import grasp, utils
 from grs_agents.sim.geometry import Prism
+from grs_agents.sim.motion import ToolPose, highest_along, move, pace, routes, split, sweep, upward
 from grs_agents.sim.physics import Physics
 from grs_agents.sim.robot import CUP_RADIUS
+from grs_agents.sim.suction import HOLDING_FORCE
 
 FloatArray = npt.NDArray[np.float64]
 FREE_SPEED: Final = 1.2
@@ -21,7 +23,8 @@ TOUCH_SPEED: Final = 0.06
 _CLEARANCE: Final = 0.03
 _LOWEST: Final = 0.001
 _RETREAT: Final = 0.06
-_DETOURS: Final = (0.35, 0.45, 0.28, 0.55, 0.70)
+_TURNS: Final = tuple(turn * np.pi / 2 for turn in (0, 1, -1, 2, -2, 3, -3, 4, -4))
+"""How the tool may be turned before it picks, so that the wrist can then make the turn that is asked for."""
 
 
 @dataclass(frozen=True)
@@ -39,66 +42,8 @@ class PickPlaceResult:
     note: str
 
 
-@dataclass(frozen=True)
-class Motion:
-    """A stretch of the tip's way: joint angles (N, 6), one a time step."""
-
-    joints: FloatArray
-
-    @property
-    def possible(self) -> bool:
-        """Whether the arm can follow it all."""
-        return bool(np.isfinite(self.joints).all())
-
-
-def sweep(start: Vec3, end: Vec3, samples: int) -> FloatArray:
-    """Points (samples, 3) from start to end that keep their distance from the base axis in between."""
-    radius = np.hypot([start[0], end[0]], [start[1], end[1]])
-    angle = np.arctan2([start[1], end[1]], [start[0], end[0]])
-    share = np.linspace(0.0, 1.0, samples)
-    share = share * share * (3 - 2 * share)
-    r = radius[0] + share * (radius[1] - radius[0])
-    a = angle[0] + share * (angle[1] - angle[0])
-    return np.stack([r * np.cos(a), r * np.sin(a), start[2] + share * (end[2] - start[2])], axis=1)
-
-
-def move(timestep: float, start: Vec3, end: Vec3, yaws: tuple[float, float], speed: float) -> Motion:
-    """The motion from start to end, the tool turning between two yaws (radians), smooth at both ends."""
-    turning = abs(yaws[1] - yaws[0])
-    length = float(np.linalg.norm(np.subtract(end, start))) + 0.25 * turning
-    samples = max(4, int(1.5 * length / speed / timestep))
-    points = sweep(start, end, samples)
-    share = np.linspace(0.0, 1.0, samples)
-    share = share * share * (3 - 2 * share)
-    return Motion(kinematics.solve(points, yaws[0] + share * (yaws[1] - yaws[0])))
-
-
-def highest_along(start: Vec3, end: Vec3, radius: float, obstacles: Sequence[Prism]) -> float:
-    """The top of the highest obstacle that comes within ``radius`` of the way from start to end."""
-    if not obstacles:
-        return 0.0
-    points = sweep(start, end, 24)[:, :2]
-    boxes = np.array([obstacle.box for obstacle in obstacles])
-    outside = np.maximum(boxes[:, None, :2] - points[None], points[None] - boxes[:, None, 2:])
-    near = np.linalg.norm(np.maximum(outside, 0.0), axis=2).min(axis=1) < radius
-    heights = np.array([obstacle.high for obstacle in obstacles])
-    return float(heights[near].max()) if near.any() else 0.0
-
-
-def routes(start: Vec3, end: Vec3) -> list[list[Vec3]]:
-    """Ways over the table: straight first, then drawn in (or out) to a circle around the base and along it."""
-    found: list[list[Vec3]] = [[start, end]]
-    for radius in _DETOURS:
-        corners = [
-            (radius * float(np.cos(angle)), radius * float(np.sin(angle)), start[2])
-            for angle in (np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0]))
-        ]
-        found.append([start, *corners, end])
-    return found
-
-
 class PickPlace:
-    """Picks with the suction cup at one pose and places at another, tool pointing down.
+    """Picks with the suction cup, tool pointing down, and places, the tool tilted if the poses ask for it.
 
     Args:
         physics: the running world.
@@ -108,38 +53,62 @@ class PickPlace:
 
     def __init__(self, physics: Physics, obstacles: Sequence[Prism], names: dict[int, str]) -> None:
         self.physics, self.obstacles, self.names = physics, obstacles, names
-        self.yaw = physics.tip_yaw()
+        self.arm = physics.arm
+        self.yaw, self.tilt = split(physics.tip_rotation())
+        self._hindrance = ""
 
     def run(self, pick: Pose, place: Pose) -> PickPlaceResult:
-        """Do it. ``pick`` is where the cup touches; ``place`` is where the cup is to be, lowered until contact."""
-        grasped, note = self._pick(utils.vec3(pick[0]))
+        """Do it. ``pick`` is where the cup touches; ``place`` is where the cup is to be, lowered until contact.
+
+        What is held is turned, and tilted, as ``place`` is against ``pick``.
+        """
+        turn, tilt = split(utils.multiply_quaternions(utils.quat(place[1]), utils.invert(((0, 0, 0), pick[1]))[1]))
+        ready = self._ready(utils.vec3(pick[0]), utils.vec3(place[0]), turn)
+        grasped, note = self._pick(utils.vec3(pick[0]), ready)
         if grasped is None:
             return PickPlaceResult(None, False, note)
-        yaw = self.yaw + _nearest_turn(utils.yaw_of(place[1]) - utils.yaw_of(pick[1]))
-        note = self._place(grasped, utils.vec3(place[0]), yaw)
+        note = self._place(grasped, ToolPose(utils.vec3(place[0]), self.yaw + turn, tilt))
         return PickPlaceResult(grasped, note == "placed", note)
 
-    def _pick(self, point: Vec3) -> tuple[int | None, str]:
+    def _ready(self, pick: Vec3, place: Vec3, turn: float) -> float:
+        """The tool's yaw at which to pick so that the wrist's limits allow the turn to the place afterwards."""
+        tip, seed = self.physics.tip, self.physics.commanded
+        height = max(tip[2], pick[2], place[2])
+        stops = [(x, y, height) for x, y, _ in (tip, pick, place)]
+        for first in _TURNS:
+            counts = [4 + int(2 * abs(angle)) for angle in (first, turn)]
+            points = np.vstack([sweep(stops[leg], stops[leg + 1], count) for leg, count in enumerate(counts)])
+            before, after = (np.linspace(0.0, 1.0, count) for count in counts)
+            yaws = self.yaw + np.concatenate([before * first, first + after * turn])
+            if self.arm.within_limits(self.arm.solve(points, yaws, seed)):
+                return self.yaw + first
+        return self.yaw
+
+    def _pick(self, point: Vec3, yaw: float) -> tuple[int | None, str]:
         physics = self.physics
-        wound = float(physics.data.ctrl[5])
-        unwind = 2 * np.pi * float(np.sign(wound)) if abs(wound) > 1.2 * np.pi else 0.0
-        near = (point[0], point[1], point[2] + 0.008)
-        if not self._travel(near, self.yaw + unwind, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
-            return None, f"the arm cannot reach {_at(point)} with the tool down"
-        lowest = (point[0], point[1], max(_LOWEST, point[2] - 0.03))
-        descent = move(physics.timestep, near, lowest, (self.yaw, self.yaw), TOUCH_SPEED)
-        if not descent.possible:
-            return None, f"the arm cannot reach {_at(lowest)} with the tool down"
-        self._follow(descent, lambda: bool(physics.touched()))
+        near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
+        if not self._travel(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
+            return None, f"the arm cannot reach {_at(point)} with the tool down{self._hindrance}"
+        lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
+        if not self._descend(near, lowest, lambda: bool(physics.touched())):
+            return None, f"the arm cannot reach {_at(lowest.point)} with the tool down{self._hindrance}"
         touched = sorted(physics.touched() & physics.world.welds.keys())
         if not touched:
             fixed = sorted(physics.touched())
             what = f"{self.names[fixed[0]]}, which is fixed," if fixed else "nothing to grasp"
             return None, f"{what} at {_at(point)}"
-        physics.grasp(touched[0])
-        return touched[0], "grasped"
+        best = max(touched, key=lambda number: grasp.seal(physics, number))
+        share = grasp.seal(physics, best)
+        if share < grasp.SEALED and best not in physics.world.limp:
+            self._retreat()
+            return None, (
+                f"the cup finds no seal on {self.names[best]} at {_at(point)}: {share:.0%} of its lip lies on it, "
+                f"it needs {grasp.SEALED:.0%}"
+            )
+        physics.cup.grasp(best)
+        return best, "grasped"
 
-    def _place(self, grasped: int, point: Vec3, yaw: float) -> str:
+    def _place(self, grasped: int, place: ToolPose) -> str:
         physics, tip = self.physics, self.physics.tip
         own = [obstacle for obstacle in self.obstacles if obstacle.owner == grasped]
         others = [obstacle for obstacle in self.obstacles if obstacle.owner != grasped]
@@ -147,92 +116,131 @@ class PickPlace:
         radius = max(
             (float(np.linalg.norm(prism.outline - np.asarray(tip[:2]), axis=1).max()) for prism in own), default=0.05
         )
-        near = (point[0], point[1], point[2] + 0.012)
-        if not self._travel(near, yaw, radius + 0.01, drop, others, HELD_SPEED):
+        up = upward(place.tilt)
+        tilted = bool(up[2] < 1.0)
+        hanging = float(np.hypot(radius, drop)) if tilted else drop
+        near = place.moved(0.012 * up)
+        if not self._travel(near, (hanging if tilted else radius) + 0.01, hanging, others, HELD_SPEED):
+            if physics.held is None:
+                self._retreat()
+                return self._dropped(grasped)
             self._put_down()
-            return f"the arm cannot carry {self.names[grasped]} over its neighbours to {_at(point)}"
-        lowest = (point[0], point[1], max(drop - 0.01, point[2] - 0.25, _LOWEST))
-        descent = move(physics.timestep, near, lowest, (yaw, yaw), TOUCH_SPEED)
-        if descent.possible:
-            self._follow(descent, lambda: physics.supported(grasped))
+            how = f"over its neighbours to {_at(place.point)}" + (" so tilted" if tilted else "")
+            return f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
+        deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
+        lowest = place.moved(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
+        self._descend(near, lowest, lambda: physics.held is None or physics.supported(grasped))
         physics.step(10)
         held = physics.held == grasped
-        self._release()
-        return "placed" if held else f"{self.names[grasped]} was dropped on the way"
+        self._release(up)
+        return "placed" if held else self._dropped(grasped)
+
+    def _dropped(self, number: int) -> str:
+        name, slip = self.names[number], self.physics.cup.slip
+        if slip is None or slip.number != number:
+            return f"{name} was dropped on the way"
+        weight = self.physics.mass(number)
+        return (
+            f"{name} ({weight:.2g} kg) slipped off the cup, which holds {HOLDING_FORCE:.0f} N: "
+            f"it pulled with {slip.load:.0f} N"
+        )
 
     def _put_down(self) -> None:
-        tip = self.physics.tip
-        descent = move(self.physics.timestep, tip, (tip[0], tip[1], tip[2] - 0.02), (self.yaw, self.yaw), TOUCH_SPEED)
-        if descent.possible:
-            held = self.physics.held
-            self._follow(descent, lambda: held is not None and self.physics.supported(held))
-        self._release()
+        physics, held, tip = self.physics, self.physics.held, self._here()
+        self._descend(
+            tip, tip.moved(np.array([0.0, 0.0, -0.02])), lambda: held is not None and physics.supported(held)
+        )  # fmt: skip
+        self._release(np.array([0.0, 0.0, 1.0]))
 
-    def _release(self) -> None:
-        physics = self.physics
-        physics.release()
-        physics.step(25)
-        tip = physics.tip
-        self._go((tip, (tip[0], tip[1], tip[2] + 0.02)), self.yaw, 0.2)
-        self._go((physics.tip, (tip[0], tip[1], tip[2] + _RETREAT)), self.yaw, FREE_SPEED)
-        physics.settle()
+    def _release(self, up: FloatArray) -> None:
+        self.physics.cup.release()
+        self.physics.step(25)
+        here = self._here()
+        self._go((here, here.moved(0.02 * up)), 0.2)
+        self._retreat()
 
-    def _travel(
-        self, end: Vec3, yaw: float, radius: float, drop: float, obstacles: Sequence[Prism], speed: float
-    ) -> bool:
-        """Go over the table to a point and down to it, each leg just above what lies within ``radius`` of it.
+    def _retreat(self) -> None:
+        here = self._here()
+        self._go((here, here.moved(np.array([0.0, 0.0, _RETREAT]))), FREE_SPEED)
+        self.physics.settle()
+
+    def _here(self) -> ToolPose:
+        return ToolPose(self.physics.tip, self.yaw, self.tilt)
+
+    def _travel(self, end: ToolPose, radius: float, drop: float, obstacles: Sequence[Prism], speed: float) -> bool:
+        """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` of it.
 
         Args:
-            end: where the tip is to be, metres.
-            yaw: of the tool at the end, radians.
+            end: where the tool is to be.
             radius: of what must pass, about the tip, metres.
             drop: how far what hangs from the cup reaches below it, metres.
             obstacles: what to pass over.
             speed: of the tip, m/s.
 
         Returns:
-            Whether there was a way; if not, the arm has not moved.
+            Whether it got there; if there was no way, the arm has not moved. It stops where the cup lets go.
         """
-        tip = self.physics.tip
-        for route in routes(tip, end):
+        tip, held, self._hindrance = self.physics.tip, self.physics.held, ""
+        for route in routes(tip, end.point):
             way: list[Vec3] = [tip]
             for start, stop in pairwise(route):
                 height = highest_along(start, stop, radius, obstacles) + drop + _CLEARANCE
-                height = max(height, end[2] if stop == end else 0.0, tip[2] + 0.02 if drop else 0.0)
+                height = max(height, end.point[2] if stop == end.point else 0.0, tip[2] + 0.02 if drop else 0.0)
                 way += [(start[0], start[1], height), (stop[0], stop[1], height)]
-            if self._go((*way, end), yaw, speed):
+            if self._go(self._turning((*way, end.point), end), speed):
                 return True
+            if self.physics.held != held:
+                return False
         return False
 
-    def _go(self, points: Sequence[Vec3], yaw: float, speed: float) -> bool:
-        """Follow straight stretches; False, without moving, if any point is out of the arm's reach."""
+    def _turning(self, points: Sequence[Vec3], end: ToolPose) -> list[ToolPose]:
+        """Poses at the points, the tool turned as it is now until its longest stretch and as at the end after it."""
         longest = max(
             range(1, len(points)), key=lambda i: float(np.linalg.norm(np.subtract(points[i][:2], points[i - 1][:2])))
         )
-        motions: list[Motion] = []
-        turned = self.yaw
-        for index in range(1, len(points)):
-            target = yaw if index >= longest else turned
-            motions.append(move(self.physics.timestep, points[index - 1], points[index], (turned, target), speed))
-            turned = target
-        if not all(motion.possible for motion in motions):
+        return [
+            ToolPose(point, end.yaw, end.tilt) if index >= longest else ToolPose(point, self.yaw, self.tilt)
+            for index, point in enumerate(points)
+        ]
+
+    def _go(self, poses: Sequence[ToolPose], speed: float) -> bool:
+        """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
+        physics = self.physics
+        gait = pace(speed, None if physics.held is None else physics.mass(physics.held), physics.timestep)
+        legs: list[FloatArray] = []
+        seed = physics.commanded
+        for start, end in pairwise(poses):
+            legs.append(move(self.arm, start, end, gait, seed))
+            seed = legs[-1][-1]
+            if not np.isfinite(seed).all():
+                return False
+        if not self._possible(np.concatenate(legs)):
             return False
-        for motion in motions:
-            self._follow(motion)
-        self.physics.arrive(motions[-1].joints[-1])
-        self.yaw = yaw
+        held = physics.held
+        for leg in legs:
+            if physics.follow(leg, None if held is None else lambda: physics.held is None):
+                self.yaw, self.tilt = split(physics.tip_rotation())
+                return False
+        physics.arrive(legs[-1][-1])
+        self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
         return True
 
-    def _follow(self, motion: Motion, stop: Callable[[], bool] | None = None) -> None:
-        """Follow a motion, its last joint continued from how far the wrist is wound now."""
-        joints = motion.joints
-        wound = float(self.physics.data.ctrl[5])
-        joints[:, 5] += 2 * np.pi * np.round((wound - joints[0, 5]) / (2 * np.pi))
-        self.physics.follow(joints, stop)
+    def _descend(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
+        """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""
+        path = move(self.arm, start, end, pace(TOUCH_SPEED, None, self.physics.timestep), self.physics.commanded)
+        if not self._possible(path):
+            return False
+        self.physics.follow(path, stop)
+        return True
 
-
-def _nearest_turn(angle: float) -> float:
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+    def _possible(self, path: FloatArray) -> bool:
+        """Whether the arm can follow joint positions (N, dof): within limits, clear of the table and itself."""
+        if not self.arm.within_limits(path):
+            return False
+        gap = self.arm.gap(path)
+        if gap is not None:
+            self._hindrance = f": {gap}"
+        return gap is None
 
 
 def _at(point: Vec3) -> str:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.sim import kinematics
+from grs_agents.sim.arm import Arm
 from grs_agents.sim.episode import Stop
 from grs_agents.sim.geometry import Prism
 from grs_agents.sim.placement import Spot
@@ -39,20 +39,21 @@ class Suits:
     """A test of offsets (N, 2) and rest heights (N,): can the arm bring the cup there and come down from above?"""
 
     lift: float
+    arm: Arm
 
     def __call__(self, offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
         tips = np.column_stack([offsets, heights + self.lift])
         above = tips + np.array([0.0, 0.0, _APPROACH])
-        return kinematics.reachable(tips) & kinematics.reachable(above)
+        return self.arm.reachable(tips) & self.arm.reachable(above)
 
 
-def reach_note(tip: Sequence[float]) -> str:
+def reach_note(tip: Sequence[float], arm: Arm) -> str:
     """How a point lies out of reach, in words."""
     distance = float(np.hypot(tip[0], tip[1]))
-    if distance > kinematics.REACH:
-        return f"is {distance:.2f} m from the base, reach is {kinematics.REACH:.2f} m"
-    if distance < kinematics.NEAREST:
-        return f"is {distance:.2f} m from the base, nearest is {kinematics.NEAREST:.2f} m"
+    if distance > arm.farthest:
+        return f"is {distance:.2f} m from the base, reach is {arm.farthest:.2f} m"
+    if distance < arm.nearest:
+        return f"is {distance:.2f} m from the base, nearest is {arm.nearest:.2f} m"
     return f"cannot be reached at height {tip[2]:.2f} m with the tool down, {distance:.2f} m from the base"
 
 

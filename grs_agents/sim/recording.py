@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from grs_agents.files import write_bytes
 from grs_agents.sim.physics import Physics
-from grs_agents.sim.robot import LINK_NAMES
 
 RATE: Final = 30.0
 
@@ -26,7 +25,7 @@ class Recording:
         self._physics = physics
         bodies = {f"object_{own}": self._physics.world.bodies[number] for own, number in ids.items()}
         model = self._physics.model
-        bodies |= {name: int(model.body(name).id) for name in (*LINK_NAMES, "cup")}
+        bodies |= {name: int(model.body(name).id) for name in physics.world.arm.links}
         self.names = tuple(bodies)
         self._rows = np.array(list(bodies.values()))
         self._every = max(1, round(1 / RATE / self._physics.timestep))

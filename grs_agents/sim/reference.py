@@ -4,9 +4,9 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from grs_agents.sim import bullet, utils
+from grs_agents.sim import bullet, templates, utils
+from grs_agents.sim.arms import get_arm
 from grs_agents.sim.environment import Environment
-from grs_agents.sim.kinematics import NEAREST, REACH
 from grs_agents.sim.oracle import Oracle
 from grs_agents.sim.task import Task
 
@@ -17,6 +17,7 @@ _UTILS = ("eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ", "multiply", "invert", 
 
 def api_reference() -> str:
     """Markdown on ``Task``, ``Environment``, the oracle, ``utils`` and ``p``."""
+    arm = get_arm(templates.default_robot())
     lines = [
         "```python",
         "from grs_agents.sim import Task, Environment, utils, p",
@@ -24,8 +25,8 @@ def api_reference() -> str:
         "```",
         "Metres, radians; robot base at the origin, x forward, y left, z up, table top z = 0. A pose is "
         "`((x, y, z), (qx, qy, qz, qw))` of the centre of an object's bounding box.",
-        f"The arm picks from above with suction between {NEAREST} m and {REACH} m from its base; random places lie in "
-        "x 0.25..0.75, y -0.5..0.5.",
+        f"The arm picks from above with suction between {arm.nearest:.2f} m and {arm.farthest:.2f} m from its base; "
+        "random places lie in x 0.25..0.75, y -0.5..0.5.",
         "",
         "### Task",
         _text(Task),

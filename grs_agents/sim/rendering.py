@@ -12,6 +12,7 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.library import Library
 from grs_agents.sim import world
+from grs_agents.sim.arm import Arm
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.instance import InstanceObject
 
@@ -60,10 +61,11 @@ def rays(view: View) -> FloatArray:
 
 
 def render(
-    objects: Sequence[InstanceObject], library: Library, joints: FloatArray, views: Sequence[View]
-) -> list[Picture]:
-    """One picture for each view of objects and the arm at ``joints`` (6,)."""
-    scene, data = _seen(objects, library, joints)
+    objects: Sequence[InstanceObject], library: Library, joints: FloatArray, views: Sequence[View],
+    arm: Arm | None = None,
+) -> list[Picture]:  # fmt: skip
+    """One picture for each view of objects and the arm (None: the default) at ``joints`` (dof,)."""
+    scene, data = _seen(objects, library, joints, arm)
     return [
         _picture(scene, data, np.asarray(view.position), rays(view).reshape(view.height, view.width, 3), _GROUPS)
         for view in views
@@ -72,21 +74,24 @@ def render(
 
 def cast(
     objects: Sequence[InstanceObject], library: Library, joints: FloatArray | None, eye: FloatArray,
-    directions: FloatArray,
+    directions: FloatArray, arm: Arm | None = None,
 ) -> Picture:  # fmt: skip
     """The picture that rays (H, W, 3) from ``eye`` (m) make, each of length 1 along the optical axis.
 
-    ``joints`` (6,) of the arm; None leaves the arm out.
+    ``joints`` (dof,) of the arm; None leaves the arm out.
     """
-    scene, data = _seen(objects, library, np.zeros(6) if joints is None else joints)
+    scene, data = _seen(objects, library, joints, arm)
     return _picture(scene, data, eye, directions, _NO_ARM if joints is None else _GROUPS)
 
 
-def _seen(objects: Sequence[InstanceObject], library: Library, joints: FloatArray) -> tuple[world.World, Any]:
-    scene = world.build(objects, library, visuals=True)
-    data = mujoco.MjData(scene.model)
-    world.place(scene, data, objects)
-    data.qpos[:6] = joints
+def _seen(
+    objects: Sequence[InstanceObject], library: Library, joints: FloatArray | None, arm: Arm | None
+) -> tuple[world.World, Any]:
+    scene = world.build(objects, library, visuals=True, arm=arm)
+    data = scene.data
+    world.place(scene, objects)
+    if joints is not None:
+        data.qpos[: len(joints)] = joints
     mujoco.mj_forward(scene.model, data)
     return scene, data
 
@@ -127,10 +132,10 @@ def png(color: npt.NDArray[np.uint8]) -> bytes:
 
 
 def observe(
-    objects: Sequence[InstanceObject], library: Library, joints: FloatArray
+    objects: Sequence[InstanceObject], library: Library, joints: FloatArray, arm: Arm | None = None
 ) -> dict[str, tuple[npt.NDArray[Any], ...]]:
     """The three observation cameras: ``color`` and ``depth``."""
-    pictures = render(objects, library, joints, (FRONT, LEFT, RIGHT))
+    pictures = render(objects, library, joints, (FRONT, LEFT, RIGHT), arm)
     return {
         "color": tuple(picture.color for picture in pictures),
         "depth": tuple(picture.depth for picture in pictures),

@@ -1,65 +1,94 @@
-"""The arm as MuJoCo bodies: a UR5e of our own capsules with a suction cup, driven by position actuators."""
+"""Arms as MuJoCo bodies: serial chains of our own capsules, position actuators, and the suction cup that all share."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
+from grs_agents.base import Vec3
 from grs_agents.sim.engine import mujoco
-from grs_agents.sim.kinematics import A2, A3, D1, D4, D5, D6, LINKS, TOOL_LENGTH
 
+FloatArray = npt.NDArray[np.float64]
 CUP_RADIUS: Final = 0.010
-HOME: Final = (0.35, 0.0, 0.42)
-"""Where the tip waits, metres."""
-LINK_NAMES: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-# Published link masses, and the capsule of each link in its own frame: from, to, radius.
-_MASSES: Final = (3.761, 8.058, 2.846, 1.37, 1.3, 0.365)
-CAPSULES: Final = (
-    ((0.0, 0.0, 0.02), (0.0, 0.0, D1), 0.060),
-    ((0.0, 0.0, 0.138), (A2, 0.0, 0.138), 0.054),
-    ((0.0, 0.0, 0.007), (A3, 0.0, 0.007), 0.042),
-    ((0.0, 0.0, 0.02), (0.0, 0.0, D4 - 0.02), 0.037),
-    ((0.0, 0.0, 0.0), (0.0, 0.0, D5), 0.037),
-    ((0.0, 0.0, 0.0), (0.0, 0.0, D6 - 0.02), 0.034),
-)
-_STIFFNESS: Final = (6000.0, 6000.0, 4000.0, 2000.0, 2000.0, 1000.0)
-_TORQUE: Final = (300.0, 300.0, 200.0, 60.0, 60.0, 60.0)
+TOOL_LENGTH: Final = 0.15
+"""From the flange to the tip of the suction cup, metres."""
 ROBOT_CONTYPE: Final = 2
 """Robot geoms meet geoms whose ``conaffinity`` has this bit: objects, not the table and not the robot."""
+_UNTOUCHED: Final = 4
+"""A bit that no object has: links at the base count against the arm itself alone."""
+Capsule = tuple[Vec3, Vec3, float]
+"""From, to, radius, metres, in the frame of the link."""
 
 
-def add_robot(spec: Any) -> None:
-    """Add the arm to ``spec``: bodies and joints of ``LINK_NAMES``, body and geom ``cup``, site ``tip``."""
+@dataclass(frozen=True)
+class Link:
+    """One moving link of a serial arm and the hinge about its z axis that moves it.
+
+    Attributes:
+        name: of the body, its joint and its actuator.
+        position, roll: of its frame in that of the link before: metres, and radians about x.
+        limits: lowest and highest joint angle, radians.
+        torque: greatest the joint exerts, N m.
+        stiffness: of the position actuator, N m/rad.
+        mass, center: kg, and the centre of mass (m) in the frame of the link.
+        inertia: about the centre of mass, (xx, yy, zz, xy, xz, yz), kg m^2, axes of the link.
+        capsules: what it looks like and is touched by.
+        touches: whether it meets objects; the links at the base do not.
+    """
+
+    name: str
+    position: Vec3
+    roll: float
+    limits: tuple[float, float]
+    torque: float
+    stiffness: float
+    mass: float
+    center: Vec3
+    inertia: tuple[float, float, float, float, float, float]
+    capsules: tuple[Capsule, ...]
+    touches: bool = True
+
+
+def add_chain(spec: Any, links: Sequence[Link], flange: Vec3) -> None:
+    """Add links one on the other from the origin on, and the suction cup at ``flange`` (m) of the last."""
     parent: Any = spec.worldbody
-    offset, roll = (0.0, 0.0, 0.0), 0.0
-    for index, name in enumerate(LINK_NAMES):
-        quaternion = (float(np.cos(roll / 2)), float(np.sin(roll / 2)), 0.0, 0.0)
-        body = parent.add_body(name=name, pos=offset, quat=quaternion, gravcomp=1.0)
+    for link in links:
+        body = parent.add_body(name=link.name, pos=link.position, quat=about_x(link.roll), gravcomp=1.0)
+        body.explicitinertial = True
+        body.mass, body.ipos, body.fullinertia = link.mass, link.center, link.inertia
         body.add_joint(
-            name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1), armature=0.1,
-            range=(-2 * np.pi, 2 * np.pi), limited=True,
+            name=link.name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1), armature=0.1, range=link.limits,
+            limited=True,
         )  # fmt: skip
-        start, end, radius = CAPSULES[index]
-        body.add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=(*start, *end), size=(radius, 0, 0),
-            mass=_MASSES[index], rgba=(0.75, 0.77, 0.8, 1.0), group=1,
-            contype=ROBOT_CONTYPE if index >= 2 else 0, conaffinity=0,
-        )  # fmt: skip
-        a, d, roll = LINKS[index]
-        offset = (a, 0.0, d)
+        for index, (start, end, radius) in enumerate(link.capsules):
+            body.add_geom(
+                name=f"{link.name}_{index}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=(*start, *end),
+                size=(radius, 0, 0), rgba=(0.75, 0.77, 0.8, 1.0), group=1,
+                contype=ROBOT_CONTYPE if link.touches else _UNTOUCHED, conaffinity=0,
+            )  # fmt: skip
+        add_actuator(spec, link.name, link.stiffness, link.torque)
         parent = body
-        _add_actuator(spec, name, _STIFFNESS[index], _TORQUE[index])
-    _add_tool(parent, offset)
+    add_tool(parent, flange)
 
 
-def _add_actuator(spec: Any, joint: str, stiffness: float, torque: float) -> None:
+def about_x(angle: float) -> tuple[float, float, float, float]:
+    """The quaternion (w, x, y, z) of a turn about x."""
+    return (float(np.cos(angle / 2)), float(np.sin(angle / 2)), 0.0, 0.0)
+
+
+def add_actuator(spec: Any, joint: str, stiffness: float, torque: float) -> None:
+    """Drive a joint to a position, critically damped, with at most ``torque`` (N m, or N of a slide)."""
     actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     actuator.set_to_position(kp=stiffness, dampratio=1.0)
     actuator.forcelimited = True
     actuator.forcerange = (-torque, torque)
 
 
-def _add_tool(flange: Any, offset: tuple[float, float, float]) -> None:
-    cup = flange.add_body(name="cup", pos=offset, gravcomp=1.0)
+def add_tool(flange: Any, position: Sequence[float], quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> None:
+    """Fix the suction cup to a body: body and geom ``cup``, site ``tip``; it points along z of the given frame."""
+    cup = flange.add_body(name="cup", pos=position, quat=quaternion, gravcomp=1.0)
     shared: dict[str, Any] = {"contype": ROBOT_CONTYPE, "conaffinity": 0, "group": 1}
     cup.add_geom(
         name="tool", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(0.008, 0, 0), mass=0.1,

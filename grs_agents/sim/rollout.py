@@ -215,7 +215,7 @@ def _reachable(env: Environment, task: InstanceTask) -> tuple[int, ...]:
         if env.is_free(number):
             position, size = env.get_object_pose(number)[0], env.get_object_size(number)
             top = np.array([max(0.0, position[2] + size[2] / 2)])
-            if Suits(0.0)(np.array([position[:2]]), top)[0]:
+            if Suits(0.0, env.arm)(np.array([position[:2]]), top)[0]:
                 found.append(own)
     return tuple(found)
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Vec3
 from grs_agents.library import Library, ObjectModel
 from grs_agents.sim import geometry, templates, utils, world
+from grs_agents.sim.arm import Arm
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.instance import InstanceObject, InstanceTie
@@ -24,6 +25,7 @@ class _Rested:
     """A scene before it settled, its state afterwards, and the steps that this took."""
 
     before: object
+    world: world.World
     state: Any
     steps: int
 
@@ -38,10 +40,11 @@ class Tabletop:
     Args:
         library: 3D assets.
         budget: simulated steps that its worlds may use together.
+        arm: the robot behind it.
     """
 
-    def __init__(self, library: Library, budget: Budget) -> None:
-        self.library, self.budget = library, budget
+    def __init__(self, library: Library, budget: Budget, arm: Arm) -> None:
+        self.library, self.budget, self.arm = library, budget, arm
         self.timestep = world.TIMESTEP
         self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
@@ -233,7 +236,7 @@ class Tabletop:
         kinds = tuple((item.id, item.asset, tuple(sorted(item.fill.items())), item.category) for item in objects)
         key = (self.timestep, kinds, self.ties)
         if self._world is None or self._world[0] != key:
-            self._world = (key, world.build(objects, self.library, self.timestep, ties=self._ties))
+            self._world = (key, world.build(objects, self.library, self.timestep, ties=self._ties, arm=self.arm))
         return self._world[1]
 
     def come_to_rest(self) -> None:
@@ -247,7 +250,9 @@ class Tabletop:
         self.lift_out_of_table()
         self.physics.relax()
         self.physics.settle()
-        self._rested = _Rested(before, self.physics.snapshot(), start - self.budget.left)
+        older = known.state if known is not None and known.world is self.physics.world else None
+        state = self.physics.snapshot(older)
+        self._rested = _Rested(before, self.physics.world, state, start - self.budget.left)
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate a number of time steps."""
@@ -259,7 +264,7 @@ class Tabletop:
             if not self.is_free(number):
                 continue
             pose = self.get_object_pose(number)
-            low = self.outline(number).low
+            low = geometry.lowest(self.shapes(number), pose)
             if low < 0:
                 (x, y, z), rotation = pose
                 self.place_object(number, ((x, y, z - low + 0.0002), rotation))

@@ -86,7 +86,7 @@ def _still_good(planned: Planned, number: int, view: SceneView, lift: float) -> 
     shape = turned(view.outline(number), np.asarray(pose[0][:2]), spot.turn)
     offset = np.array([spot.center])
     height = rest_heights(shape, view.others(number), offset, 0.001)
-    return bool(abs(height[0] - spot.height) < 0.01 and Suits(lift)(offset, height)[0])
+    return bool(abs(height[0] - spot.height) < 0.01 and Suits(lift, view.env.arm)(offset, height)[0])
 
 
 def aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float) -> Spot | None:
@@ -105,7 +105,9 @@ def aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float)
     turns = [0.0, np.pi / 2, np.pi / 4]
     for region, gap in (*((region, 0.003) for region in regions), (table, 0.03), (table, 0.01)):
         obstacles = [*view.others(number), *reserved] if region is not table else solid
-        spot = find_spot(body, center, turns, region, obstacles, gap, Suits(lift), spread=True, near=center)
+        spot = find_spot(
+            body, center, turns, region, obstacles, gap, Suits(lift, view.env.arm), spread=True, near=center
+        )
         if spot is not None and spot.height <= max(body.low, 0.0) + _CLIMB:
             return spot
     return None

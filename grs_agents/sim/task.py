@@ -185,7 +185,7 @@ class Task(TaskKit):
         """
         if any(extent < 0 for extent in obj_size):
             env.warn("get_random_pose: a size with negative lengths was taken without their sign")
-        found = placement.random_pose(obj_size, self.bounds, _standing(env), env.rng)
+        found = placement.random_pose(obj_size, self.bounds, _standing(env), env.rng, env.arm)
         if found is not None:
             env.failed_placements = 0
             return list(found[0]), found[1]

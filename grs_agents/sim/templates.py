@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from grs_agents.library import Library, resolve, stems
+from grs_agents.sim.arms import DEFAULT
 
 Values = Mapping[str, tuple[float | str, ...]]
 
@@ -24,15 +25,16 @@ class Filling:
 class _Defaults:
     library: Library | None = None
     seed: int = 0
+    robot: str = DEFAULT
 
 
 _defaults = _Defaults()
 _filled: dict[str, Filling] = {}
 
 
-def configure(library: Library | None = None, seed: int = 0) -> None:
-    """Say which library and seed an ``Environment`` uses when its caller, e.g. a test program, names none."""
-    _defaults.library, _defaults.seed = library, seed
+def configure(library: Library | None = None, seed: int = 0, robot: str = DEFAULT) -> None:
+    """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none."""
+    _defaults.library, _defaults.seed, _defaults.robot = library, seed, robot
 
 
 def default_library() -> Library:
@@ -45,6 +47,11 @@ def default_library() -> Library:
 def default_seed() -> int:
     """The seed given to ``configure``, else 0."""
     return _defaults.seed
+
+
+def default_robot() -> str:
+    """The robot given to ``configure``, else the UR5e."""
+    return _defaults.robot
 
 
 def asset_name(name: str, library: Library) -> str:

@@ -9,13 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.sim import cameras, clearance, ends, kinematics, reach
+from grs_agents.sim import cameras, ends, motion, reach, utils
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.goals import as_pose
-from grs_agents.sim.physics import home_joints
 from grs_agents.sim.recording import Recording
 from grs_agents.sim.tabletop import Tabletop
-from grs_agents.sim.utils import quatXYZW_to_eulerXYZ
 
 FloatArray = npt.NDArray[np.float64]
 _SPEED: Final = 1.0
@@ -59,8 +57,8 @@ class Workcell(Tabletop):
 
     @property
     def homej(self) -> FloatArray:
-        """Joint angles (6,) of the waiting arm, radians."""
-        return home_joints()
+        """Joint positions (dof,) of the waiting arm, radians."""
+        return self.arm.home.copy()
 
     @property
     def ee(self) -> ends.Suction:
@@ -78,28 +76,34 @@ class Workcell(Tabletop):
         return ActionSpace(self.bounds[:, 0], self.bounds[:, 1])
 
     def solve_ik(self, pose: Any) -> FloatArray:
-        """Joint angles (6,) that bring the cup's tip to a pose, tool straight down, turned by the pose's yaw.
-
-        Raises:
-            UnreachableError: the arm cannot.
-            UnsupportedError: the pose is tilted.
-        """
-        position, rotation = as_pose(pose, "solve_ik")
-        roll, pitch, yaw = quatXYZW_to_eulerXYZ(rotation)
-        if max(abs(roll), abs(pitch)) > 0.01:
-            raise UnsupportedError(
-                f"solve_ik: the tool points straight down, the pose is tilted by ({roll:.2f}, {pitch:.2f}) rad",
-                "give a rotation about z alone",
-            )
-        if not kinematics.can_reach(position):
-            raise UnreachableError(f"{reach.at(position)} {reach.reach_note(position)}", "give a pose within reach")
-        return kinematics.solve(np.array([position]), np.array([yaw]))[0]
-
-    def movej(self, targj: Sequence[float] | FloatArray, speed: float = 0.01, timeout: float = 20) -> bool:
-        """Move the arm to joint angles (6,), radians, in a straight line of joint space.
+        """Joint positions (dof,), near the present ones, that bring the cup's tip to a pose.
 
         Args:
-            targj: the angles.
+            pose: position (m) of the tip, and how the tool is turned (xyzw) from pointing straight down; it may tilt.
+
+        Raises:
+            UnreachableError: the arm cannot, within the limits of its joints and clear of the table and itself.
+        """
+        position, rotation = as_pose(pose, "solve_ik")
+        _, tilt = motion.split(rotation)
+        tilted, physics = bool(np.any(tilt)), self.physics
+        if not tilted and not self.arm.can_reach(position):
+            raise UnreachableError(
+                f"{reach.at(position)} {reach.reach_note(position, self.arm)}", "give a pose within reach"
+            )
+        joints = self.arm.solve_poses(np.array([position]), utils.rotation_matrix(rotation)[None], physics.commanded)
+        how = f"with the tool tilted by {np.linalg.norm(tilt):.2f} rad" if tilted else "with the tool down"
+        if not self.arm.within_limits(joints):
+            raise UnreachableError(f"{reach.at(position)} cannot be reached {how}", "give a pose within reach")
+        if (gap := self.arm.gap(joints)) is not None:
+            raise UnreachableError(f"{reach.at(position)} cannot be reached {how}: {gap}", "give a pose within reach")
+        return joints[0]
+
+    def movej(self, targj: Sequence[float] | FloatArray, speed: float = 0.01, timeout: float = 20) -> bool:
+        """Move the arm to joint positions (dof,), radians, in a straight line of joint space.
+
+        Args:
+            targj: the positions.
             speed: accepted; the arm chooses its own.
             timeout: simulated seconds it may take.
 
@@ -107,22 +111,25 @@ class Workcell(Tabletop):
             Whether it failed to arrive, as CLIPort has it: True = not there.
 
         Raises:
-            UnreachableError: the arm would hit the table or its own base on the way; it has not moved.
+            UnreachableError: beyond a joint's limits, or the arm would hit the table or itself on the way; it has not
+                moved.
         """
         del speed
         physics, target = self.physics, np.asarray(targj, dtype=np.float64)
-        if target.shape != (6,) or not np.isfinite(target).all():
-            raise SimulationError(f"movej: {targj!r} are not six joint angles", "give six numbers in radians")
+        if target.shape != (self.arm.dof,) or not np.isfinite(target).all():
+            count = self.arm.dof
+            raise SimulationError(f"movej: {targj!r} are not {count} joint positions", f"give {count} finite numbers")
+        if not self.arm.within_limits(target[None]):
+            bounds = [f"{low:.2f}..{high:.2f}" for low, high in zip(self.arm.low, self.arm.high, strict=True)]
+            raise UnreachableError(f"movej: {targj!r} is beyond the joints' limits", f"stay within {', '.join(bounds)}")
         start = physics.joints
         seconds = 1.5 * float(np.abs(target - start).max()) / _SPEED
         share = np.linspace(0.0, 1.0, max(2, int(seconds / self.timestep)))[:, None]
         path = start + (3 * share**2 - 2 * share**3) * (target - start)
         path = path[: max(2, int(timeout / self.timestep))]
-        gap = clearance.along(path)
-        if gap < 0:
+        if (gap := self.arm.gap(path)) is not None:
             raise UnreachableError(
-                f"movej: on its way the arm would reach {-gap:.2f} m into the table or its own base",
-                "give joint angles that keep it clear, e.g. of env.solve_ik(pose)",
+                f"movej: on its way {gap}", "give joint positions that keep it clear, e.g. of env.solve_ik(pose)"
             )
         physics.follow(path)
         physics.arrive(path[-1])
@@ -136,8 +143,8 @@ class Workcell(Tabletop):
         self, config: Mapping[str, Any], *_: Any, **__: Any
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
         """Colour (H, W, 3), depth (H, W; m along the optical axis) and object id (H, W; -1 = none) of one camera."""
-        joints = home_joints() if self._physics is None else self._physics.joints
-        picture = cameras.photograph(self.objects, self.library, joints, config)
+        joints = self.homej if self._physics is None else self._physics.joints
+        picture = cameras.photograph(self.objects, self.library, joints, config, self.arm)
         return picture.color, picture.depth, picture.owner
 
     def render(self, mode: str = "rgb_array") -> npt.NDArray[np.uint8]:

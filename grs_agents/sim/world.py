@@ -7,9 +7,11 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.library import Library, ObjectModel, Shape
+from grs_agents.sim.arm import Arm
+from grs_agents.sim.arms import get_arm
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.instance import InstanceObject, InstanceTie
-from grs_agents.sim.robot import ROBOT_CONTYPE, add_robot
+from grs_agents.sim.robot import ROBOT_CONTYPE
 from grs_agents.sim.utils import COLORS
 
 TIMESTEP: Final = 0.004
@@ -26,18 +28,21 @@ _GEOM_TYPE: Final[dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class World:
-    """A compiled model and where the objects are in it.
+    """A compiled model, its state, and where the objects are in it.
 
     Attributes:
-        model: the ``mujoco.MjModel``.
+        model, data: the ``mujoco.MjModel`` and its one ``mujoco.MjData``.
         bodies: object id to body id.
         welds: id of a rigid object to the id of its suction weld.
         addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
         owners: geom id to object id, -1 for the table and the robot.
         cup_geom, cup_body, tip_site: of the suction cup.
+        limp: ids of what gives way to the cup and always seals, as ropes do.
+        arm: whose joints are the first positions, speeds and controls.
     """
 
     model: Any
+    data: Any
     bodies: dict[int, int]
     welds: dict[int, int]
     addresses: dict[int, int]
@@ -45,6 +50,8 @@ class World:
     cup_geom: int
     cup_body: int
     tip_site: int
+    arm: Arm
+    limp: frozenset[int] = frozenset()
 
 
 def model_of(item: InstanceObject, library: Library) -> ObjectModel:
@@ -80,7 +87,7 @@ def new_spec(timestep: float) -> Any:
 
 def build(
     objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
-    ties: Sequence[InstanceTie] = (),
+    ties: Sequence[InstanceTie] = (), arm: Arm | None = None,
 ) -> World:  # fmt: skip
     """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
 
@@ -90,12 +97,14 @@ def build(
         timestep: of the physics, seconds.
         visuals: also add what is only seen (meshes, marks on the table); the physics does not need it.
         ties: what keeps objects together.
+        arm: the robot, None for the default one.
 
     Raises:
         UnknownNameError: an asset is not in the library.
     """
     spec = new_spec(timestep)
-    add_robot(spec)
+    arm = arm or get_arm()
+    arm.add(spec)
     free: list[int] = []
     for item in objects:
         shapes = model_of(item, library)
@@ -115,6 +124,7 @@ def build(
     owner_of = {body: number for number, body in bodies.items()}
     return World(
         model=model,
+        data=mujoco.MjData(model),
         bodies=bodies,
         welds={number: int(model.equality(f"suction_{number}").id) for number in free},
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
@@ -122,15 +132,15 @@ def build(
         cup_geom=int(model.geom("cup").id),
         cup_body=int(model.body("cup").id),
         tip_site=int(model.site("tip").id),
+        arm=arm,
     )
 
 
-def place(built: World, data: Any, objects: Sequence[InstanceObject]) -> None:
-    """Set a state of a world back to its beginning, with every object at its pose, at rest.
+def place(built: World, objects: Sequence[InstanceObject]) -> None:
+    """Set a world back to its beginning, with every object at its pose, at rest.
 
     Args:
-        built: whose ``model`` holds the poses of what cannot move.
-        data: the ``mujoco.MjData``.
+        built: the world; its ``model`` holds the poses of what cannot move.
         objects: those that the world was built from, wherever they stand.
     """
     # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
@@ -138,11 +148,11 @@ def place(built: World, data: Any, objects: Sequence[InstanceObject]) -> None:
         if item.id not in built.addresses:
             (position, (x, y, z, w)), body = item.pose, built.bodies[item.id]
             built.model.body_pos[body], built.model.body_quat[body] = position, (w, x, y, z)
-    mujoco.mj_resetData(built.model, data)
+    mujoco.mj_resetData(built.model, built.data)
     for item in objects:
         if item.id in built.addresses:
             (position, (x, y, z, w)), start = item.pose, built.addresses[item.id]
-            data.qpos[start : start + 7] = (*position, w, x, y, z)
+            built.data.qpos[start : start + 7] = (*position, w, x, y, z)
 
 
 def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: Library, visuals: bool) -> None:

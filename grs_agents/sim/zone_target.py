@@ -70,7 +70,9 @@ def _pack_once(region: Region, order: Sequence[int], view: SceneView, lift: floa
         standing = [*obstacles, *(prism for prism in view.prisms if prism.owner in order and prism.owner not in plan
                                   and prism.owner != number)]  # fmt: skip
         alone = len(order) == 1
-        spot = find_spot(body, center, turns_for(number, region, view), inner, standing, gap, Suits(lift), spread=alone)
+        spot = find_spot(
+            body, center, turns_for(number, region, view), inner, standing, gap, Suits(lift, view.env.arm), spread=alone
+        )
         if spot is None:
             continue
         plan[number] = spot
@@ -97,9 +99,11 @@ def why_not(zone: Zone, number: int, members: Sequence[int], view: SceneView, li
         return Stop(
             "target_too_small", f"target zone {size} is too small for {name} ({width:.2f} x {depth:.2f} m)", (name,)
         )
-    if find_spot(body, center, turns, region, fixed, 0.001, Suits(lift)) is None:
+    if find_spot(body, center, turns, region, fixed, 0.001, Suits(lift, view.env.arm)) is None:
         tip = (region.center[0], region.center[1], lift)
-        return Stop("unreachable", f"target zone of {name} at {at(zone[0][0])} {reach_note(tip)}", (name,))
+        return Stop(
+            "unreachable", f"target zone of {name} at {at(zone[0][0])} {reach_note(tip, view.env.arm)}", (name,)
+        )
     return _taken(region, number, members, view, lift, size)
 
 
@@ -115,7 +119,7 @@ def _taken(region: Region, number: int, members: Sequence[int], view: SceneView,
     for other in foreign or wide:
         return Blocked(other, (Prism(region.outline, 0.0, 1.0, number),))
     spot = find_spot(
-        body, center, turns_for(number, region, view), region, view.others(number), 0.002, Suits(lift),
+        body, center, turns_for(number, region, view), region, view.others(number), 0.002, Suits(lift, view.env.arm),
         spread=True, stack=True,
     )  # fmt: skip
     if spot is not None and spot.height + body.high - body.low < TALLEST_STACK:

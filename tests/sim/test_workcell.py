@@ -36,10 +36,20 @@ def test_what_the_arm_cannot_do_is_typed(env) -> None:
     with pytest.raises(SimulationError, match=r"1\.20 m") as caught:
         env.solve_ik(at(1.2, 0, 0.1))
     assert caught.value.outcome == "unreachable"
-    with pytest.raises(UnsupportedError, match="tilted"):
-        env.solve_ik(((0.5, 0, 0.1), utils.eulerXYZ_to_quatXYZW((0.5, 0, 0))))
-    with pytest.raises(SimulationError, match="six"):
+    with pytest.raises(SimulationError, match=r"tilted by 1\.50 rad") as caught:
+        env.solve_ik(((0.82, 0, 0.02), utils.eulerXYZ_to_quatXYZW((0, 1.5, 0))))
+    assert caught.value.outcome == "unreachable"
+    with pytest.raises(SimulationError, match="6 joint positions"):
         env.movej([0, 0, 0])
+    with pytest.raises(SimulationError, match="limits"):
+        env.movej(env.homej + np.array([0, 0, 2, 0, 0, 0]))
+
+
+def test_the_arm_moves_to_a_tilted_pose(env) -> None:
+    rotation = utils.eulerXYZ_to_quatXYZW((0.4, 0.2, 0.7))
+    assert not env.movep(((0.5, -0.1, 0.25), rotation))
+    assert env.physics.tip == pytest.approx((0.5, -0.1, 0.25), abs=0.005)
+    assert abs(np.dot(env.physics.tip_rotation(), rotation)) > 0.9995
 
 
 def test_configured_cameras_see_what_the_observation_shows(env) -> None:
@@ -73,6 +83,6 @@ def test_a_recording_is_written_where_the_configuration_says(env, tmp_path) -> N
 def test_a_way_through_the_table_is_refused_before_the_arm_moves(env) -> None:
     down = env.homej
     down[1] += 1.2
-    with pytest.raises(SimulationError, match="into the table"):
+    with pytest.raises(SimulationError, match="the table"):
         env.movej(down)
     assert env.physics.joints == pytest.approx(env.homej, abs=0.01)

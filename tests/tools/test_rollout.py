@@ -29,6 +29,22 @@ def test_an_instance_is_solved_and_recorded(context: ToolContext, instance: dict
         assert len(motion["names"]) == bodies
 
 
+def test_the_robot_that_is_asked_for_solves_it(context: ToolContext, instance: dict[str, Any], tmp_path: Path) -> None:
+    tool = load_tool("rollout")
+    file = tmp_path / "motion.npz"
+    result = tool.run(tool.Request(instance=instance, recording=str(file), robot="panda"), context)
+    assert Rollout.model_validate(result.rollout).episode.outcome == "success"
+    with np.load(file) as motion:
+        assert {"link_7", "cup"} <= set(motion["names"].tolist())
+
+
+def test_a_robot_that_is_not_there_is_a_value(context: ToolContext, instance: dict[str, Any]) -> None:
+    tool = load_tool("rollout")
+    result = tool.run(tool.Request(instance=instance, robot="pandas"), context)
+    assert (result.rollout, result.outcome) == (None, "error")
+    assert "panda" in result.error
+
+
 def test_the_same_instance_gives_the_same_episode(context: ToolContext, instance: dict[str, Any]) -> None:
     tool = load_tool("rollout")
     first, second = (tool.run(tool.Request(instance=instance), context).rollout for _ in range(2))

@@ -1,0 +1,53 @@
+"""Paths of the tip and of joints: where to solve them, and what lies between."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+_SPACING: Final = 0.04
+"""Between two poses that are solved, metres; a radian of turning counts as 0.25 m."""
+
+
+def knots(tips: FloatArray, rotations: FloatArray) -> npt.NDArray[np.intp]:
+    """The rows of a path of poses (N, 3), (N, 3, 3) that are to be solved; the first and the last among them."""
+    steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
+    cosine = np.einsum("nij,nij->n", rotations[1:], rotations[:-1]) / 2 - 0.5
+    travel = np.concatenate([[0.0], np.cumsum(steps + 0.25 * np.arccos(np.clip(cosine, -1.0, 1.0)))])
+    count = max(2, int(np.ceil(travel[-1] / _SPACING)) + 1)
+    return evenly(travel, count)
+
+
+def evenly(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:
+    """At most ``count`` rows, evenly spread over the distance travelled (N,) until each; first and last among them."""
+    wanted: FloatArray = np.linspace(0.0, float(travel[-1]), count)
+    found: npt.NDArray[np.intp] = np.searchsorted(travel, wanted)
+    found[-1] = len(travel) - 1
+    return found[np.flatnonzero(np.diff(found, prepend=-1))]
+
+
+def blend(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:
+    """Rows (count, D) of a smooth curve through ``values`` (K, D) at ``rows`` (K,): a cubic Hermite spline."""
+    if len(rows) == 1:
+        return np.repeat(values, count, axis=0)
+    slopes = np.gradient(values, rows.astype(np.float64), axis=0)
+    at = np.arange(count)
+    before = (np.searchsorted(rows, at, side="right") - 1).clip(0, len(rows) - 2)
+    width = (rows[before + 1] - rows[before]).astype(np.float64)[:, None]
+    t = (at - rows[before])[:, None] / width
+    start, end = values[before], values[before + 1]
+    rise, fall = slopes[before] * width, slopes[before + 1] * width
+    curve = (start * (2 * t**3 - 3 * t**2 + 1) + rise * (t**3 - 2 * t**2 + t)
+             + end * (3 * t**2 - 2 * t**3) + fall * (t**3 - t**2))  # fmt: skip
+    return curve
+
+
+def turns_about_z(angles: FloatArray) -> FloatArray:
+    """The rotations (N, 3, 3) about the vertical by ``angles`` (N,), radians."""
+    found = np.zeros((len(angles), 3, 3))
+    found[:, 0, 0] = found[:, 1, 1] = np.cos(angles)
+    found[:, 1, 0] = np.sin(angles)
+    found[:, 0, 1] = -found[:, 1, 0]
+    found[:, 2, 2] = 1.0
+    return found

@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+from sim_scenes import Scripted, at, pose_goal
+
+from grs_agents.sim import Environment, utils
+
+
+def blocks(*places: tuple[float, float], robot: str = "ur5e") -> Environment:
+    def scene(task, env) -> None:
+        for x, y in places:
+            env.add_object("block/block.urdf", at(x, y, 0.02))
+
+    env = Environment(task=Scripted(scene), robot=robot)
+    env.reset()
+    return env
+
+
+@pytest.mark.parametrize("robot", ["ur5e", "panda"])
+def test_what_is_carried_is_tilted_as_the_place_is_against_the_pick(robot) -> None:
+    env, seen = blocks((0.5, -0.2), robot=robot), []
+    rotation = utils.eulerXYZ_to_quatXYZW((0.3, -0.2, 0.6))
+    physics = env.physics
+
+    def look() -> None:
+        if physics.held == 1 and physics.tip[1] > 0.15:
+            seen.append(physics.pose(1))
+
+    physics.observer = look
+    result = env.pick_place(at(0.5, -0.2, 0.04), ((0.45, 0.2, 0.15), rotation))
+    assert result.note == "placed"
+    assert abs(np.dot(seen[-1][1], rotation)) > 0.999
+
+
+@pytest.mark.parametrize("robot", ["ur5e", "panda"])
+def test_turns_one_after_the_other_never_wind_the_wrist_beyond_its_limits(robot) -> None:
+    env = blocks((0.5, 0.1), robot=robot)
+    quarter = utils.eulerXYZ_to_quatXYZW((0, 0, 2.6))
+    for _ in range(6):
+        x, y, _ = env.get_object_pose(1)[0]
+        assert env.pick_place(at(x, y, 0.04), ((0.5, -y, 0.04), quarter)).note == "placed"
+        assert env.arm.within_limits(env.physics.joints[None])
+    assert abs(np.sin(utils.yaw_of(env.get_object_pose(1)[1]) - 6 * 2.6)) < 0.03
+
+
+def test_a_tilt_that_the_arm_cannot_make_is_a_note_and_the_block_is_put_back() -> None:
+    env = blocks((0.5, 0.0))
+    result = env.pick_place(at(0.5, 0, 0.04), ((0.8, 0.0, 0.02), utils.eulerXYZ_to_quatXYZW((0, 1.5, 0))))
+    assert not result.placed
+    assert "so tilted" in result.note
+    assert env.get_object_pose(1)[0] == pytest.approx((0.5, 0, 0.02), abs=0.01)
+
+
+def test_places_out_of_reach_are_notes() -> None:
+    env = blocks((0.5, 0.0))
+    assert "cannot reach (1.20, 0.00, 0.04)" in env.pick_place(at(1.2, 0, 0.04), at(0.5, 0.2, 0.04)).note
+    assert "cannot carry block/block.urdf" in env.pick_place(at(0.5, 0, 0.04), at(1.2, 0.2, 0.04)).note
+    assert "nothing to grasp" in env.pick_place(at(0.4, 0.3, 0.02), at(0.5, 0.2, 0.04)).note
+
+
+def test_the_oracle_picks_up_again_what_was_dropped_on_the_way() -> None:
+    task = Scripted(
+        lambda task, env: pose_goal(task, env.add_object("block/block.urdf", at(0.5, -0.2, 0.02)), at(0.5, 0.2, 0.02))
+    )
+    env = Environment(task=task)
+    env.reset()
+    physics, dropped = env.physics, []
+
+    def drop_once() -> None:
+        if not dropped and physics.held == 1 and physics.tip[1] > 0.0:
+            dropped.append(physics.tip)
+            physics.cup.release()
+
+    physics.observer = drop_once
+    agent = task.oracle(env)
+    while (action := agent.act()) is not None:
+        if env.step(action)[2]:
+            break
+    notes = [record.note for record in env.episode.actions]
+    assert dropped
+    assert notes[0] == "block/block.urdf was dropped on the way"
+    assert notes[-1] == "placed"
+    assert env.episode.outcome == "success"
