@@ -36,6 +36,7 @@ def _modules() -> dict[str, ModuleType]:
     grippers = {"Suction": ends.Suction, "Spatula": ends.Spatula}
     primitives = {"PickPlace": ends.PickPlace, "push": ends.push}
     return {
+        "IPython": _module("IPython", embed=_nothing),
         "cliport": _module("cliport"),
         "cliport.tasks": _module("cliport.tasks", Task=Task),
         "cliport.tasks.task": _module("cliport.tasks.task", Task=Task),
@@ -47,6 +48,10 @@ def _modules() -> dict[str, ModuleType]:
         "cliport.environments.environment": _module("cliport.environments.environment", Environment=Environment),
         "pybullet": bullet,
     }
+
+
+def _nothing(*_: Any, **__: Any) -> None:
+    """``IPython.embed``: published programs import it and leave no call of it behind."""
 
 
 def _module(name: str, **names: Any) -> ModuleType:

@@ -1,6 +1,6 @@
 """Exact outlines of objects seen from above: upright prisms around each collider, and how far apart they are."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -170,6 +170,15 @@ def rest_heights(body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, g
         touching = gaps(body.outline, obstacle.outline, offsets) < gap
         np.maximum(heights, obstacle.high, out=heights, where=touching)
     return heights
+
+
+def rest_height(body: Sequence[Prism], obstacles: Sequence[Prism], offset: FloatArray, gap: float) -> float:
+    """The height at which the underside of a body of several prisms comes to rest, lowered at one offset (1, 2).
+
+    Unlike one prism around it, the body goes into what its outline alone does not fit into: an L into an L.
+    """
+    low = min(prism.low for prism in body)
+    return max(float(rest_heights(prism, obstacles, offset, gap)[0]) - (prism.low - low) for prism in body)
 
 
 def distance(first: FloatArray, second: FloatArray) -> float:

@@ -75,7 +75,15 @@ class Oracle:
                 reasons.append(plan)
             if reasons:
                 return reasons[0]
-        return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
+        return self._nothing_left()
+
+    def _nothing_left(self) -> Stop:
+        """Goals are open, yet no object is left to move."""
+        if not self.env.recorder.actions:
+            return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
+        clauses = self.env.episode.shortfalls
+        why = f": {clauses[0]}" if clauses else ""
+        return Stop("partial", f"no object is left to move, yet {len(self.task.goals)} goals are not met{why}")
 
     def _order(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of the goal whose objects are not yet placed: low targets and big objects first."""

@@ -1,14 +1,14 @@
 """Where the oracle puts an object that a ``pose`` goal speaks of."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.sim import utils
 from grs_agents.sim.episode import Stop
-from grs_agents.sim.geometry import Prism, gaps, inside_margin, rest_heights
+from grs_agents.sim.geometry import Prism, gaps, inside_margin, rest_height
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.placement import Spot, turned
 from grs_agents.sim.reach import TALLEST_STACK, Blocked, FloatArray, Suits, Target, at, reach_note, wrap
@@ -16,6 +16,13 @@ from grs_agents.sim.scene_view import SceneView
 
 if TYPE_CHECKING:
     from grs_agents.sim.task import Task
+
+_ROOM: Final = 0.002
+"""Room that neighbours are given, metres: blocks at targets one width apart do not jam."""
+_NUDGE: Final = 0.0045
+"""How far from its target an object may be put to that end, metres."""
+_AROUND, _LEVEL = 0.2, 0.015
+"""Targets within this of each other, level by level, are spread together, metres."""
 
 
 def pose_target(goal: Goal, row: int, task: "Task", view: SceneView, lift: float) -> Target:
@@ -27,7 +34,7 @@ def pose_target(goal: Goal, row: int, task: "Task", view: SceneView, lift: float
     free.sort(key=lambda index: (round(goal.targ_poses[index][0][2], 3), _distance(goal.targ_poses[index], pose)))
     reasons: list[Target] = []
     for index in free or allowed:
-        target = _at_pose(goal.targ_poses[index], number, goal.symmetries[row], task, view, lift)
+        target = _at_pose(goal, index, row, task, view, lift)
         if isinstance(target, Spot):
             return target
         reasons.append(target)
@@ -52,31 +59,84 @@ def _claimed(goal: Goal, index: int, row: int, task: "Task", view: SceneView) ->
     )
 
 
-def _at_pose(target: Pose, number: int, symmetry: float, task: "Task", view: SceneView, lift: float) -> Target:
+def _at_pose(goal: Goal, index: int, row: int, task: "Task", view: SceneView, lift: float) -> Target:
+    target, number = goal.targ_poses[index], goal.objs[row]
     name, pose, body = view.name(number), view.pose(number), view.outline(number)
-    offset = np.array([[target[0][0], target[0][1]]])
-    turn = utils.yaw_of(target[1]) - view.yaw(number)
-    turns = [wrap(turn, symmetry)] if symmetry > 0 else [0.0, wrap(turn), wrap(turn + np.pi / 2)]
     others = view.others(number)
-    best: tuple[float, float] | None = None
-    for angle in turns:
-        shape = turned(body, np.asarray(pose[0][:2]), angle)
-        height = float(rest_heights(shape, others, offset, -0.0005)[0])
+    best: tuple[float, float, FloatArray] | None = None
+    for angle in _turns(target, number, goal.symmetries[row], view):
+        parts = [turned(part, np.asarray(pose[0][:2]), angle) for part in view.parts(number)]
+        offset = _clear_of(parts, target, [*others, *_to_come(number, target, task, view)], task)
+        height = max(0.0, rest_height(parts, others, offset, -0.0005))
         if best is None or height < best[0] - 0.005:
-            best = (height, angle)
-    height, angle = best or (0.0, 0.0)
-    tip = (target[0][0], target[0][1], height + lift)
+            best = (height, angle, offset)
+    assert best is not None, "no turn was tried"
+    height, angle, offset = best
+    spot = Spot((float(offset[0, 0]), float(offset[0, 1])), angle, height)
+    tip = (*spot.center, height + lift)
     if not Suits(lift, view.env.arm)(offset, np.array([height]))[0]:
         return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip, view.env.arm)}", (name,))
     shape = turned(body, np.asarray(pose[0][:2]), angle)
     wanted = target[0][2] - (pose[0][2] - body.low)
     blocker = _blocker(shape, offset, others, height, max(0.0, wanted) + 0.02, view)
-    if blocker is None or _stackable(blocker, shape, target, height, task, view):
-        return Spot((target[0][0], target[0][1]), angle, height)
-    if not view.is_free(blocker):
-        return Spot((target[0][0], target[0][1]), angle, height)
-    moved = Prism(shape.outline + offset, 0.0, 1.0, number)
-    return Blocked(blocker, (moved,))
+    if blocker is None or not view.is_free(blocker) or _stackable(blocker, shape, target, height, task, view):
+        return spot
+    return Blocked(blocker, (Prism(shape.outline + offset, 0.0, 1.0, number),))
+
+
+def _turns(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
+    """Turns (rad) that the target allows: along it rather than askew, so that neighbours find room."""
+    turn = utils.yaw_of(target[1]) - view.yaw(number)
+    if symmetry > 0:
+        return [wrap(turn, symmetry)]
+    if all(shape.kind in ("cylinder", "sphere") for shape in view.model(number).colliders):
+        return [0.0]
+    along = wrap(turn, np.pi / 2)
+    quarters = [along + quarter * np.pi / 2 for quarter in range(4)]
+    return [*(wrap(angle) for angle in quarters), 0.0]
+
+
+def _to_come(number: int, target: Pose, task: "Task", view: SceneView) -> list[Prism]:
+    """Objects as they will stand at targets around this one: whoever comes first leaves them room."""
+    found: list[Prism] = []
+    for goal in task.goals:
+        for index, place in enumerate(goal.targ_poses):
+            rows = [row for row in np.flatnonzero(goal.matches[:, index]) if goal.objs[row] != number]
+            if rows and place is not target and _distance(place, target) < _AROUND:
+                other = goal.objs[rows[0]]
+                body = view.outline(other)
+                turn = wrap(utils.yaw_of(place[1]) - view.yaw(other), np.pi / 2)
+                shape = turned(body, np.asarray(view.pose(other)[0][:2]), turn)
+                low = place[0][2] - (body.high - body.low) / 2
+                found.append(Prism(shape.outline + place[0][:2], low, low + body.high - body.low, other))
+    return found
+
+
+def _spread(target: Pose, task: "Task") -> FloatArray:
+    """Where (2,) a target would be if those around it, on its level, were drawn apart by what tolerance allows."""
+    places = [place for goal in task.goals for place in goal.targ_poses if abs(place[0][2] - target[0][2]) < _LEVEL]
+    around = np.array([place[0][:2] for place in places if _distance(place, target) < _AROUND] or [target[0][:2]])
+    middle = np.asarray(target[0][:2]) - around.mean(axis=0)
+    reach = float(np.linalg.norm(around - around.mean(axis=0), axis=1).max())
+    return np.asarray(target[0][:2]) + middle * _NUDGE / max(reach, 20 * _NUDGE)
+
+
+def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], task: "Task") -> FloatArray:
+    """The target's (1, 2) or a point within half its tolerance that is clearer of what stands as high, metres."""
+    center = np.array([[target[0][0], target[0][1]]])
+    half = (max(part.high for part in body) - min(part.low for part in body)) / 2
+    beside = [
+        (part.outline, prism.outline)
+        for prism in obstacles if prism.high > target[0][2] + 0.003 - half and prism.low < target[0][2] + half
+        for part in body if -_ROOM - 2 * _NUDGE < gaps(part.outline, prism.outline, center)[0] < _ROOM
+    ]  # fmt: skip
+    if not beside:
+        return center
+    steps = np.linspace(-1, 1, 7) * min(_NUDGE, task.pos_eps / 2)
+    offsets = center + np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    room = np.min([gaps(part, other, offsets) for part, other in beside], axis=0)
+    cost = np.linalg.norm(offsets - _spread(target, task), axis=1) - 10 * np.minimum(room, _ROOM / 2)
+    return offsets[[int(np.argmin(cost))]]
 
 
 def _blocker(
@@ -106,6 +166,6 @@ def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: "T
     center = np.array([[target[0][0], target[0][1]]])
     tops = [prism.outline for prism in view.prisms if prism.owner == blocker and prism.high > height - 0.003]
     return any(
-        float(np.ptp(top, axis=0).min()) > 0.05 and inside_margin(np.zeros((1, 2)), top, center)[0] > 0.02
+        float(np.ptp(top, axis=0).min()) > 0.025 and inside_margin(np.zeros((1, 2)), top, center)[0] > 0.01
         for top in tops
     )

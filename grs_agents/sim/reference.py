@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from grs_agents.sim import bullet, templates, utils
+from grs_agents.sim import bullet, relations, templates, utils
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.environment import Environment
 from grs_agents.sim.oracle import Oracle
@@ -12,6 +12,7 @@ from grs_agents.sim.task import Task
 
 _TASK = ("add_goal", "get_random_pose", "get_random_size", "fill_template")
 _ENVIRONMENT = ("add_object", "get_object_pose", "get_object_size", "set_color", "reset", "step")
+_GOALS = ("inside", "on", "stacked", "near", "aligned", "upright", "in_zone")
 _UTILS = ("eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ", "multiply", "invert", "apply")
 
 
@@ -21,6 +22,7 @@ def api_reference() -> str:
     lines = [
         "```python",
         "from grs_agents.sim import Task, Environment, utils, p",
+        f"from grs_agents.sim import {', '.join(_GOALS)}  # typed goals",
         "import numpy as np",
         "```",
         "Metres, radians; robot base at the origin, x forward, y left, z up, table top z = 0. A pose is "
@@ -33,6 +35,14 @@ def api_reference() -> str:
     ]
     for name in _TASK:
         lines += _entry(f"task.{name}", getattr(Task, name))
+    lines += [
+        "### Typed goals",
+        "`self.add_goal(inside(cans, box), step_max_reward=1, language_goal=...)`; scored strictly: the objects lie "
+        "still, let go, no more tilted than at the start. Arguments are ids that `env.add_object` returned.",
+    ]
+    for name in _GOALS:
+        function = getattr(relations, name)
+        lines.append(f"- `{name}{_signature(function)}`: {_text(function)}")
     lines += ["### Environment", _text(Environment)]
     for name in _ENVIRONMENT:
         lines += _entry(f"env.{name}", getattr(Environment, name))

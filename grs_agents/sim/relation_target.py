@@ -78,7 +78,7 @@ class RelationPlanner:
         placed = {other: _pose_at(Spot(plan[other], 0.0, 0.0), other, view) for other in relation.objects}
         if not holds_when(relation, relation.objects, view.supposing(placed), task.rot_eps):
             return _no_spot(relation, number, view)
-        return spot if _reached(spot, lift) else _too_far(number, spot, view, lift)
+        return spot if _reached(spot, view, lift) else _too_far(number, spot, view, lift)
 
 
 def predicted(spot: Spot, number: int, view: SceneView) -> SceneView:
@@ -99,20 +99,24 @@ def _checked(
     """The first spot within reach at which the goal's definition holds."""
     far: Spot | None = None
     for spot in spots:
-        if not _reached(spot, lift):
+        if not _reached(spot, view, lift):
             far = far or spot
         elif not shortfall(relation, number, predicted(spot, number, view), task.rot_eps):
             return spot
     return _too_far(number, far, view, lift) if far else _no_spot(relation, number, view)
 
 
-def _reached(spot: Spot, lift: float) -> bool:
-    return bool(Suits(lift)(np.array([spot.center]), np.array([spot.height]))[0])
+def _reached(spot: Spot, view: SceneView, lift: float) -> bool:
+    return bool(Suits(lift, view.env.arm)(np.array([spot.center]), np.array([spot.height]))[0])
 
 
 def _too_far(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
     tip = (*spot.center, spot.height + lift)
-    return Stop("unreachable", f"target of {view.name(number)} at {at(tip)} {reach_note(tip)}", (view.name(number),))
+    return Stop(
+        "unreachable",
+        f"target of {view.name(number)} at {at(tip)} {reach_note(tip, view.env.arm)}",
+        (view.name(number),),
+    )
 
 
 def _no_spot(relation: Relation, number: int, view: SceneView) -> Stop:
@@ -196,7 +200,7 @@ def _more(first: Sequence[Spot], relation: Relation, number: int, view: SceneVie
     body, center = view.outline(number), view.pose(number)[0]
     turns = turns_for(number, region, view)
     for gap in _GAPS:
-        spot = find_spot(body, center, turns, region, view.others(number), gap, Suits(lift), spread=True)
+        spot = find_spot(body, center, turns, region, view.others(number), gap, Suits(lift, view.env.arm), spread=True)
         if spot is not None:
             yield spot
     if relation.kind != "inside":
@@ -214,7 +218,7 @@ def _beside(relation: Relation, number: int, view: SceneView, lift: float) -> It
         reach = 2 * (float(np.abs(shape.outline).max()) + bound)
         region = Region(((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0 + 2 * reach, y1 - y0 + 2 * reach), 0.0)
         for share in (_MARGIN, 0.1):
-            suits = _ring(shape.outline, other.outline, (1 - share) * bound, Suits(lift))
+            suits = _ring(shape.outline, other.outline, (1 - share) * bound, Suits(lift, view.env.arm))
             for gap in (0.01, 0.004):
                 clear = min(gap, 0.5 * bound)
                 spot = find_spot(
@@ -252,7 +256,7 @@ def _line(relation: Relation, view: SceneView, lift: float) -> dict[int, tuple[f
             offsets = centers + place * np.asarray(axis)
             heights = rest_heights(shape, obstacles, offsets, 0.01)
             inside = ((offsets >= bounds[:2, 0]) & (offsets <= bounds[:2, 1])).all(axis=1)
-            good &= inside & (heights < 0.002) & Suits(lift)(offsets, heights)
+            good &= inside & (heights < 0.002) & Suits(lift, view.env.arm)(offsets, heights)
         if good.any():
             best = centers[good][np.linalg.norm(centers[good] - middle, axis=1).argmin()]
             spots = best + places[:, None] * np.asarray(axis)

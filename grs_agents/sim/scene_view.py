@@ -95,6 +95,10 @@ class SceneView:
         """One prism around the whole object."""
         return self._supposed[number] if number in self._supposed else self.env.outline(number)
 
+    def parts(self, number: int) -> list[Prism]:
+        """The prisms of one object's colliders."""
+        return [prism for prism in self.prisms if prism.owner == number]
+
     def extent(self, number: int) -> tuple[float, float]:
         """Horizontal extents along its own axes as it stands, metres."""
         outline = self.outline(number).outline @ turn(self.yaw(number))

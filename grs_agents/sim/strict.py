@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.sim.geometry import footprint
+from grs_agents.sim.geometry import footprint, inside_margin
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.relation_rules import shortfalls
 from grs_agents.sim.scene_view import SceneView
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from grs_agents.sim.task import Task
 
 _HEIGHT: Final = 0.015
-"""Farthest from the height that a target says, metres, however wide ``pos_eps`` is."""
+"""Farthest from the height that a target says, metres, whatever ``pos_eps`` is; less than half the least of levels."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,8 @@ class StrictScorer:
     """
 
     def __init__(self, task: "Task", env: "Environment", places: Mapping[int, Pose]) -> None:
-        self.task, self.env, self._places = task, env, dict(places)
-        outlines = {number: footprint(env.shapes(number), pose) for number, pose in places.items()}
-        self._spans = {number: (outline.low, outline.high) for number, outline in outlines.items()}
+        self.task, self.env = task, env
+        self._outlines = {number: footprint(env.shapes(number), pose) for number, pose in places.items()}
 
     def score(self) -> StrictScore:
         """The score of the scene as it stands now."""
@@ -102,7 +101,25 @@ class StrictScorer:
             return 0.0, "does not lie still"
         if goal.metric == "zone":
             return self._zone_share(goal, number, view)
-        return (1.0, "") if row in claimed else (0.0, "is at no target that is its own, height included")
+        return (1.0, "") if row in claimed else (0.0, self._astray(goal, row, view))
+
+    def _astray(self, goal: Goal, row: int, view: SceneView) -> str:
+        """How an object misses every target that will do for it."""
+        number = goal.objs[row]
+        pose, low = view.pose(number), view.outline(number).low
+        around = [
+            index for index in np.flatnonzero(goal.matches[row])
+            if self.task.is_match(pose, goal.targ_poses[index], goal.symmetries[row])
+        ]  # fmt: skip
+        if not around:
+            return "is at none of its targets"
+        if any(self._holds(goal, row, int(index), view) for index in around):
+            return "is at a target that another object has"
+        heights = [goal.targ_poses[index][0][2] for index in around]
+        wanted = min(heights, key=lambda height: abs(height - pose[0][2]))
+        return (
+            f"is at its target but for the height: it reaches from {abs(low):.3f} m up, the target is at {wanted:.3f} m"
+        )
 
     def _zone_share(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
         ceiling = float(self.task.zone_bounds[2, 1])
@@ -110,7 +127,7 @@ class StrictScorer:
         if share < 0.01:
             return 0.0, "is not in its zone"
         top = max(zone[0][0][2] + zone[1][2] / 2 for zone in goal.params)
-        high = view.outline(number).low > max(0.0, top) + self._height
+        high = view.outline(number).low > max(0.0, top) + _HEIGHT
         if high and not self._on_fellows(number, self._fellows(goal), view):
             return 0.0, f"rests at {view.outline(number).low:.2f} m, above its zone"
         return (1.0, "") if share > 0.985 else (share, f"is {share:.0%} in its zone")
@@ -133,23 +150,18 @@ class StrictScorer:
         if not self.task.is_match(pose, target, goal.symmetries[row]):
             return False
         heights = (pose[0][2], view.outline(number).low)
-        if any(abs(height - target[0][2]) <= self._height for height in heights):
+        if any(abs(height - target[0][2]) <= _HEIGHT for height in heights):
             return True
-        half = heights[0] - heights[1] + self._height
+        half = heights[0] - heights[1] + _HEIGHT
         if any(self._is_place(other, target, half) for other in supporters(number, view)):
             return True
-        return goal.replace and self._on_fellows(number, self._fellows(goal), view)
+        return self._on_fellows(number, self._sharers(goal, number, target), view)
 
     def _is_place(self, number: int, target: Pose, half: float) -> bool:
         """Whether a target lies in an object as it stood at the start, or on it, ``half`` above its top at most."""
-        (low, high), (x, y, _) = self._spans[number], self._places[number][0]
-        aside = max(abs(target[0][0] - x), abs(target[0][1] - y))
-        return aside <= self.task.pos_eps and low <= target[0][2] <= high + half
-
-    @property
-    def _height(self) -> float:
-        """How far from the height that a target says an object may lie, metres."""
-        return min(self.task.pos_eps, _HEIGHT)
+        start = self._outlines[number]
+        aside = -inside_margin(np.zeros((1, 2)), start.outline, np.array([target[0][:2]]))[0]
+        return bool(aside <= self.task.pos_eps and start.low <= target[0][2] <= start.high + half)
 
     def _fellows(self, goal: Goal) -> set[int]:
         """Objects that goals want in the same zones or at the same targets."""
@@ -159,6 +171,17 @@ class StrictScorer:
             if other is goal or (other.params and other.params == goal.params)
             for number in other.objs
         }
+
+    def _sharers(self, goal: Goal, number: int, target: Pose) -> set[int]:
+        """Objects that goals want at the same place: one target for all of them, or equal ones."""
+        found = set(goal.objs) if goal.replace else set[int]()
+        for other, _ in self.task.stated_goals:
+            for row, index in np.argwhere(other.matches):
+                if other is not goal or other.targ_poses[index] is not target:
+                    apart = np.abs(np.subtract(other.targ_poses[index][0], target[0]))
+                    if (apart <= (self.task.pos_eps, self.task.pos_eps, _HEIGHT)).all():
+                        found.add(other.objs[int(row)])
+        return found - {number}
 
     def _on_fellows(self, number: int, fellows: set[int], view: SceneView) -> bool:
         under = supporters(number, view)

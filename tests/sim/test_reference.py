@@ -4,5 +4,14 @@ from grs_agents.sim import api_reference
 def test_the_reference_is_short_and_names_what_programs_need() -> None:
     text = api_reference()
     assert len(text.splitlines()) <= 200
-    for word in ("add_goal", "get_random_pose", "fill_template", "add_object", "metric='zone'", "symmetries", "0.85"):
+    for word in (
+        "add_goal",
+        "get_random_pose",
+        "fill_template",
+        "add_object",
+        "metric='zone'",
+        "symmetries",
+        "0.85",
+        "stacked(objs)",
+    ):
         assert word in text

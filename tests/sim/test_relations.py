@@ -121,7 +121,7 @@ def box_on_its_side(task, env) -> None:
         (box, {"_2": at(0.55, 0.2, 0.09)}, ""),
         (beside, {"_2": at(0.5, 0.1, 0.22)}, "lies on"),
         (beside, {"_2": at(0.5, 0.3, 0.02)}, "at most 0.040 m"),
-        (marked, {"_2": at(0.59, 0.3, 0.02)}, "75% over zone"),
+        (marked, {"_2": at(0.55, 0.3, 0.02)}, "75% over zone"),
         (row, {}, "beside the line"),
         (tower, {"_2": at(0.38, -0.3, 0.0605)}, "green_block.urdf does not rest on block/blue"),
     ],
