@@ -176,7 +176,7 @@ class StrictScorer:
         """Objects that goals want at the same place: one target for all of them, or equal ones."""
         found = set(goal.objs) if goal.replace else set[int]()
         for other, _ in self.task.stated_goals:
-            for row, index in np.argwhere(other.matches):
+            for row, index in np.argwhere(other.matches).tolist():
                 if other is not goal or other.targ_poses[index] is not target:
                     apart = np.abs(np.subtract(other.targ_poses[index][0], target[0]))
                     if (apart <= (self.task.pos_eps, self.task.pos_eps, _HEIGHT)).all():

@@ -99,8 +99,8 @@ class _Solid:
         if self.shape.kind == "box":
             return np.ones(grid.shape[1], dtype=bool)
         across = grid if self.shape.kind == "sphere" else grid[:2]
-        squares = np.square(across).sum(axis=0)
-        return np.less_equal(squares, self.shape.size[0] ** 2)
+        distance: FloatArray = np.linalg.norm(across, axis=0)
+        return np.asarray(distance <= self.shape.size[0], dtype=np.bool_)
 
 
 def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
