@@ -93,7 +93,7 @@ def _candidates(center: Vec3, outline: Prism) -> list[tuple[float, float]]:
 
 
 def _roughness(physics: Physics, number: int, x: float, y: float, height: float) -> tuple[float, int]:
-    """How little of the cup's rim would touch (0 all, 0.024 none), and which other object stands in its way, or -1."""
+    """How little of the cup's lip would seal (0 all; from 1 on too little), and what else is in its way, or -1."""
     missing, step = 0, 0.0
     for dx, dy in _RING:
         for radius in (_RIM, 0.013):
@@ -102,5 +102,6 @@ def _roughness(physics: Physics, number: int, x: float, y: float, height: float)
                 return 1.0, owner
             if around > height + _GIVE:
                 step = 0.05  # the object's own higher part: only if there is nothing better
-            missing += radius < 0.01 and (owner != number or around < height - _GIVE)
-    return 0.003 * missing + step, -1
+            missing += radius == _RIM and (owner != number or abs(around - height) > _GIVE)
+    leaks = 1 - missing / len(_RING) < SEALED
+    return 0.003 * missing + step + leaks, -1

@@ -78,7 +78,7 @@ class RelationPlanner:
         placed = {other: _pose_at(Spot(plan[other], 0.0, 0.0), other, view) for other in relation.objects}
         if not holds_when(relation, relation.objects, view.supposing(placed), task.rot_eps):
             return _no_spot(relation, number, view)
-        return spot if _reached(spot, lift) else _too_far(number, spot, view, lift)
+        return spot if _reached(spot, view, lift) else _too_far(number, spot, view, lift)
 
 
 def predicted(spot: Spot, number: int, view: SceneView) -> SceneView:
@@ -112,8 +112,11 @@ def _reached(spot: Spot, view: SceneView, lift: float) -> bool:
 
 def _too_far(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
     tip = (*spot.center, spot.height + lift)
-    note = f"target of {view.name(number)} at {at(tip)} {reach_note(tip, view.env.arm)}"
-    return Stop("unreachable", note, (view.name(number),))
+    return Stop(
+        "unreachable",
+        f"target of {view.name(number)} at {at(tip)} {reach_note(tip, view.env.arm)}",
+        (view.name(number),),
+    )
 
 
 def _no_spot(relation: Relation, number: int, view: SceneView) -> Stop:

@@ -94,13 +94,11 @@ class _Solid:
         return utils.apply((self.shape.position, self.shape.quaternion), kept)
 
     def _inside(self, grid: FloatArray) -> npt.NDArray[np.bool_]:
-        if self.shape.kind == "mesh":
+        if self.shape.kind in ("box", "mesh"):
             return _within(self.faces, grid)
-        if self.shape.kind == "box":
-            return np.ones(grid.shape[1], dtype=bool)
         across = grid if self.shape.kind == "sphere" else grid[:2]
-        distance: FloatArray = np.linalg.norm(across, axis=0)
-        return np.asarray(distance <= self.shape.size[0], dtype=np.bool_)
+        within: npt.NDArray[np.bool_] = np.square(across).sum(axis=0) <= self.shape.size[0] ** 2
+        return within
 
 
 def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
