@@ -1,7 +1,9 @@
 """The agents: describer, matcher, task author, simulation author, test author, router and the two fixers."""
 
-from grs_agents.agents import roles
+from grs_agents.agents import examples, roles
 from grs_agents.agents.agent import Agents
 from grs_agents.agents.types import Description, Match, NoReply, RouterReply, TaskDefinition, Verdict
 
-__all__ = ["Agents", "Description", "Match", "NoReply", "RouterReply", "TaskDefinition", "Verdict", "roles"]
+__all__ = [
+    "Agents", "Description", "Match", "NoReply", "RouterReply", "TaskDefinition", "Verdict", "examples", "roles",
+]  # fmt: skip

@@ -1,8 +1,7 @@
 """The authoring nodes: task, simulation, tests, and the two fixes."""
 
 from grs_agents import content
-from grs_agents.agents import NoReply, TaskDefinition, roles
-from grs_agents.errors import GrsError
+from grs_agents.agents import NoReply, TaskDefinition, examples, roles
 from grs_agents.files import write_json
 from grs_agents.nodes.evidence import evidence
 from grs_agents.nodes.programs import ProgramName, new_version
@@ -35,8 +34,8 @@ def generate_sim(state: RunState, services: Services) -> Update:
     """Write the simulation program (paper, Simulation Program Generation)."""
     task = _task(state)
     scene = scene_for_prompt(_scene(state), services.library)
-    examples = _examples(services.config.seed)
-    source = roles.author_simulation(services.agents, task, scene, api_reference(), examples, _images(state))
+    shown = _examples(task, services.config.seed)
+    source = roles.author_simulation(services.agents, task, scene, api_reference(), shown, _images(state))
     if isinstance(source, NoReply):
         return {"problem": str(source)}
     return new_version(state, services, "simulation", source, "simulation")
@@ -101,10 +100,7 @@ def _images(state: RunState) -> list[str]:
     return [state["image"]] if state.get("image") else []
 
 
-def _examples(seed: int) -> str:
-    """A few of the example programs, chosen by the seed."""
-    files = sorted((content.content_root() / "prompts" / "examples").glob("*.py"))
-    if not files:
-        raise GrsError("prompts/examples holds no program", "reinstall grs-agents")
-    chosen = [files[(seed + step * max(1, len(files) // EXAMPLES)) % len(files)] for step in range(EXAMPLES)]
-    return "\n\n\n".join(file.read_text(encoding="utf-8").strip() for file in dict.fromkeys(chosen))
+def _examples(task: TaskDefinition, seed: int) -> str:
+    """The example programs that are nearest to a task."""
+    found = examples.read_examples(content.content_root() / "prompts" / "examples")
+    return "\n\n\n".join(example.source for example in examples.nearest(found, task, EXAMPLES, seed))

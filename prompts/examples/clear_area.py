@@ -1,3 +1,5 @@
+"""Clearing: an area of the table; one zone is the goal of everything that stands there."""
+
 import numpy as np
 
 from grs_agents.sim import Task, utils

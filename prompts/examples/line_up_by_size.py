@@ -1,3 +1,5 @@
+"""Alignment: in a row, in an order that is computed from the objects' sizes."""
+
 import numpy as np
 
 from grs_agents.sim import Task

@@ -1,3 +1,5 @@
+"""Packing: groceries into an open box that stands where the photo shows nothing."""
+
 import numpy as np
 
 from grs_agents.sim import Task, utils

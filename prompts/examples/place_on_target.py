@@ -1,3 +1,5 @@
+"""Placing: on something and behind it; a target's height is that of the thing's centre."""
+
 import numpy as np
 
 from grs_agents.sim import Task

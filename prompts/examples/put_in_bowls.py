@@ -1,3 +1,5 @@
+"""Bowls: one goal for all blocks, matches say that any of them may go into any bowl."""
+
 import numpy as np
 
 from grs_agents.sim import Task

@@ -1,3 +1,5 @@
+"""Sorting: groceries by kind onto two mats, one zone goal for each kind."""
+
 import numpy as np
 
 from grs_agents.sim import Task, utils

@@ -1,3 +1,5 @@
+"""Stacking: blocks on one that stays where it is, one goal for each level."""
+
 import numpy as np
 
 from grs_agents.sim import Task

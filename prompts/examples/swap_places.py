@@ -1,3 +1,5 @@
+"""Swapping: two things change places, although each target is taken at first."""
+
 import numpy as np
 
 from grs_agents.sim import Task

@@ -1,0 +1,113 @@
+"""The example programs: what each shows, and which of them are nearest to a task.
+
+An example is a simulation program in ``prompts/examples``. Its module docstring begins with its family, a colon and
+what it shows: ``Stacking: a tower on a stand that lies anywhere``.
+"""
+
+import ast
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from grs_agents.agents.types import TaskDefinition
+from grs_agents.base import Frozen
+from grs_agents.errors import InputError
+
+_PER_FAMILY = 2
+"""Programs of one family among those chosen: a third of a kind shows little that is new."""
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
+_ENDINGS = ("ing", "ed", "es", "s", "e")
+_SHORTEST = 3
+
+
+class Example(Frozen):
+    """One example program.
+
+    Attributes:
+        name: of its file, without the suffix.
+        family: the kind of task, e.g. ``"Stacking"``.
+        shows: what is to be learnt from it.
+        source: the whole program.
+    """
+
+    name: str
+    family: str
+    shows: str
+    source: str
+
+    @property
+    def words(self) -> Counter[str]:
+        """Stems of the words it is described in: names, docstrings, sentences and assets, not the code."""
+        tree = ast.parse(self.source)
+        texts = [
+            node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        ]
+        names = [node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+        return _stems([self.name, *names, *texts])
+
+
+def read_examples(folder: Path) -> tuple[Example, ...]:
+    """Every example of a folder, by name.
+
+    Raises:
+        InputError: there is none, or one is no Python program.
+    """
+    found: list[Example] = []
+    for file in sorted(folder.glob("*.py")):
+        source = file.read_text(encoding="utf-8").strip()
+        try:
+            family, _, shows = (ast.get_docstring(ast.parse(source)) or "").partition(": ")
+        except SyntaxError as error:
+            raise InputError(f"example {file.name} is no Python program: {error}", "correct it") from error
+        found.append(Example(name=file.stem, family=family, shows=shows, source=source))
+    if not found:
+        raise InputError(f"{folder} holds no example program", "reinstall grs-agents")
+    return tuple(found)
+
+
+def nearest(examples: Sequence[Example], task: TaskDefinition, count: int, seed: int) -> tuple[Example, ...]:
+    """The examples that share most with a task's name, description and assets, the nearest first.
+
+    A shared word counts the more, the fewer examples have it (cosine of tf-idf). At most two are of one family. Where
+    examples are equally near, the seed decides.
+
+    Args:
+        examples: to choose from.
+        task: to be written.
+        count: how many.
+        seed: turns the order in which equals are taken.
+    """
+    bags = [example.words for example in examples]
+    having = Counter(word for bag in bags for word in bag)
+    rarity = {word: math.log((1 + len(bags)) / number) for word, number in having.items()}
+    wanted = _stems([task.name, task.description, *task.assets])
+    near = [round(_cosine(bag, wanted, rarity), 9) for bag in bags]
+    order = sorted(range(len(bags)), key=lambda index: (-near[index], (index - seed) % len(bags)))
+    chosen: list[Example] = []
+    for index in order:
+        fellows = sum(example.family == examples[index].family for example in chosen)
+        if fellows < _PER_FAMILY and len(chosen) < count:
+            chosen.append(examples[index])
+    return tuple(chosen)
+
+
+def _cosine(first: Counter[str], second: Counter[str], rarity: dict[str, float]) -> float:
+    def weights(bag: Counter[str]) -> dict[str, float]:
+        return {word: (1 + math.log(number)) * rarity.get(word, 0.0) for word, number in bag.items()}
+
+    one, other = weights(first), weights(second)
+    length = math.hypot(*one.values()) * math.hypot(*other.values())
+    return sum(one[word] * other[word] for word in one.keys() & other.keys()) / length if length else 0.0
+
+
+def _stems(texts: Iterable[str]) -> Counter[str]:
+    """Words without their endings, so that "stacking", "stacked" and "stack" are one; CamelCase is taken apart."""
+    return Counter(_stem(word.lower()) for text in texts for word in _WORD.findall(text))
+
+
+def _stem(word: str) -> str:
+    word = word.replace("colour", "color")
+    ending = next((ending for ending in _ENDINGS if word.endswith(ending)), "")
+    return word.removesuffix(ending) if len(word) - len(ending) >= _SHORTEST else word

@@ -1,0 +1,97 @@
+"""Every example program: its form, and that the oracle solves it while doing nothing does not."""
+
+import ast
+import random
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from grs_agents.agents.examples import Example, read_examples
+from grs_agents.content import content_root
+from grs_agents.library import Library
+from grs_agents.sim import Task, TaskInstance, instantiate, rollout, task_class
+
+FOLDER = content_root() / "prompts" / "examples"
+EXAMPLES = read_examples(FOLDER)
+EVERY = pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
+IMPORTED = {"grs_agents.sim", "math", "numpy"}
+SEED = 1
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return Library()
+
+
+def load(example: Example) -> ModuleType:
+    module = ModuleType("task_code")
+    exec(compile(example.source, example.name, "exec"), module.__dict__)
+    return module
+
+
+def instance_of(example: Example, seed: int, library: Library) -> TaskInstance:
+    random.seed(seed)
+    np.random.seed(seed)
+    return instantiate(task_class(load(example))(), seed, library)
+
+
+def test_there_are_enough_programs_of_enough_families() -> None:
+    assert len(EXAMPLES) >= 36
+    assert len({example.family for example in EXAMPLES}) >= 12
+    assert [example.name for example in EXAMPLES if not (example.family.isalpha() and example.shows)] == []
+
+
+@EVERY
+def test_it_is_one_short_documented_task_that_keeps_to_the_prompts_rules(example: Example) -> None:
+    tree = ast.parse(example.source)
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    assert len(classes) == 1
+    assert ast.get_docstring(classes[0])
+    assert {node.module for node in tree.body if isinstance(node, ast.ImportFrom)} == {"grs_agents.sim"}
+    assert {name.name for node in tree.body if isinstance(node, ast.Import) for name in node.names} <= IMPORTED
+    assert not [node for node in ast.walk(tree) if isinstance(node, ast.While)], "a loop without a bound"
+    assert len(example.source.splitlines()) <= 72
+    task = task_class(load(example))()
+    assert isinstance(task, Task)
+    assert task.lang_template
+    assert task.task_completed_desc != Task().task_completed_desc
+
+
+@EVERY
+def test_the_oracle_solves_it_and_doing_nothing_does_not(example: Example, library: Library) -> None:
+    instance = instance_of(example, SEED, library)
+    done = rollout(TaskInstance.model_validate_json(instance.model_dump_json()), library)
+    assert done.episode.outcome == "success", done.episode.detail
+    assert done.episode.reward == pytest.approx(1, abs=0.01)
+    assert done.strict >= 0.99, done.episode.shortfalls
+    assert done.idle_reward < 0.5
+    assert len(done.moved) >= 2
+    assert done.warnings + instance.warnings == ()
+
+
+@EVERY
+def test_its_goals_are_in_words_and_it_leaves_steps_to_spare(example: Example, library: Library) -> None:
+    instance = instance_of(example, SEED, library)
+    assert all(goal.language and "{" not in goal.language for goal in instance.goals)
+    wanted = {number for goal in instance.goals for number in goal.objects}
+    assert instance.primitive == "push" or instance.max_steps >= 1.5 * len(wanted)
+
+
+@EVERY
+def test_a_seed_gives_one_instance_whatever_was_drawn_elsewhere(example: Example, library: Library) -> None:
+    first = instance_of(example, SEED, library)
+    assert instance_of(example, SEED, library) == first
+
+
+def test_most_programs_differ_from_seed_to_seed(library: Library) -> None:
+    same = [
+        example.name for example in EXAMPLES
+        if instance_of(example, 2, library).objects == instance_of(example, 3, library).objects
+    ]  # fmt: skip
+    assert len(same) < len(EXAMPLES) / 4, same
+
+
+def test_no_file_of_the_folder_is_left_out() -> None:
+    assert {example.name for example in EXAMPLES} == {file.stem for file in Path(FOLDER).iterdir() if file.is_file()}
