@@ -1,7 +1,7 @@
 """The pick-and-place primitive: suction gated on contact and seal, placing until contact, typed failure."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -24,6 +24,8 @@ _CLEARANCE: Final = 0.03
 ROPE_SPEED: Final = 0.2
 _ROPE_CLEARANCE: Final = 0.01
 """What is tied to other things is dragged rather than carried: slowly and low, else it flings about."""
+_CAREFUL: Final = 4.0
+"""Acceleration of the last stretch of a way, m/s^2: quicker, the arm would swing past its end and shove neighbours."""
 _LOWEST: Final = 0.001
 _RETREAT: Final = 0.06
 _TURNS: Final = tuple(turn * np.pi / 2 for turn in (0, 1, -1, 2, -2, 3, -3, 4, -4))
@@ -217,10 +219,12 @@ class PickPlace:
         """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
         physics = self.physics
         gait = pace(speed, None if physics.held is None else physics.mass(physics.held), physics.timestep)
+        careful = replace(gait, acceleration=min(gait.acceleration, _CAREFUL))
         legs: list[FloatArray] = []
         seed = physics.commanded
         for start, end in pairwise(poses):
-            legs.append(move(self.arm, start, end, gait, seed))
+            last = end is poses[-1]
+            legs.append(move(self.arm, start, end, careful if last else gait, seed))
             seed = legs[-1][-1]
             if not np.isfinite(seed).all():
                 return False
