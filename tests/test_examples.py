@@ -76,7 +76,8 @@ def test_its_goals_are_in_words_and_it_leaves_steps_to_spare(example: Example, l
     instance = instance_of(example, SEED, library)
     assert all(goal.language and "{" not in goal.language for goal in instance.goals)
     wanted = {number for goal in instance.goals for number in goal.objects}
-    assert instance.primitive == "push" or instance.max_steps >= 1.5 * len(wanted)
+    one_by_one = instance.primitive == "pick_place" and not instance.ties
+    assert not one_by_one or instance.max_steps >= 1.5 * len(wanted)
 
 
 @EVERY

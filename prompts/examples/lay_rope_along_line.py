@@ -1,3 +1,5 @@
+"""Ropes: a rope is laid along a line; make_ropes gives its beads, their targets and matches."""
+
 from grs_agents.sim import Task, utils
 
 

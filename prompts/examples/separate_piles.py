@@ -1,3 +1,5 @@
+"""Piles: two piles are pushed apart, each into the zone of its colour, one goal for each."""
+
 import numpy as np
 
 from grs_agents.sim import Task, utils

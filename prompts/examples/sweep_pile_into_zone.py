@@ -1,3 +1,5 @@
+"""Piles: a pile of grains is swept into a zone; pushing with a spatula comes with the word in lang_template."""
+
 import numpy as np
 
 from grs_agents.sim import Task, utils

@@ -6,7 +6,7 @@ from grs_agents.sim import Task, utils
 
 
 class TidyGroceries(Task):
-    """Put the small things into the basket, then stand the cartons on the shelf mat."""
+    """Put the small things into the basket, then stand the tall ones on the mat."""
 
     def __init__(self):
         super().__init__()
@@ -32,13 +32,13 @@ class TidyGroceries(Task):
             env.add_object("HOPE/Butter.urdf", ((0.56, 0.10, 0.027), (0, 0, 0.5, 0.866))),
             env.add_object("HOPE/Pineapple.urdf", ((0.63, -0.04, 0.029), (0, 0, 0, 1))),
         ]
-        cartons = [
+        tall = [
             env.add_object("HOPE/Milk.urdf", ((0.40, -0.08, 0.095), (0, 0, 0, 1))),
-            env.add_object("HOPE/OrangeJuice.urdf", ((0.53, -0.11, 0.096), (0, 0, 0, 1))),
+            env.add_object("HOPE/Raisins.urdf", ((0.53, -0.11, 0.062), (0, 0, 0, 1))),
         ]
         for group, pose, size, words in (
             (small, basket_pose, basket_size, "the small things into the basket"),
-            (cartons, mat_pose, mat_size, "the cartons on the mat"),
+            (tall, mat_pose, mat_size, "the tall things on the mat"),
         ):
             self.add_goal(
                 objs=group,
