@@ -58,7 +58,7 @@ class Environment(Workcell):
 
     def __init__(
         self,
-        assets_root: str | Path = "",
+        assets_root: str | Path | None = "",
         task: "Task | None" = None,
         disp: bool = False,
         shared_memory: bool = False,
@@ -70,11 +70,11 @@ class Environment(Workcell):
         budget: int = DEFAULT_BUDGET,
         robot: str | None = None,
     ) -> None:
-        self.assets_root = str(assets_root)
+        self.assets_root = str(assets_root or "")
         self.disp, self.shared_memory, self.hz, self.record_cfg = disp, shared_memory, hz, record_cfg
         library = library or templates.default_library()
-        if self.assets_root and Path(assets_root).is_dir():
-            library = library.overlay(Path(assets_root))
+        if self.assets_root and Path(self.assets_root).is_dir():
+            library = library.overlay(Path(self.assets_root))
         super().__init__(library, Budget(budget), get_arm(robot or templates.default_robot()))
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
         self.pix_size = 0.003125
