@@ -145,8 +145,7 @@ class Environment(Workcell):
     @property
     def observation(self) -> Observation:
         """``{'color': three images, 'depth': three images}``, rendered when they are read."""
-        joints = self.homej if self._physics is None else self._physics.joints
-        return Observation(self.objects, self.library, joints, self.arm)
+        return Observation(self.sight)
 
     @property
     def episode(self) -> Episode:
