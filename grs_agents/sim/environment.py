@@ -182,6 +182,7 @@ class Environment(Workcell):
         else:
             result = self.pick_place(pose0, pose1)
             moved, number, note = (), result.grasped, result.note
+        self.physics.check()
         reward = self.task.reward()[0] if self.task is not None else 0.0
         asset = "" if number is None else self.object(number).asset
         self.recorder.actions.append(
