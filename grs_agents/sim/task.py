@@ -12,6 +12,7 @@ from grs_agents.sim.episode import NoFreeSpaceError
 from grs_agents.sim.geometry import Prism
 from grs_agents.sim.goals import Goal, as_goal, doubts, make_goal, named, worth_one
 from grs_agents.sim.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
+from grs_agents.sim.kitting import kitting_objects
 from grs_agents.sim.relation_rules import shortfalls
 from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.task_kit import TaskKit
@@ -197,6 +198,21 @@ class Task(TaskKit):
                 "add fewer or smaller objects",
             )
         return None, None
+
+    def make_kitting_objects(
+        self, env: "Environment", targets: Sequence[Any], obj_shapes: Sequence[int], n_objects: int, colors: Any
+    ) -> tuple[list[tuple[int, tuple[float, None]]], list[npt.NDArray[np.float64]]]:
+        """Put ``n_objects`` kitting shapes at free places: ``(objects, matches)`` for ``add_goal``.
+
+        Args:
+            env: the environment.
+            targets: target poses, one for each shape.
+            obj_shapes: numbers 0..19, as ``get_kitting_shapes`` draws them.
+            n_objects: how many of them.
+            colors: one for each, (r, g, b) or a name.
+        """
+        shapes = [int(shape) for shape in obj_shapes[:n_objects]]
+        return kitting_objects(env, lambda size: self.get_random_pose(env, size), targets, shapes, colors)
 
     # --- scoring ----------------------------------------------------------------------------------------
 
