@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -41,7 +42,7 @@ class Prism:
     high: float
     owner: int = -1
 
-    @property
+    @cached_property
     def box(self) -> tuple[float, float, float, float]:
         """(x low, y low, x high, y high)."""
         low, high = self.outline.min(axis=0), self.outline.max(axis=0)
@@ -179,6 +180,27 @@ def rest_height(body: Sequence[Prism], obstacles: Sequence[Prism], offset: Float
     """
     low = min(prism.low for prism in body)
     return max(float(rest_heights(prism, obstacles, offset, gap)[0]) - (prism.low - low) for prism in body)
+
+
+def near(prism: Prism, others: Iterable[Prism], offset: Sequence[float], reach: float) -> list[Prism]:
+    """Those of the others that may be within ``reach`` (m) of a prism shifted by an offset (2,), seen from above."""
+    (x0, y0, x1, y1), (dx, dy) = prism.box, offset
+    x0, y0, x1, y1 = x0 + dx - reach, y0 + dy - reach, x1 + dx + reach, y1 + dy + reach
+    return [
+        other for other in others
+        if other.box[0] <= x1 and other.box[1] <= y1 and other.box[2] >= x0 and other.box[3] >= y0
+    ]  # fmt: skip
+
+
+def nearest_point(outline: FloatArray, point: FloatArray) -> FloatArray:
+    """The point (2,) of a convex outline, or inside it, that is nearest to ``point`` (2,)."""
+    edges = np.roll(outline, -1, axis=0) - outline
+    length = np.maximum((edges**2).sum(axis=1), 1e-12)
+    share = np.clip(((point - outline) * edges).sum(axis=1) / length, 0.0, 1.0)
+    feet = outline + share[:, None] * edges
+    away = np.linalg.norm(feet - point, axis=1)
+    inside = inside_margin(np.zeros((1, 2)), outline, point[None])[0] >= 0
+    return point if inside else np.asarray(feet[int(np.argmin(away))])
 
 
 def distance(first: FloatArray, second: FloatArray) -> float:

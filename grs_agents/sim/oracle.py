@@ -154,7 +154,7 @@ class Oracle:
             where = f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f})"
             note = reach_note((position[0], position[1], view.outline(number).high), self.env.arm)
             return Stop("unreachable", f"object {name} at {where} {note}", (name,))
-        hold = find_hold(view.physics, number, position, view.outline(number))
+        hold = find_hold(view.physics, number, position, view.outline(number), view.others(number))
         if hold.point is not None:
             return hold.point
         movable = [other for other in hold.covered_by if view.is_free(other)]

@@ -8,7 +8,7 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.sim import utils
 from grs_agents.sim.episode import Stop
-from grs_agents.sim.geometry import Prism, gaps, inside_margin, rest_height
+from grs_agents.sim.geometry import Prism, gaps, inside_margin, near, rest_height
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.placement import Spot, turned
 from grs_agents.sim.reach import TALLEST_STACK, Blocked, FloatArray, Suits, Target, at, reach_note, wrap
@@ -125,10 +125,11 @@ def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], t
     """The target's (1, 2) or a point within half its tolerance that is clearer of what stands as high, metres."""
     center = np.array([[target[0][0], target[0][1]]])
     half = (max(part.high for part in body) - min(part.low for part in body)) / 2
+    level = [prism for prism in obstacles if prism.high > target[0][2] + 0.003 - half and prism.low < target[0][2] + half]
     beside = [
         (part.outline, prism.outline)
-        for prism in obstacles if prism.high > target[0][2] + 0.003 - half and prism.low < target[0][2] + half
-        for part in body if -_ROOM - 2 * _NUDGE < gaps(part.outline, prism.outline, center)[0] < _ROOM
+        for part in body for prism in near(part, level, center[0].tolist(), _ROOM)
+        if -_ROOM - 2 * _NUDGE < gaps(part.outline, prism.outline, center)[0] < _ROOM
     ]  # fmt: skip
     if not beside:
         return center
