@@ -86,7 +86,8 @@ def shape_points(shape: Shape, bounds: tuple[FloatArray, FloatArray]) -> FloatAr
         ring = radius / np.cos(np.pi / _CIRCLE) * np.array([np.cos(angle), np.sin(angle)])
         ends = np.repeat([-half_length, half_length], _CIRCLE)
         points = np.vstack([np.hstack([ring, ring]), ends])
-    return utils.apply((shape.position, shape.quaternion), points)
+    turned = utils.IDENTITY if shape.kind == "sphere" else shape.quaternion
+    return utils.apply((shape.position, turned), points)
 
 
 @per_model
@@ -95,25 +96,35 @@ def _local_points(model: ObjectModel) -> tuple[FloatArray, ...]:
     return tuple(shape_points(shape, bounds) for shape in model.colliders)
 
 
+def _points(model: ObjectModel, pose: Pose) -> list[FloatArray]:
+    """Points (3, N) whose convex hull holds a collider, for each of an object at ``pose``; a ball's never turn."""
+    found: list[FloatArray] = []
+    for shape, local in zip(model.colliders, _local_points(model), strict=True):
+        if shape.kind == "sphere":
+            center = np.asarray(shape.position)[:, None]
+            found.append(utils.apply(pose, center) + (local - center))
+        else:
+            found.append(utils.apply(pose, local))
+    return found
+
+
 def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
     """One prism for each collider of an object at ``pose``."""
-    found: list[Prism] = []
-    for local in _local_points(model):
-        points = utils.apply(pose, local)
-        found.append(Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner))
-    return found
+    return [
+        Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
+        for points in _points(model, pose)
+    ]
 
 
 def lowest(model: ObjectModel, pose: Pose) -> float:
     """The height of the lowest point of an object's colliders at ``pose``, metres."""
-    return min((float(utils.apply(pose, local)[2].min()) for local in _local_points(model)), default=pose[0][2])
+    return min((float(points[2].min()) for points in _points(model, pose)), default=pose[0][2])
 
 
 def footprint(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
     """One prism around the whole object at ``pose``; a mark without colliders is a flat one."""
-    local = _local_points(model)
-    if local:
-        points = utils.apply(pose, np.hstack(local))
+    if model.colliders:
+        points = np.hstack(_points(model, pose))
     else:
         corners = np.array(np.meshgrid(*zip(*model.bounds, strict=True), indexing="ij"), dtype=np.float64)
         points = utils.apply(pose, corners.reshape(3, -1))
@@ -201,6 +212,21 @@ def nearest_point(outline: FloatArray, point: FloatArray) -> FloatArray:
     away = np.linalg.norm(feet - point, axis=1)
     inside = inside_margin(np.zeros((1, 2)), outline, point[None])[0] >= 0
     return point if inside else np.asarray(feet[int(np.argmin(away))])
+
+
+def overlap(first: FloatArray, second: FloatArray) -> FloatArray:
+    """What two convex outlines have in common, as an outline (K, 2); empty where they are apart."""
+    kept = first
+    for start, normal in zip(second, _normals(second), strict=True):
+        if not len(kept):
+            break
+        depth = (kept - start) @ normal
+        after, beyond = np.roll(kept, -1, axis=0), np.roll(depth, -1)
+        share = np.where(depth == beyond, 0.0, depth / np.where(depth == beyond, 1.0, depth - beyond))
+        crossing = (depth > 0) != (beyond > 0)
+        rows = np.stack([kept, kept + share[:, None] * (after - kept)], axis=1).reshape(-1, 2)
+        kept = rows[np.stack([depth <= 0, crossing], axis=1).ravel()]
+    return kept
 
 
 def distance(first: FloatArray, second: FloatArray) -> float:

@@ -10,10 +10,13 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.sim.geometry import Prism, inside_margin, near, nearest_point
 from grs_agents.sim.physics import Physics
+from grs_agents.sim.robot import CUP_RADIUS
 
 FloatArray = npt.NDArray[np.float64]
 _SPACING: Final = 0.009
 _MOST: Final = 120
+_FARTHER: Final = 0.0002
+"""What each point that is nearer to the middle counts against one."""
 _ANGLES: Final = np.arange(8) * (np.pi / 4)
 _RING: Final = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
@@ -23,8 +26,8 @@ _RIM: Final = 0.008
 """Where the lip of the cup seals, metres from its axis."""
 _GIVE: Final = 0.003
 """How far the lip follows a surface that falls away: so a ball of more than 12 mm radius seals, metres."""
-_BODY: Final = 0.015
-"""How near to the cup's axis, metres, nothing may stand up: the cup is 10 mm wide, and a carried thing sways."""
+_BODY, _SWAY = CUP_RADIUS + 0.0015, 0.005
+"""How near to the cup's axis nothing may stand up, and how much farther off it had better be, metres."""
 SEALED: Final = 0.7
 """The share of the lip that must be on the object for the cup to hold it."""
 
@@ -53,9 +56,7 @@ class Hold:
     covered_by: tuple[int, ...] = ()
 
 
-def find_hold(
-    physics: Physics, number: int, center: Vec3, outline: Prism, others: Sequence[Prism] = ()
-) -> Hold:
+def find_hold(physics: Physics, number: int, center: Vec3, outline: Prism, others: Sequence[Prism] = ()) -> Hold:
     """The flattest open point near the centre of an object.
 
     Args:
@@ -67,21 +68,26 @@ def find_hold(
     """
     fallback: tuple[float, Vec3] | None = None
     covered: dict[int, int] = {}
-    around = near(outline, others, (0.0, 0.0), _BODY)
+    around = near(outline, others, (0.0, 0.0), _BODY + _SWAY)
     for rank, (x, y) in enumerate(_candidates(center, outline)):
+        if fallback is not None and fallback[0] <= _FARTHER * rank:
+            break  # nothing that is left can be better
         height, owner = physics.height_below(x, y)
         if owner != number:
             if owner >= 0 and height > outline.low:
                 covered[owner] = covered.get(owner, 0) + 1
             continue
         roughness, beside = _roughness(physics, number, x, y, height)
-        beside = beside if beside >= 0 else _hindered(physics, around, x, y, height)
+        if beside < 0:
+            room, neighbour = _room(physics, around, x, y, height)
+            beside = neighbour if room < 0 else beside
+            roughness += max(0.0, _SWAY - room)
         if beside >= 0:
             covered[beside] = covered.get(beside, 0) + 1
             continue
         if roughness == 0:
             return Hold((x, y, height))
-        cost = roughness + 0.0002 * rank
+        cost = roughness + _FARTHER * rank
         if fallback is None or cost < fallback[0]:
             fallback = (cost, (x, y, height))
     if fallback is not None:
@@ -102,20 +108,20 @@ def _candidates(center: Vec3, outline: Prism) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in ordered[::step]]
 
 
-def _hindered(physics: Physics, others: Sequence[Prism], x: float, y: float, height: float) -> int:
-    """What stands up so near to a point that the cup would meet it, or -1: rays go where outlines are nearest."""
-    point = np.array([x, y])
+def _room(physics: Physics, others: Sequence[Prism], x: float, y: float, height: float) -> tuple[float, int]:
+    """How far, metres, the cup is from what stands up beside a point, and what that is: rays go to nearest outlines."""
+    point, room, found = np.array([x, y]), _SWAY, -1
     for prism in others:
         if prism.high <= height + _STEP:
             continue
         foot = nearest_point(prism.outline, point)
         away = float(np.linalg.norm(foot - point))
-        if 0 < away < _BODY:
+        if 0 < away < _BODY + room:
             beyond = foot + (foot - point) * (0.001 / away)
             top, owner = physics.height_below(float(beyond[0]), float(beyond[1]))
             if owner == prism.owner and top > height + _STEP:
-                return owner
-    return -1
+                room, found = away - _BODY, owner
+    return room, found
 
 
 def _roughness(physics: Physics, number: int, x: float, y: float, height: float) -> tuple[float, int]:
