@@ -143,23 +143,33 @@ class TaskKit:
     def get_target_sample_surface_points(
         self, model: str, scale: Sequence[float], pose: Pose, num_points: int = 50
     ) -> list[tuple[tuple[float, float, float], Quat]]:
-        """``num_points`` poses spread at random over a library mesh, e.g. ``"kitting/03.obj"``, scaled and placed.
+        """``num_points`` poses spread evenly over a library mesh as seen from above, scaled and placed.
 
         Args:
-            model: file name of the mesh, folders in front of the library's own do not matter.
+            model: file name of the mesh, e.g. ``"kitting/03.obj"``; what precedes that does not matter.
             scale: factors of its x, y, z.
             pose: where the mesh lies, robot frame.
             num_points: how many.
+
+        Raises:
+            InputError: the mesh cannot be read.
         """
         import trimesh
 
         library, name = self.environment.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
         mesh: Any = trimesh.load_mesh(library.mesh_path(name))
-        found: list[FloatArray] = []
-        while sum(len(points) for points in found) < num_points:
-            found.append(trimesh.sample.volume_mesh(mesh, num_points * 3))
-        spread = utils.apply(pose, np.vstack(found)[:num_points].T * np.asarray(scale)[:, None])
-        return [(utils.vec3(point), utils.IDENTITY) for point in spread.T]
+        points = _over(np.asarray(mesh.triangles, dtype=np.float64) * np.asarray(scale), num_points, self.rng)
+        return [(utils.vec3(point), utils.IDENTITY) for point in utils.apply(pose, points.T).T]
 
     get_sphere_object_points = get_box_object_points
     get_mesh_object_points = get_box_object_points
+
+
+def _over(triangles: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+    """Points (count, 3) drawn evenly, as seen from above, from those of the triangles (N, 3, 3) that face upwards."""
+    corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    area = np.maximum(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], 0.0)
+    chosen = rng.choice(len(area), count, p=area / area.sum())
+    share = rng.uniform(size=(count, 2))
+    share = np.where(share.sum(axis=1, keepdims=True) > 1, 1 - share, share)
+    return np.asarray(corner[chosen] + share[:, :1] * first[chosen] + share[:, 1:] * second[chosen])
