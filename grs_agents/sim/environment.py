@@ -209,4 +209,4 @@ class Environment(Workcell):
         recorder.reward, recorder.complete = self.task.total_reward, self.task.done()
         recorder.placed, recorder.wanted = self.task.count()
         score = StrictScorer(self.task, self, self.places).score()
-        recorder.strict, recorder.shortfalls = score.value, score.shortfalls
+        recorder.strict, recorder.weakest, recorder.shortfalls = score.value, score.weakest, score.shortfalls

@@ -105,7 +105,7 @@ class PickPlace:
             return None, f"{what} at {_at(point)}"
         best = max(touched, key=lambda number: grasp.seal(physics, number))
         share = grasp.seal(physics, best)
-        if share < grasp.SEALED and best not in physics.world.limp:
+        if share < grasp.SEALED and best not in physics.world.beads:
             self._retreat()
             return None, (
                 f"the cup finds no seal on {self.names[best]} at {_at(point)}: {share:.0%} of its lip lies on it, "

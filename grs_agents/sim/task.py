@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 _PATIENCE = 200
+_LENIENT = 0.05
+"""A goal is met when at most 0.01 of reward is missing, and at most this share of the goal."""
 
 
 class Task(TaskKit):
@@ -231,8 +233,9 @@ class Task(TaskKit):
         partial = 0.0
         while self.goals:
             goal = self.goals[0]
-            partial = goal.step_max_reward * float(np.mean(self.scores(goal)))
-            if goal.step_max_reward - partial > 0.01 * min(1.0, goal.step_max_reward * 5):
+            share = float(np.mean(self.scores(goal)))
+            partial = goal.step_max_reward * share
+            if 1 - share > min(0.01 / max(goal.step_max_reward, 1e-9), _LENIENT):
                 break
             self.progress += goal.step_max_reward
             partial = 0.0
