@@ -20,6 +20,7 @@ _GRAIN: Final = "block/small.urdf"
 """A cube of 1 cm."""
 _CELL: Final = 0.0145
 """A cell that holds it however it is turned, metres."""
+_BATCHES: Final = 1000
 _CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
 """Lengths of an anchor's two legs, metres."""
 
@@ -158,16 +159,40 @@ class TaskKit:
             scale: factors of its x, y, z.
             pose: where the mesh lies, robot frame.
             num_points: how many.
+
+        Raises:
+            SimulationError: the mesh is not closed.
         """
         import trimesh
 
         library, name = self.environment.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
         mesh: Any = trimesh.load_mesh(library.mesh_path(name))
+        low, high = mesh.bounds
         found: list[FloatArray] = []
-        while sum(len(points) for points in found) < num_points:
-            found.append(trimesh.sample.volume_mesh(mesh, num_points * 3))
+        for _ in range(_BATCHES):
+            points = self.rng.uniform(low, high, (num_points, 3))
+            found.append(points[_enclosed(np.asarray(mesh.triangles), points)])
+            if sum(len(points) for points in found) >= num_points:
+                break
+        else:
+            raise SimulationError(f"mesh {name} encloses next to nothing", "name a closed mesh, e.g. 'kitting/03.obj'")
         spread = utils.apply(pose, np.vstack(found)[:num_points].T * np.asarray(scale)[:, None])
         return [(utils.vec3(point), utils.IDENTITY) for point in spread.T]
 
     get_sphere_object_points = get_box_object_points
     get_mesh_object_points = get_box_object_points
+
+
+def _enclosed(triangles: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which points (N, 3) lie within a closed mesh of triangles (T, 3, 3): an odd number of them lies straight above."""
+    first, sides = triangles[:, 0], triangles[:, 1:] - triangles[:, :1]
+    area = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    facing = np.abs(area) > 1e-12
+    first, sides, area = first[facing], sides[facing], area[facing]
+    away = points[:, None] - first
+    along = (away[..., 0] * sides[:, 1, 1] - away[..., 1] * sides[:, 1, 0]) / area
+    across = (away[..., 1] * sides[:, 0, 0] - away[..., 0] * sides[:, 0, 1]) / area
+    met = (along >= 0) & (across >= 0) & (along + across <= 1)
+    above = along * sides[:, 0, 2] + across * sides[:, 1, 2] > away[..., 2]
+    odd: npt.NDArray[np.bool_] = (met & above).sum(axis=1) % 2 == 1
+    return odd

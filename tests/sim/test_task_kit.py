@@ -64,3 +64,16 @@ def test_what_needs_assets_that_are_not_there_says_so() -> None:
     with pytest.raises(UnsupportedError, match="yet"):
         env.reset()
     assert env.episode.outcome == "error"
+
+
+def test_points_are_spread_over_a_mesh_that_is_scaled_and_placed() -> None:
+    env = played(lambda task, env: None)
+    pose = at(0.5, 0.1, 0.0)
+    found = env.task.get_target_sample_surface_points("kitting/12.obj", (0.003, 0.003, 0.001), pose, num_points=60)
+    points = np.array([position for position, _ in found])
+    assert points.shape == (60, 3)
+    size = np.ptp(points, axis=0)
+    low, high = env.library.filled("kitting/object-template.urdf", {"FNAME": "12.obj"}).bounds
+    assert (points >= np.add(low, pose[0]) - 1e-6).all()
+    assert (points <= np.add(high, pose[0]) + 1e-6).all()
+    assert (size > 0.5 * np.subtract(high, low)).all()
