@@ -145,8 +145,7 @@ class Environment(Workcell):
     @property
     def observation(self) -> Observation:
         """``{'color': three images, 'depth': three images}``, rendered when they are read."""
-        joints = self.homej if self._physics is None else self._physics.joints
-        return Observation(self.objects, self.library, joints, self.arm)
+        return Observation(self.sight)
 
     @property
     def episode(self) -> Episode:
@@ -183,6 +182,7 @@ class Environment(Workcell):
         else:
             result = self.pick_place(pose0, pose1)
             moved, number, note = (), result.grasped, result.note
+        self.physics.check()
         reward = self.task.reward()[0] if self.task is not None else 0.0
         asset = "" if number is None else self.object(number).asset
         self.recorder.actions.append(

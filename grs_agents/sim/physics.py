@@ -9,13 +9,16 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.sim import utils
 from grs_agents.sim.engine import mujoco
-from grs_agents.sim.episode import SimulationBudgetError
+from grs_agents.sim.episode import SimulationBudgetError, SimulationError
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.kinematics import DOWN
 from grs_agents.sim.suction import Cup
 from grs_agents.sim.world import World, place
 
 FloatArray = npt.NDArray[np.float64]
+_DIVERGED: Final = (
+    mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC,
+)  # fmt: skip
 DEFAULT_BUDGET: Final = 500_000
 _STILL: Final = 0.01
 _ARRIVED: Final = 0.002
@@ -156,6 +159,19 @@ class Physics:
         start = self.model.body_dofadr[self.world.bodies[number]]
         velocity = np.abs(self.data.qvel[start : start + 6])
         return float(max(velocity[:3].max(), 0.1 * velocity[3:].max()))
+
+    def check(self) -> None:
+        """See that the physics has not diverged since the world was made.
+
+        Raises:
+            SimulationError: it has; MuJoCo has put everything back to the beginning.
+        """
+        warned = [name for name in _DIVERGED if self.data.warning[int(name)].number]
+        if warned:
+            raise SimulationError(
+                f"the physics diverged at {self.data.time:.2f} s ({', '.join(name.name[7:] for name in warned)})",
+                "do not start objects inside each other, and do not tie together what cannot be",
+            )
 
     def settle(self, seconds: float = 1.2) -> None:
         """Wait until everything rests, at most ``seconds`` of simulated time."""
