@@ -138,12 +138,15 @@ class TaskKit:
         return self.rng.choice(unseen, n_objects, replace=False)
 
     def make_kitting_objects(self, *_: Any, **__: Any) -> Any:
-        """Put kitting shapes on the table.
+        """CLIPort's, which puts kitting shapes into a kit's places.
 
         Raises:
-            UnsupportedError: always, the library has no kitting shapes yet.
+            UnsupportedError: always; programs place the shapes themselves.
         """
-        raise UnsupportedError("the library has no kitting shapes yet", "use blocks and boxes")
+        raise UnsupportedError(
+            "make_kitting_objects is not there",
+            "fill 'kitting/object-template.urdf' with FNAME and SCALE, and give it to env.add_object",
+        )
 
     def get_box_object_points(self, obj: int) -> FloatArray:
         """Points (3, N) spread over an object's collision volume, object frame, metres."""
@@ -184,7 +187,7 @@ class TaskKit:
 
 
 def _enclosed(triangles: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
-    """Which points (N, 3) lie within a closed mesh of triangles (T, 3, 3): an odd number of them lies straight above."""
+    """Which points (N, 3) lie within a closed mesh of triangles (T, 3, 3): an odd number of them lies above."""
     first, sides = triangles[:, 0], triangles[:, 1:] - triangles[:, :1]
     area = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
     facing = np.abs(area) > 1e-12
