@@ -61,7 +61,7 @@ def test_sizes_colours_points_and_names() -> None:
 
 def test_what_needs_assets_that_are_not_there_says_so() -> None:
     env = Environment(task=Scripted(lambda task, env: task.make_kitting_objects(env, [])))
-    with pytest.raises(UnsupportedError, match="yet"):
+    with pytest.raises(UnsupportedError, match="object-template"):
         env.reset()
     assert env.episode.outcome == "error"
 
