@@ -37,6 +37,8 @@ _DEPTHS: Final = (0.0, 0.012, 0.026, 0.045)
 _PATIENCE: Final = 7
 """Strokes in a row that bring nothing, after which it gives up."""
 _TRIED: Final = 60
+_AIMS: Final = 6
+"""Places that strokes aim at, of many: those still empty, spread out."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ class _Scene:
         parts = [
             part
             for rows, wanted in self._groups
-            for place in wanted
+            for place in _emptiest(wanted, self.pieces.places)
             for part in self._towards(place, rows[place.distance(self.pieces.places[rows]) > 0])
         ]
         if not parts:
@@ -217,6 +219,20 @@ def _places(goal: Goal, row: int, spread: float, pos_eps: float) -> list[Place]:
     targets = [goal.targ_poses[int(index)] for index in np.flatnonzero(goal.matches[row])]
     side = np.full(2, 1.2 * pos_eps)
     return [Place(np.asarray(target[0][:2]), side, utils.yaw_of(target[1])) for target in targets]
+
+
+def _emptiest(places: list[Place], points: FloatArray) -> list[Place]:
+    """At most ``_AIMS`` of the places: far from all points (N, 2) and from one another."""
+    if len(places) <= _AIMS:
+        return places
+    centers = np.array([place.center for place in places])
+    room = np.linalg.norm(centers[:, None] - points, axis=2).min(axis=1)
+    chosen: list[Place] = []
+    while len(chosen) < _AIMS:
+        index = int(np.argmax(room))
+        chosen.append(places[index])
+        room = np.minimum(room, np.linalg.norm(centers - centers[index], axis=1))
+    return chosen
 
 
 def _same(first: list[Place], second: list[Place]) -> bool:

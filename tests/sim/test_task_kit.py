@@ -64,3 +64,16 @@ def test_what_needs_assets_that_are_not_there_says_so() -> None:
     with pytest.raises(UnsupportedError, match="yet"):
         env.reset()
     assert env.episode.outcome == "error"
+
+
+def test_target_points_spread_over_a_shape_as_seen_from_above_and_its_seed_draws_them() -> None:
+    pose = ((0.5, 0.1, 0.002), utils.eulerXYZ_to_quatXYZW((0, 0, 0.7)))
+    env = played(lambda task, env: None)
+    drawn = env.task.get_target_sample_surface_points("assets/kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
+    points = np.array([point for point, _ in drawn])
+    assert points.shape == (50, 3)
+    assert np.abs(points - pose[0]).max(axis=0) == pytest.approx([0.08, 0.08, 0.002], abs=0.08)
+    assert np.ptp(points[:, :2], axis=0).min() > 0.03
+    again = played(lambda task, env: None)
+    same = again.task.get_target_sample_surface_points("kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
+    np.testing.assert_array_equal(points, np.array([point for point, _ in same]))
