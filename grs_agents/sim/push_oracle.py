@@ -40,6 +40,8 @@ _PATIENCE: Final = 7
 _TRIED: Final = 60
 _PAIRS, _FEWEST = 1_000_000, 200
 """Pieces times places times strokes that are weighed for one decision, and the fewest strokes all the same."""
+_AIMS: Final = 6
+"""Places that strokes aim at, of many: those still empty, spread out."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,7 @@ class _Scene:
         parts = [
             part
             for rows, wanted in self._groups
-            for place in wanted
+            for place in _emptiest(wanted, self.pieces.places)
             for part in self._towards(place, rows[place.distance(self.pieces.places[rows]) > 0])
         ]
         if not parts:
@@ -232,6 +234,20 @@ def _places(goal: Goal, row: int, spread: float, pos_eps: float, view: SceneView
     targets = [goal.targ_poses[int(index)] for index in np.flatnonzero(goal.matches[row])]
     side = np.full(2, 1.2 * pos_eps)
     return [Place(np.asarray(target[0][:2]), side, utils.yaw_of(target[1])) for target in targets]
+
+
+def _emptiest(places: list[Place], points: FloatArray) -> list[Place]:
+    """At most ``_AIMS`` of the places: far from all points (N, 2) and from one another."""
+    if len(places) <= _AIMS:
+        return places
+    centers = np.array([place.center for place in places])
+    room = np.linalg.norm(centers[:, None] - points, axis=2).min(axis=1)
+    chosen: list[Place] = []
+    while len(chosen) < _AIMS:
+        index = int(np.argmax(room))
+        chosen.append(places[index])
+        room = np.minimum(room, np.linalg.norm(centers - centers[index], axis=1))
+    return chosen
 
 
 def _same(first: list[Place], second: list[Place]) -> bool:

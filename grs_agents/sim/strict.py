@@ -4,11 +4,11 @@ The published score (``scoring``) ignores height and tilt, lets two objects clai
 was undone later. Here every goal is judged on the scene as it stands. An object counts where the published score
 counts it and, besides,
 
-* it rests at the height that the target says: its centre or its underside is within ``pos_eps`` of the target, or
-  the target lies in or on another object and it rests on that object (a plate's rim is higher than its bottom), or it
-  rests on objects that hold their own targets, as far below it as those are below its own (levels that are a little
-  higher than the blocks); in a zone, its underside lies no higher than the zone's top; things that share a target
-  or a zone may rest on each other;
+* it rests at the height that the target says: its centre or its underside is within ``pos_eps`` of the target; or the
+  target lies in or on another object and it rests on that object (a plate's rim is higher than its bottom), or within
+  it on the table (a fixture, a mark); or it rests on objects that hold their own targets, as far below it as those are
+  below its own (levels a little higher than the blocks); in a zone, its underside lies no higher than the zone's top;
+  things that share a target or a zone may rest on each other;
 * it stands no more than ``rot_eps`` more tilted than at the start, and lies still, let go by the robot;
 * no other object claims its target, unless the goal lets objects share.
 
@@ -26,7 +26,7 @@ from grs_agents.sim.geometry import footprint, inside_margin
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.relation_rules import shortfalls
 from grs_agents.sim.scene_view import SceneView
-from grs_agents.sim.support import rests, supporters, toppled
+from grs_agents.sim.support import around, marks_under, rests, supporters, toppled
 from grs_agents.sim.volumes import share_inside
 
 if TYPE_CHECKING:
@@ -112,18 +112,19 @@ class StrictScorer:
         """How an object misses every target that will do for it."""
         number = goal.objs[row]
         pose, low = view.pose(number), view.outline(number).low
-        around = [
+        claimed = [
             index for index in np.flatnonzero(goal.matches[row])
             if self.task.is_match(pose, goal.targ_poses[index], goal.symmetries[row])
         ]  # fmt: skip
-        if not around:
+        if not claimed:
             return "is at none of its targets"
-        if any(self._holds(goal, row, int(index), view) for index in around):
+        if any(self._holds(goal, row, int(index), view) for index in claimed):
             return "is at a target that another object has"
-        heights = [goal.targ_poses[index][0][2] for index in around]
+        heights = [goal.targ_poses[index][0][2] for index in claimed]
         wanted = min(heights, key=lambda height: abs(height - pose[0][2]))
         return (
             f"is at its target but for the height: it reaches from {abs(low):.3f} m up, the target is at {wanted:.3f} m"
+            f"{', where nothing would hold it' if _in_mid_air(number, pose, wanted - pose[0][2] + low, view) else ''}"
         )
 
     def _zone_share(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
@@ -158,7 +159,9 @@ class StrictScorer:
         if any(abs(height - target[0][2]) <= _HEIGHT for height in heights):
             return True
         half, under = heights[0] - heights[1] + _HEIGHT, supporters(number, view)
-        if any(self._is_place(other, target, half) for other in under):
+        if any(self._is_place(other, target, half) for other in under or marks_under(number, view)):
+            return True
+        if any(self._is_place(other, target, 0.0) for other in around(number, view)):
             return True
         if under and all(self._is_step(other, number, target, view) for other in under):
             return True
@@ -209,6 +212,15 @@ class StrictScorer:
     def _on_fellows(self, number: int, fellows: set[int], view: SceneView) -> bool:
         under = supporters(number, view)
         return bool(under) and all(other in fellows for other in under)
+
+
+def _in_mid_air(number: int, pose: Pose, low: float, view: SceneView) -> bool:
+    """Whether an object with its underside at a height (m), where it is now, would have nothing under it."""
+    point = np.array([pose[0][:2]])
+    return low > _HEIGHT and not any(
+        abs(prism.high - low) <= _HEIGHT and inside_margin(np.zeros((1, 2)), prism.outline, point)[0] >= 0
+        for prism in view.others(number)
+    )
 
 
 def assign(options: Sequence[Sequence[int]]) -> dict[int, int]:

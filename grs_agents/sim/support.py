@@ -28,6 +28,30 @@ def supporters(number: int, view: SceneView) -> set[int]:
     return {prism.owner for prism in view.others(number) if _carries(prism, feet)}
 
 
+def around(number: int, view: SceneView) -> set[int]:
+    """Ids of what an object on the table stands in, without a top of theirs under it: fixtures, rings."""
+    own = view.outline(number)
+    return {
+        other
+        for other in view.ids
+        if own.low < _TOUCHING and other != number and view.model(other).colliders
+        and view.outline(other).low < own.high and view.outline(other).high > own.low
+        and view.over(other, view.pose(number)[0])
+    }  # fmt: skip
+
+
+def marks_under(number: int, view: SceneView) -> set[int]:
+    """Ids of the marks on the table on which an object stands; empty if it is not on the table."""
+    if view.outline(number).low > _TOUCHING:
+        return set()
+    return {
+        other
+        for other in view.ids
+        if not view.model(other).colliders and abs(view.outline(other).high) < _TOUCHING
+        and view.over(other, view.pose(number)[0])
+    }  # fmt: skip
+
+
 def _carries(prism: Prism, feet: Iterable[Prism]) -> bool:
     return any(
         abs(foot.low - prism.high) < _TOUCHING and gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP

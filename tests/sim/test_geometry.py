@@ -39,3 +39,34 @@ def test_a_body_rests_on_what_lies_below_it_and_on_the_table_elsewhere() -> None
     body = geometry.Prism(geometry.rectangle((0, 0), (0.1, 0.1), 0), 0, 0.1)
     table = [geometry.Prism(geometry.rectangle((0.5, 0), (0.1, 0.1), 0.3), 0, 0.2)]
     assert geometry.rest_heights(body, table, np.array([[0.5, 0.0], [0.3, 0.0]]), 0.0).tolist() == [0.2, 0.0]
+
+
+def test_the_outline_of_a_ball_does_not_turn_with_it() -> None:
+    turn = (0.5, 0.5, 0.5, 0.5)
+    asked = geometry.footprint(LIBRARY.model("ball/ball.urdf"), ((0.5, 0.0, 0.1), (0, 0, 0, 1)))
+    turned = geometry.footprint(LIBRARY.model("ball/ball.urdf"), ((0.5, 0.0, 0.1), turn))
+    tilted = geometry.footprint(LIBRARY.model("ball/ball.urdf"), ((0.5, 0.0, 0.1), (0.38268343, 0, 0, 0.92387953)))
+    for other in (turned, tilted):
+        np.testing.assert_allclose([other.low, other.high, *other.box], [asked.low, asked.high, *asked.box], atol=1e-6)
+
+
+@given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-3, 3))
+def test_an_overlap_lies_in_both_outlines_and_is_there_if_they_meet(x, y, yaw) -> None:
+    first, second = geometry.rectangle((0, 0), (0.2, 0.1), 0), geometry.rectangle((x, y), (0.15, 0.05), yaw)
+    common = geometry.overlap(first, second)
+    gap = geometry.gaps(first, second, np.zeros((1, 2)))[0]
+    if gap < -1e-6:
+        assert len(common) > 2
+        for outline in (first, second):
+            assert geometry.inside_margin(np.zeros((1, 2)), outline, common).min() > -1e-9
+    elif gap > 1e-6:
+        assert len(common) == 0
+
+
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3, 3))
+def test_no_corner_is_nearer_than_the_nearest_point_of_an_outline(x, y, yaw) -> None:
+    outline, point = geometry.rectangle((0, 0), (0.2, 0.1), yaw), np.array([x, y])
+    nearest = geometry.nearest_point(outline, point)
+    away = np.linalg.norm(nearest - point)
+    assert geometry.inside_margin(np.zeros((1, 2)), outline, nearest[None])[0] > -1e-9
+    assert (np.linalg.norm(outline - point, axis=1) >= away - 1e-9).all()

@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 from sim_scenes import at, pose_goal, run, zone_goal
 
+from grs_agents.sim import utils
+
 
 def test_it_frees_an_object_that_another_lies_on() -> None:
     def scene(task, env) -> None:
@@ -126,3 +128,48 @@ def test_why_it_stops_is_typed_and_said_with_names_and_numbers(scene, outcome, w
     episode, _ = run(scene, max_steps=2)
     assert episode.outcome == outcome, episode.detail
     assert all(word in episode.detail for word in words), episode.detail
+
+
+def test_it_first_moves_what_stands_so_near_to_a_target_that_it_would_be_shoved() -> None:
+    def scene(task, env) -> None:
+        red = env.add_object("block/red_block.urdf", at(0.4, -0.3, 0.02))
+        blue = env.add_object("block/blue_block.urdf", at(0.5, 0.141, 0.02))
+        pose_goal(task, red, at(0.5, 0.1, 0.02), reward=0.5, symmetry=np.pi / 2)
+        pose_goal(task, blue, at(0.6, -0.2, 0.02), reward=0.5, symmetry=np.pi / 2)
+
+    episode, _ = run(scene)
+    assert (episode.outcome, episode.strict) == ("success", 1.0)
+    assert [action.asset for action in episode.actions] == ["block/blue_block.urdf", "block/red_block.urdf"]
+
+
+def test_a_ball_goes_on_top_of_what_stands_at_its_target_and_stays_there() -> None:
+    def scene(task, env) -> None:
+        ball = env.add_object("ball/ball.urdf", at(0.4, -0.3, 0.03))
+        can = env.add_object("cylinder/cylinder-template.urdf", at(0.5, 0.1, 0.025))
+        pose_goal(task, ball, env.get_object_pose(can))
+
+    episode, env = run(scene)
+    assert (episode.outcome, episode.strict) == ("success", 1.0)
+    assert env.get_object_pose(1)[0][2] > 0.07
+
+
+def test_ells_at_one_target_are_turned_so_that_they_carry_each_other() -> None:
+    def scene(task, env) -> None:
+        for x, yaw in ((0.4, 0.3), (0.55, 2.2), (0.7, -1.6)):
+            rotation = utils.eulerXYZ_to_quatXYZW((0, 0, yaw))
+            pose_goal(
+                task, env.add_object("insertion/ell.urdf", ((x, -0.2, 0.02), rotation)), at(0.5, 0.2, 0.02), 1 / 3
+            )
+
+    episode, _ = run(scene)
+    assert (episode.outcome, episode.strict) == ("success", pytest.approx(1.0))
+
+
+def test_the_cup_keeps_clear_of_a_thin_peg_beside_what_it_picks() -> None:
+    def scene(task, env) -> None:
+        env.add_object("hanoi/stand.urdf", at(0.5, 0, 0.01), "fixed")
+        disk = env.add_object("hanoi/disk0.urdf", at(0.5, 0, 0.06))
+        pose_goal(task, disk, at(0.5, 0.3, 0.01))
+
+    episode, _ = run(scene)
+    assert (episode.outcome, len(episode.actions), episode.strict) == ("success", 1, 1.0)

@@ -125,3 +125,41 @@ def most(options: list[list[int]], taken: frozenset[int]) -> int:
         return 0
     first, *rest = options
     return max([most(rest, taken)] + [1 + most(rest, taken | {one}) for one in first if one not in taken])
+
+
+def levels(task, env) -> None:
+    """Three blocks of 4 cm, red, blue and green, one on the other, as if they were 5 cm high."""
+    for level, block in enumerate((*BLOCKS, "block/green_block.urdf")):
+        number = env.add_object(block, at(0.4 + 0.1 * level, -0.2, 0.02))
+        pose_goal(task, number, at(0.5, 0.1, 0.03 + 0.05 * level), reward=1 / 3, symmetry=np.pi / 2)
+
+
+def test_levels_a_little_higher_than_the_blocks_hold_one_on_the_other() -> None:
+    built = after(levels, _1=at(0.5, 0.1, 0.0202), _2=at(0.5, 0.1, 0.0604), _3=at(0.5, 0.1, 0.1006)).episode
+    assert (built.reward, built.strict) == (pytest.approx(1.0), pytest.approx(1.0))
+
+
+def test_a_level_does_not_hold_on_what_is_not_at_its_own_target_nor_in_mid_air() -> None:
+    astray = after(levels, _3=at(0.5, 0.1, 0.0202), _2=at(0.5, 0.1, 0.0604)).episode
+    assert astray.strict == 0.0
+    alone = after(levels, _3=at(0.5, 0.1, 0.0202)).episode
+    assert alone.strict == 0.0
+    assert any("where nothing would hold it" in clause for clause in alone.shortfalls)
+
+
+@pytest.mark.parametrize(("mark", "height", "strict"), [(0.001, 0.036, 1.0), (0.03, 0.06, 0.0)])
+def test_a_mark_on_the_table_carries_what_stands_on_it_and_one_in_the_air_does_not(mark, height, strict) -> None:
+    def scene(task, env) -> None:
+        env.add_object("zone/zone.urdf", at(0.5, 0.1, mark), "fixed")
+        pose_goal(task, env.add_object(BLOCKS[0], at(0.45, -0.2, 0.02)), at(0.5, 0.1, height), symmetry=np.pi / 2)
+
+    assert after(scene, _2=at(0.5, 0.1, 0.0205)).episode.strict == strict
+
+
+def test_what_stands_in_a_fixture_is_where_a_target_in_the_fixture_says() -> None:
+    def scene(task, env) -> None:
+        env.add_object("insertion/fixture.urdf", at(0.5, 0.1, 0.05), "fixed")
+        pose_goal(task, env.add_object("cylinder/cylinder-template.urdf", at(0.45, -0.2, 0.025)), at(0.5, 0.1, 0.05))
+
+    episode, _ = run(scene)
+    assert (episode.outcome, episode.strict) == ("success", 1.0)
