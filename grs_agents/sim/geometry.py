@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -41,7 +42,7 @@ class Prism:
     high: float
     owner: int = -1
 
-    @property
+    @cached_property
     def box(self) -> tuple[float, float, float, float]:
         """(x low, y low, x high, y high)."""
         low, high = self.outline.min(axis=0), self.outline.max(axis=0)
@@ -85,7 +86,8 @@ def shape_points(shape: Shape, bounds: tuple[FloatArray, FloatArray]) -> FloatAr
         ring = radius / np.cos(np.pi / _CIRCLE) * np.array([np.cos(angle), np.sin(angle)])
         ends = np.repeat([-half_length, half_length], _CIRCLE)
         points = np.vstack([np.hstack([ring, ring]), ends])
-    return utils.apply((shape.position, shape.quaternion), points)
+    turned = utils.IDENTITY if shape.kind == "sphere" else shape.quaternion
+    return utils.apply((shape.position, turned), points)
 
 
 @per_model
@@ -94,25 +96,35 @@ def _local_points(model: ObjectModel) -> tuple[FloatArray, ...]:
     return tuple(shape_points(shape, bounds) for shape in model.colliders)
 
 
+def _points(model: ObjectModel, pose: Pose) -> list[FloatArray]:
+    """Points (3, N) whose convex hull holds a collider, for each of an object at ``pose``; a ball's never turn."""
+    found: list[FloatArray] = []
+    for shape, local in zip(model.colliders, _local_points(model), strict=True):
+        if shape.kind == "sphere":
+            center = np.asarray(shape.position)[:, None]
+            found.append(utils.apply(pose, center) + (local - center))
+        else:
+            found.append(utils.apply(pose, local))
+    return found
+
+
 def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
     """One prism for each collider of an object at ``pose``."""
-    found: list[Prism] = []
-    for local in _local_points(model):
-        points = utils.apply(pose, local)
-        found.append(Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner))
-    return found
+    return [
+        Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
+        for points in _points(model, pose)
+    ]
 
 
 def lowest(model: ObjectModel, pose: Pose) -> float:
     """The height of the lowest point of an object's colliders at ``pose``, metres."""
-    return min((float(utils.apply(pose, local)[2].min()) for local in _local_points(model)), default=pose[0][2])
+    return min((float(points[2].min()) for points in _points(model, pose)), default=pose[0][2])
 
 
 def footprint(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
     """One prism around the whole object at ``pose``; a mark without colliders is a flat one."""
-    local = _local_points(model)
-    if local:
-        points = utils.apply(pose, np.hstack(local))
+    if model.colliders:
+        points = np.hstack(_points(model, pose))
     else:
         corners = np.array(np.meshgrid(*zip(*model.bounds, strict=True), indexing="ij"), dtype=np.float64)
         points = utils.apply(pose, corners.reshape(3, -1))
@@ -131,9 +143,11 @@ def turn(yaw: float) -> FloatArray:
 
 
 def _normals(outline: FloatArray) -> FloatArray:
-    edges = np.roll(outline, -1, axis=0) - outline
-    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    normals = np.empty_like(outline)
+    x, y = outline[:, 0], outline[:, 1]
+    normals[:-1, 0], normals[-1, 0] = y[1:] - y[:-1], y[0] - y[-1]
+    normals[:-1, 1], normals[-1, 1] = x[:-1] - x[1:], x[-1] - x[0]
+    return normals / np.maximum(np.sqrt((normals * normals).sum(axis=1, keepdims=True)), 1e-12)
 
 
 def gaps(moving: FloatArray, still: FloatArray, offsets: FloatArray) -> FloatArray:
@@ -179,6 +193,42 @@ def rest_height(body: Sequence[Prism], obstacles: Sequence[Prism], offset: Float
     """
     low = min(prism.low for prism in body)
     return max(float(rest_heights(prism, obstacles, offset, gap)[0]) - (prism.low - low) for prism in body)
+
+
+def near(prism: Prism, others: Iterable[Prism], offset: Sequence[float], reach: float) -> list[Prism]:
+    """Those of the others that may be within ``reach`` (m) of a prism shifted by an offset (2,), seen from above."""
+    (x0, y0, x1, y1), (dx, dy) = prism.box, offset
+    x0, y0, x1, y1 = x0 + dx - reach, y0 + dy - reach, x1 + dx + reach, y1 + dy + reach
+    return [
+        other for other in others
+        if other.box[0] <= x1 and other.box[1] <= y1 and other.box[2] >= x0 and other.box[3] >= y0
+    ]  # fmt: skip
+
+
+def nearest_point(outline: FloatArray, point: FloatArray) -> FloatArray:
+    """The point (2,) of a convex outline, or inside it, that is nearest to ``point`` (2,)."""
+    edges = np.roll(outline, -1, axis=0) - outline
+    length = np.maximum((edges**2).sum(axis=1), 1e-12)
+    share = np.clip(((point - outline) * edges).sum(axis=1) / length, 0.0, 1.0)
+    feet = outline + share[:, None] * edges
+    away = np.linalg.norm(feet - point, axis=1)
+    inside = inside_margin(np.zeros((1, 2)), outline, point[None])[0] >= 0
+    return point if inside else np.asarray(feet[int(np.argmin(away))])
+
+
+def overlap(first: FloatArray, second: FloatArray) -> FloatArray:
+    """What two convex outlines have in common, as an outline (K, 2); empty where they are apart."""
+    kept = first
+    for start, normal in zip(second, _normals(second), strict=True):
+        if not len(kept):
+            break
+        depth = (kept - start) @ normal
+        after, beyond = np.roll(kept, -1, axis=0), np.roll(depth, -1)
+        share = np.where(depth == beyond, 0.0, depth / np.where(depth == beyond, 1.0, depth - beyond))
+        crossing = (depth > 0) != (beyond > 0)
+        rows = np.stack([kept, kept + share[:, None] * (after - kept)], axis=1).reshape(-1, 2)
+        kept = rows[np.stack([depth <= 0, crossing], axis=1).ravel()]
+    return kept
 
 
 def distance(first: FloatArray, second: FloatArray) -> float:

@@ -13,6 +13,7 @@ from grs_agents.sim.placement import Spot
 from grs_agents.sim.reach import Blocked, Suits, reach_note
 from grs_agents.sim.rope_oracle import RopePlanner, chain
 from grs_agents.sim.scene_view import SceneView
+from grs_agents.sim.support import toppled
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
@@ -68,7 +69,7 @@ class Oracle:
         self._ropes = RopePlanner()
 
     def _decide(self) -> Action | Stop:
-        if not self.task.stated_goals:
+        if not self.task.grs.stated:
             return Stop("nothing_to_do", "the task states no goal: its reset() never calls add_goal")
         if not self.task.goals:
             return Stop("success", "every goal is met")
@@ -111,7 +112,7 @@ class Oracle:
 
     def _order(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of the goal whose objects are not yet placed: low targets and big objects first."""
-        scores = self.task.scores(goal)
+        scores = self.task.grs.scores(goal)
         if goal.relation is not None and goal.relation.kind in ("stacked", "aligned"):
             met = min(scores) >= _PLACED
             return [] if met else self._planner.rows(goal, view)
@@ -141,7 +142,10 @@ class Oracle:
         if isinstance(target, Stop):
             return target
         if isinstance(target, Blocked):
-            return self._clear(target, number, view, depth)
+            cleared = self._clear(target, number, view, depth)
+            if target.otherwise is None or not isinstance(cleared, Stop):
+                return cleared
+            target = target.otherwise
         self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
         return _action(number, hold, target, view)
 
@@ -154,7 +158,7 @@ class Oracle:
             where = f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f})"
             note = reach_note((position[0], position[1], view.outline(number).high), self.env.arm)
             return Stop("unreachable", f"object {name} at {where} {note}", (name,))
-        hold = find_hold(view.physics, number, position, view.outline(number))
+        hold = find_hold(view.physics, number, position, view.outline(number), view.others(number))
         if hold.point is not None:
             return hold.point
         movable = [other for other in hold.covered_by if view.is_free(other)]
@@ -172,7 +176,7 @@ class Oracle:
         if depth >= _DEPTH or self._attempts.get(attempt, 0) >= _ATTEMPTS:
             return stop
         for goal in self.task.goals:
-            scores = self.task.scores(goal)
+            scores = self.task.grs.scores(goal)
             if blocker in goal.objs and scores[goal.objs.index(blocker)] < _PLACED:
                 plan = self._plan(goal, goal.objs.index(blocker), view, depth + 1)
                 if not isinstance(plan, Stop):
@@ -190,11 +194,11 @@ class Oracle:
 
     def _given_up(self, number: int, view: SceneView) -> Stop:
         name, tilt = view.name(number), np.rad2deg(view.tilt(number))
-        notes = [action.note for action in self.env.recorder.actions if action.object == number]
+        notes = [action.note for action in self.env.recorder.actions if action.object in (number, None)]
         last = f"; last: {notes[-1]}" if notes else ""
-        if tilt > 45:
-            toppled = f"{name} toppled (tilt {tilt:.0f} deg) and was not placed in {_ATTEMPTS} tries{last}"
-            return Stop("toppled", toppled, (name,))
+        if toppled(number, view, np.pi / 4):
+            fallen = f"{name} toppled (tilt {tilt:.0f} deg) and was not placed in {_ATTEMPTS} tries{last}"
+            return Stop("toppled", fallen, (name,))
         position = view.pose(number)[0]
         return Stop("dropped", f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at "
                     f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}){last}", (name,))  # fmt: skip

@@ -1,6 +1,7 @@
 """Where the oracle puts an object that a ``pose`` goal speaks of."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -8,17 +9,22 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.sim import utils
 from grs_agents.sim.episode import Stop
-from grs_agents.sim.geometry import Prism, gaps, inside_margin, rest_height
-from grs_agents.sim.goals import Goal
+from grs_agents.sim.geometry import Prism, gaps, inside_margin, near, rest_height, turn
+from grs_agents.sim.goals import Goal, named
 from grs_agents.sim.placement import Spot, turned
 from grs_agents.sim.reach import TALLEST_STACK, Blocked, FloatArray, Suits, Target, at, reach_note, wrap
 from grs_agents.sim.scene_view import SceneView
+from grs_agents.sim.support import steady
 
 if TYPE_CHECKING:
     from grs_agents.sim.task import Task
 
 _ROOM: Final = 0.002
 """Room that neighbours are given, metres: blocks at targets one width apart do not jam."""
+_STEP: Final = 0.005
+"""Rest heights that differ by less than this are one, metres."""
+_BESIDE: Final = 0.003
+"""Nearer than this, what is put down shoves what stands there, metres."""
 _NUDGE: Final = 0.0045
 """How far from its target an object may be put to that end, metres."""
 _AROUND, _LEVEL = 0.2, 0.015
@@ -63,37 +69,84 @@ def _at_pose(goal: Goal, index: int, row: int, task: "Task", view: SceneView, li
     target, number = goal.targ_poses[index], goal.objs[row]
     name, pose, body = view.name(number), view.pose(number), view.outline(number)
     others = view.others(number)
-    best: tuple[float, float, FloatArray] | None = None
-    for angle in _turns(target, number, goal.symmetries[row], view):
-        parts = [turned(part, np.asarray(pose[0][:2]), angle) for part in view.parts(number)]
-        offset = _clear_of(parts, target, [*others, *_to_come(number, target, task, view)], task)
-        height = max(0.0, rest_height(parts, others, offset, -0.0005))
-        if best is None or height < best[0] - 0.005:
-            best = (height, angle, offset)
-    assert best is not None, "no turn was tried"
-    height, angle, offset = best
+    wanted = max(0.0, target[0][2] - (pose[0][2] - body.low))
+    fit = _best_fit(number, target, goal.symmetries[row], wanted, task, view)
+    height, angle, offset = fit.height, fit.angle, fit.offset
     spot = Spot((float(offset[0, 0]), float(offset[0, 1])), angle, height)
     tip = (*spot.center, height + lift)
     if not Suits(lift, view.env.arm)(offset, np.array([height]))[0]:
         return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip, view.env.arm)}", (name,))
     shape = turned(body, np.asarray(pose[0][:2]), angle)
-    wanted = target[0][2] - (pose[0][2] - body.low)
-    blocker = _blocker(shape, offset, others, height, max(0.0, wanted) + 0.02, view)
+    keep_free = (Prism(shape.outline + offset, 0.0, 1.0, number),)
+    blocker = _blocker(shape, offset, others, height, wanted + 0.02, view)
     if blocker is None or not view.is_free(blocker) or _stackable(blocker, shape, target, height, task, view):
-        return spot
-    return Blocked(blocker, (Prism(shape.outline + offset, 0.0, 1.0, number),))
+        tight = _tight(number, fit, task, view)
+        return spot if tight is None else Blocked(tight, keep_free, spot)
+    return Blocked(blocker, keep_free)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A way to put an object: turned by ``angle``, its ``parts`` at ``offset`` (1, 2), at rest at a ``height``."""
+
+    angle: float
+    parts: list[Prism]
+    offset: FloatArray
+    height: float
+
+
+def _best_fit(number: int, target: Pose, symmetry: float, wanted: float, task: "Task", view: SceneView) -> _Fit:
+    """The turn with which an object comes to rest lowest, and does not tip."""
+    others, center = view.others(number), np.asarray(view.pose(number)[0][:2])
+    company = [*others, *_to_come(number, target, task, view)]
+    mass = _mass_center(number, view)
+
+    def fit(angle: float) -> _Fit:
+        parts = [turned(part, center, angle) for part in view.parts(number)]
+        offset = _clear_of(parts, target, company, task)
+        return _Fit(angle, parts, offset, max(0.0, rest_height(parts, others, offset, -0.0005)))
+
+    def stands(option: _Fit) -> bool:
+        parts = [Prism(part.outline + option.offset, part.low, part.high) for part in option.parts]
+        return steady(parts, option.height, option.offset[0] + turn(option.angle) @ mass, others)
+
+    options = [fit(angle) for angle in _turns(target, number, symmetry, view)]
+    if min(option.height for option in options) > wanted + _STEP:
+        options += [fit(angle) for angle in _turns_into(target, number, symmetry, view)]
+    if len(options) == 1:
+        return options[0]
+    options.sort(key=lambda option: round(option.height / _STEP))
+    return next(filter(stands, options), options[0])
+
+
+def _mass_center(number: int, view: SceneView) -> FloatArray:
+    """Where (2,) the centre of mass of an object lies from its origin, seen from above as it stands."""
+    volume, (position, rotation) = view.volume(number), view.pose(number)
+    center = volume.points @ volume.weights
+    return utils.apply((position, rotation), center[:, None])[:2, 0] - np.asarray(position[:2])
 
 
 def _turns(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
     """Turns (rad) that the target allows: along it rather than askew, so that neighbours find room."""
-    turn = utils.yaw_of(target[1]) - view.yaw(number)
+    asked = utils.yaw_of(target[1]) - view.yaw(number)
     if symmetry > 0:
-        return [wrap(turn, symmetry)]
+        return [wrap(asked, symmetry)]
     if all(shape.kind in ("cylinder", "sphere") for shape in view.model(number).colliders):
         return [0.0]
-    along = wrap(turn, np.pi / 2)
-    quarters = [along + quarter * np.pi / 2 for quarter in range(4)]
-    return [*(wrap(angle) for angle in quarters), 0.0]
+    return [*_quarters(asked), 0.0]
+
+
+def _turns_into(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
+    """Turns (rad) along what stands at the target, however that lies by now, if the target allows any."""
+    hosts = [
+        view.yaw(other) - view.yaw(number)
+        for other in view.ids if other != number and view.model(other).colliders and view.over(other, target[0])
+    ]  # fmt: skip
+    return [turn for host in hosts for turn in _quarters(host)] if symmetry <= 0 else []
+
+
+def _quarters(angle: float) -> list[float]:
+    return [wrap(wrap(angle, np.pi / 2) + quarter * np.pi / 2) for quarter in range(4)]
 
 
 def _to_come(number: int, target: Pose, task: "Task", view: SceneView) -> list[Prism]:
@@ -105,8 +158,8 @@ def _to_come(number: int, target: Pose, task: "Task", view: SceneView) -> list[P
             if rows and place is not target and _distance(place, target) < _AROUND:
                 other = goal.objs[rows[0]]
                 body = view.outline(other)
-                turn = wrap(utils.yaw_of(place[1]) - view.yaw(other), np.pi / 2)
-                shape = turned(body, np.asarray(view.pose(other)[0][:2]), turn)
+                angle = wrap(utils.yaw_of(place[1]) - view.yaw(other), np.pi / 2)
+                shape = turned(body, np.asarray(view.pose(other)[0][:2]), angle)
                 low = place[0][2] - (body.high - body.low) / 2
                 found.append(Prism(shape.outline + place[0][:2], low, low + body.high - body.low, other))
     return found
@@ -125,10 +178,13 @@ def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], t
     """The target's (1, 2) or a point within half its tolerance that is clearer of what stands as high, metres."""
     center = np.array([[target[0][0], target[0][1]]])
     half = (max(part.high for part in body) - min(part.low for part in body)) / 2
+    level = [
+        prism for prism in obstacles if prism.high > target[0][2] + 0.003 - half and prism.low < target[0][2] + half
+    ]
     beside = [
         (part.outline, prism.outline)
-        for prism in obstacles if prism.high > target[0][2] + 0.003 - half and prism.low < target[0][2] + half
-        for part in body if -_ROOM - 2 * _NUDGE < gaps(part.outline, prism.outline, center)[0] < _ROOM
+        for part in body for prism in near(part, level, center[0].tolist(), _ROOM)
+        if -_ROOM - 2 * _NUDGE < gaps(part.outline, prism.outline, center)[0] < _ROOM
     ]  # fmt: skip
     if not beside:
         return center
@@ -153,13 +209,37 @@ def _blocker(
     return movable[0] if movable else None
 
 
+def _tight(number: int, fit: _Fit, task: "Task", view: SceneView) -> int | None:
+    """What is to be moved anyway and stands so close that the object would shove it; None if nothing does."""
+    waiting = {
+        other
+        for goal in task.goals
+        for other, score in zip(goal.objs, task.grs.scores(goal), strict=True)
+        if other != number and score < 0.985 and view.is_free(other) and not view.hollow(other)
+    }
+    up = fit.height - min(part.low for part in fit.parts)
+    standing = [prism for prism in view.prisms if prism.owner in waiting and prism.high > fit.height + 0.003]
+    for part in fit.parts:
+        for prism in near(part, standing, fit.offset[0].tolist(), _BESIDE):
+            level = prism.low < part.high + up and prism.high > part.low + up
+            if level and gaps(part.outline, prism.outline, fit.offset)[0] < _BESIDE:
+                return prism.owner
+    return None
+
+
 def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: "Task", view: SceneView) -> bool:
-    """Whether to stand an object on what is in its way: that is wanted there too, and its top is wide and flat."""
+    """Whether to stand an object on what is in its way: it is meant to be there, and its top is wide and flat."""
     wanted = [
         place
         for goal, _ in view.stated_goals if blocker in goal.objs
         for place in (goal.targ_poses if goal.metric == "pose" else [zone[0] for zone in goal.params])
     ]  # fmt: skip
+    spoken_of = any(blocker in named(goal) for goal, _ in view.stated_goals)
+    start = view.env.places.get(blocker)
+    if (
+        not spoken_of and start is not None
+    ):  # what stays where it is and whose very place is the target is what it is on
+        wanted.append(start)
     there = any(_distance(place, target) < task.pos_eps for place in wanted)
     if not there or height + (shape.high - shape.low) >= TALLEST_STACK:
         return False

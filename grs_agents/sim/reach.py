@@ -20,10 +20,17 @@ _APPROACH: Final = 0.04
 
 @dataclass(frozen=True)
 class Blocked:
-    """The target is taken by something that can be moved away first."""
+    """The target is taken by something that can be moved away first.
+
+    Attributes:
+        blocker: its id.
+        keep_free: where it must not be put.
+        otherwise: the target all the same, if the blocker cannot be moved; None if it must be.
+    """
 
     blocker: int
     keep_free: tuple[Prism, ...] = ()
+    otherwise: Spot | None = None
 
 
 Target = Spot | Blocked | Stop

@@ -5,8 +5,10 @@ was undone later. Here every goal is judged on the scene as it stands. An object
 counts it and, besides,
 
 * it rests at the height that the target says: its centre or its underside is within ``pos_eps`` of the target, or
-  the target lies in or on another object and it rests on that object (a plate's rim is higher than its bottom); in a
-  zone, its underside lies no higher than the zone's top; things that share a target or a zone may rest on each other;
+  the target lies in or on another object and it rests on that object (a plate's rim is higher than its bottom), or it
+  rests on objects that hold their own targets, as far below it as those are below its own (levels that are a little
+  higher than the blocks); in a zone, its underside lies no higher than the zone's top; things that share a target or
+  a zone may rest on each other;
 * it stands no more than ``rot_eps`` more tilted than at the start, and lies still, let go by the robot;
 * no other object claims its target, unless the goal lets objects share.
 
@@ -63,7 +65,7 @@ class StrictScorer:
         notes: dict[int, str] = {}
         value, shares = 0.0, list[float]()
         final: dict[int, float] = {}
-        goals = [goal for goal, _ in self.task.stated_goals]
+        goals = [goal for goal, _ in self.task.grs.stated]
         for goal in reversed(goals):
             rows = self._goal(goal, view, {number for number in goal.objs if number not in final}, notes)
             for row, number in enumerate(goal.objs):
@@ -155,10 +157,28 @@ class StrictScorer:
         heights = (pose[0][2], view.outline(number).low)
         if any(abs(height - target[0][2]) <= _HEIGHT for height in heights):
             return True
-        half = heights[0] - heights[1] + _HEIGHT
-        if any(self._is_place(other, target, half) for other in supporters(number, view)):
+        half, under = heights[0] - heights[1] + _HEIGHT, supporters(number, view)
+        if any(self._is_place(other, target, half) for other in under):
+            return True
+        if under and all(self._is_step(other, number, target, view) for other in under):
             return True
         return self._on_fellows(number, self._sharers(goal, number, target), view)
+
+    def _is_step(self, under: int, number: int, target: Pose, view: SceneView) -> bool:
+        """Whether what carries an object holds a target, as far below the object's own as it is below the object."""
+        rises = (
+            view.pose(number)[0][2] - view.pose(under)[0][2],
+            view.outline(number).low - view.outline(under).low,
+        )
+        if rises[1] <= 0:
+            return False
+        return any(
+            any(abs(target[0][2] - goal.targ_poses[index][0][2] - rise) <= _HEIGHT for rise in rises)
+            and self._holds(goal, goal.objs.index(under), index, view)
+            for goal, _ in self.task.grs.stated
+            if goal.metric == "pose" and under in goal.objs
+            for index in np.flatnonzero(goal.matches[goal.objs.index(under)]).tolist()
+        )
 
     def _is_place(self, number: int, target: Pose, half: float) -> bool:
         """Whether a target lies in an object as it stood at the start, or on it, ``half`` above its top at most."""
@@ -170,7 +190,7 @@ class StrictScorer:
         """Objects that goals want in the same zones or at the same targets."""
         return {
             number
-            for other, _ in self.task.stated_goals
+            for other, _ in self.task.grs.stated
             if other is goal or (other.params and other.params == goal.params)
             for number in other.objs
         }
@@ -178,7 +198,7 @@ class StrictScorer:
     def _sharers(self, goal: Goal, number: int, target: Pose) -> set[int]:
         """Objects that goals want at the same place: one target for all of them, or equal ones."""
         found = set(goal.objs) if goal.replace else set[int]()
-        for other, _ in self.task.stated_goals:
+        for other, _ in self.task.grs.stated:
             for row, index in np.argwhere(other.matches).tolist():
                 if other is not goal or other.targ_poses[index] is not target:
                     apart = np.abs(np.subtract(other.targ_poses[index][0], target[0]))

@@ -1,14 +1,18 @@
 """What rests on what, and whether it lies still: shared by the scores and by the oracle."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
-from grs_agents.sim.geometry import Prism, gaps
+from grs_agents.sim.geometry import Prism, convex_hull, gaps, inside_margin, near, overlap
 from grs_agents.sim.scene_view import SceneView
 
+FloatArray = npt.NDArray[np.float64]
 _TOUCHING: Final = 0.006
+_FOOTING: Final = 0.002
+"""How far within what carries it a centre of mass must lie, metres."""
 _OVERLAP: Final = -0.0005
 _STILL: Final = 0.05
 _GRAIN: Final = 0.02
@@ -29,6 +33,18 @@ def _carries(prism: Prism, feet: Iterable[Prism]) -> bool:
         abs(foot.low - prism.high) < _TOUCHING and gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP
         for foot in feet
     )
+
+
+def steady(parts: Sequence[Prism], height: float, center: FloatArray, others: Iterable[Prism]) -> bool:
+    """Whether a body with its underside at a height (m) has its centre of mass (2,) over what would carry it."""
+    if height < _TOUCHING:
+        return True
+    low = min(part.low for part in parts)
+    feet = [part for part in parts if part.low < low + _TOUCHING]
+    carriers = [prism for prism in others if abs(prism.high - height) < _TOUCHING]
+    touching = [overlap(foot.outline, top.outline) for foot in feet for top in near(foot, carriers, (0.0, 0.0), 0.0)]
+    base = convex_hull(np.vstack([np.zeros((0, 2)), *touching]))
+    return len(base) > 2 and bool(inside_margin(_POINT, base, center[None])[0] > _FOOTING)
 
 
 def toppled(number: int, view: SceneView, tolerance: float) -> bool:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at, pose_goal
 
-from grs_agents.sim import Environment, TaskInstance, UnsupportedError, instantiate, p, rollout, utils
+from grs_agents.sim import Environment, TaskInstance, instantiate, p, rollout, utils
 
 
 def played(scene) -> Environment:
@@ -57,10 +57,3 @@ def test_sizes_colours_points_and_names() -> None:
 
     red, green, blue, _ = played(scene).objects[0].color
     assert red > green > blue
-
-
-def test_what_needs_assets_that_are_not_there_says_so() -> None:
-    env = Environment(task=Scripted(lambda task, env: task.make_kitting_objects(env, [])))
-    with pytest.raises(UnsupportedError, match="yet"):
-        env.reset()
-    assert env.episode.outcome == "error"
