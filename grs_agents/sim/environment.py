@@ -170,6 +170,11 @@ class Environment(Workcell):
             self.physics.step(10)
             reward = self.task.reward()[0]
         else:
+            missing = {"pose0", "pose1"} - set(action)
+            if missing:
+                raise SimulationError(
+                    f"env.step: the action has no {min(missing)}", "give {'pose0': (xyz, quaternion), 'pose1': ...}"
+                )
             reward = self._act(as_pose(action["pose0"], "pose0"), as_pose(action["pose1"], "pose1"))
         done = self.task.done() or len(self.recorder.actions) >= self.task.max_steps
         return self.observation, reward, done, self.info
