@@ -39,7 +39,7 @@ class Rollout(Frozen):
         initial, final: pose of each object by id, after settling and at the end.
         reachable: ids of rigid objects that the arm can reach.
         recording: the .npz file, if one was asked for.
-        warnings: what the runtime had to assume.
+        warnings: what the runtime had to assume, when the program set the scene up too.
     """
 
     seed: int
@@ -185,7 +185,7 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
         final=final,
         reachable=reachable,
         recording=str(recording) if recorder is not None else None,
-        warnings=tuple(env.warnings),
+        warnings=tuple(dict.fromkeys((*instance.warnings, *env.warnings))),
     )
 
 

@@ -7,8 +7,13 @@ counts it and, besides,
 * it rests at the height that the target says: its centre or its underside is within ``pos_eps`` of the target, or
   the target lies in or on another object and it rests on that object (a plate's rim is higher than its bottom), or it
   rests on objects that hold their own targets, as far below it as those are below its own (levels that are a little
+<<<<<<< HEAD
   higher than the blocks); in a zone, its underside lies no higher than the zone's top; things that share a target or
   a zone may rest on each other;
+=======
+  higher than the blocks); in a zone, its underside lies no higher than the zone's top; things that share a target
+  or a zone may rest on each other;
+>>>>>>> 110523c8338bfc8e745392c0601d6666041275d9
 * it stands no more than ``rot_eps`` more tilted than at the start, and lies still, let go by the robot;
 * no other object claims its target, unless the goal lets objects share.
 

@@ -255,7 +255,6 @@ class Tabletop:
         self.lift_out_of_table()
         self.physics.relax()
         self.physics.settle()
-        self.physics.check()
         older = known.state if known is not None and known.world is self.physics.world else None
         state = self.physics.snapshot(older)
         self._rested = _Rested(before, self.physics.world, state, start - self.budget.left)

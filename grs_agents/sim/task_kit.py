@@ -22,7 +22,7 @@ _GRAIN: Final = "block/small.urdf"
 _CELL: Final = 0.0145
 """A cell that holds it however it is turned, metres."""
 _CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
-"""Lengths of an anchor's two legs, metres."""
+"""Where an anchor's two strokes lie, as GenSim has them, metres."""
 
 
 class TaskKit:

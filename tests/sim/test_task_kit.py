@@ -57,3 +57,16 @@ def test_sizes_colours_points_and_names() -> None:
 
     red, green, blue, _ = played(scene).objects[0].color
     assert red > green > blue
+
+
+def test_points_are_spread_over_a_mesh_that_is_scaled_and_placed() -> None:
+    env = played(lambda task, env: None)
+    pose = at(0.5, 0.1, 0.0)
+    found = env.task.get_target_sample_surface_points("kitting/12.obj", (0.003, 0.003, 0.001), pose, num_points=60)
+    points = np.array([position for position, _ in found])
+    assert points.shape == (60, 3)
+    size = np.ptp(points, axis=0)
+    low, high = env.library.filled("kitting/object-template.urdf", {"FNAME": "12.obj"}).bounds
+    assert (points >= np.add(low, pose[0]) - 1e-6).all()
+    assert (points <= np.add(high, pose[0]) + 1e-6).all()
+    assert (size[:2] > 0.5 * np.subtract(high, low)[:2]).all()
