@@ -198,12 +198,13 @@ class Physics:
         return float(max(velocity[:3].max(), 0.1 * velocity[3:].max()))
 
     def settle(self, seconds: float = 1.2) -> None:
-        """Wait until everything rests, at most ``seconds`` of simulated time."""
+        """Wait until everything rests, at most ``seconds`` of simulated time; errors as ``check``."""
         chunk = 12
         for _ in range(int(seconds / self.timestep / chunk)):
             self.step(chunk)
             if self.speed() < _STILL:
-                return
+                break
+        self.check()
 
     def relax(self, seconds: float = 0.8) -> None:
         """Let overlapping bodies part slowly rather than burst: their speed is held down at every step."""
