@@ -59,12 +59,19 @@ def path(kind: Kind, name: str) -> Path:
     Raises:
         UnknownNameError: nothing has that name; the message lists the names there are.
     """
-    if name in names(kind):
-        for root in roots():
-            candidate = root / kind / f"{name}{_SUFFIX[kind]}"
-            if candidate.exists():
-                return candidate
-    raise UnknownNameError(kind.removesuffix("s"), name, names(kind))
+    return paths(kind, name)[0]
+
+
+def paths(kind: Kind, name: str) -> list[Path]:
+    """Every file or folder called ``name``, the one that wins first.
+
+    Raises:
+        UnknownNameError: nothing has that name; the message lists the names there are.
+    """
+    if name not in names(kind):
+        raise UnknownNameError(kind.removesuffix("s"), name, names(kind))
+    candidates = [root / kind / f"{name}{_SUFFIX[kind]}" for root in roots()]
+    return [candidate for candidate in candidates if candidate.exists()]
 
 
 def load_module(kind: Kind, name: str) -> ModuleType:

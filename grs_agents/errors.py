@@ -3,6 +3,9 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+_FEW, _NEAREST = 12, 5
+"""Of up to so many valid names a message lists all, of more the nearest few."""
+
 
 class GrsError(Exception):
     """Something went wrong that a person should read about.
@@ -41,8 +44,9 @@ class UnknownNameError(ConfigError):
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         names = sorted(set(valid))
-        near = get_close_matches(name, names, n=3, cutoff=0.5)
-        shown = (near + [other for other in names if other not in near])[:30]
+        near = get_close_matches(name, names, n=_NEAREST, cutoff=0.3)
+        count = len(names) if len(names) <= _FEW else _NEAREST
+        shown = (near + [other for other in names if other not in near])[:count]
         more = f" and {len(names) - len(shown)} more" if len(names) > len(shown) else ""
-        super().__init__(f"unknown {kind} {name!r}", f"use one of: {', '.join(shown) or '(none)'}{more}")
+        super().__init__(f"unknown {kind} {name[:80]!r}", f"use one of: {', '.join(shown) or '(none)'}{more}")
         self.kind, self.name, self.valid = kind, name, tuple(names)

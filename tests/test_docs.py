@@ -1,7 +1,9 @@
-"""The documentation says what the code does: every key, verb, option and event, with its default."""
+"""The documentation says what the code does: keys, verbs, options, events, assets and goals; its examples run."""
 
+import contextlib
 import json
 import re
+import runpy
 from pathlib import Path
 from typing import Any, get_args
 
@@ -12,7 +14,10 @@ from typer.main import get_command
 from grs_agents.cli.app import app
 from grs_agents.config import Config
 from grs_agents.config.model import ROLE_ALIASES, ROLES
+from grs_agents.library import Library
+from grs_agents.sim import Outcome, Relation, p, relations
 from grs_agents.trace import Event
+from tests.cli.command import grs
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -98,3 +103,88 @@ def test_every_link_to_a_file_leads_somewhere(file: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
         if not target.startswith(("http://", "https://")):
             assert (file.parent / target).exists(), f"{file.name} links to {target}"
+
+
+def between(text: str, mark: str) -> str:
+    """The part of a page between the comments ``mark: begin`` and ``mark: end``."""
+    return text.split(f"<!-- {mark}: begin -->")[1].split(f"<!-- {mark}: end -->", maxsplit=1)[0]
+
+
+def files_of(text: str) -> dict[str, str]:
+    """The Python examples of a page that name their file in the first line."""
+    return dict(re.findall(r"^```python\n# (\w+\.py)\n(.*?)^```", text, re.DOTALL | re.MULTILINE))
+
+
+def test_every_template_is_documented_with_its_defaults() -> None:
+    library = Library()
+    documented = {
+        name: cells[1]
+        for cells in rows(between(page("simulation.md"), "templates"))
+        for name in re.findall(r"`([^`]+)`", cells[0])
+    }
+    actual: dict[str, str] = {}
+    for name in library.templates():
+        told = {stem: values for stem, values in library.template_defaults(name).items() if stem != "COLOR"}
+        shown = (f"{stem} ({', '.join(map(short, values))})" for stem, values in told.items())
+        actual[name] = ", ".join(shown)
+    assert documented == actual
+
+
+def short(value: float | str) -> str:
+    """A default as the page writes it."""
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def test_every_other_asset_is_documented_with_its_size_and_origin() -> None:
+    library = Library()
+    named = {asset.name for asset in library.assets() if not asset.template and not asset.name.startswith("HOPE/")}
+    seen: set[str] = set()
+    for cells in rows(between(page("simulation.md"), "assets")):
+        for name in re.findall(r"`([^`]+)`", cells[0]):
+            seen.add(name)
+            assert [float(number) for number in cells[1].split(",")] == pytest.approx(
+                library.model(name).size, abs=1e-4
+            ), name
+            low, high = library.model(name).bounds
+            centred = all(abs(first + last) < 1e-4 for first, last in zip(low, high, strict=True))
+            assert centred == (cells[2] == "centre"), name
+    assert seen == named
+
+
+def test_every_typed_goal_is_documented_with_an_example_that_holds_water() -> None:
+    examples = [cells[0].strip("`") for cells in rows(between(page("simulation.md"), "relations"))]
+    things = {"cans": [1, 2, 3], "box": 4, "tray": 5, "base": 6, "middle": 7, "top": 8}
+    made = [eval(example, {**vars(relations), **things}) for example in examples]
+    assert all(isinstance(one, Relation) for one in made)
+    assert tuple(one.kind for one in made) == relations.KINDS
+
+
+def test_every_outcome_is_documented() -> None:
+    text = page("simulation.md").split("## Outcomes")[1].split("##")[0]
+    assert [cells[0].strip("`") for cells in rows(text)] == list(get_args(Outcome))
+
+
+def test_every_call_of_pybullet_is_documented() -> None:
+    named = re.findall(r"`(\w+)`", between(page("simulation.md"), "p"))
+    assert named == sorted(name for name in vars(p) if re.match("[a-z]+[A-Z]", name))
+
+
+@pytest.mark.parametrize("file", [ROOT / "README.md", ROOT / "docs" / "simulation.md"], ids=lambda file: file.name)
+def test_the_programs_of_a_page_are_accepted(file: Path, tmp_path: Path) -> None:
+    programs = {name: text for name, text in files_of(file.read_text("utf-8")).items() if "(Task)" in text}
+    assert programs
+    for name, text in programs.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        done = grs("check", name, "--seeds", "1", folder=tmp_path)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_page_on_simulation_drives_its_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, text in files_of(page("simulation.md")).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with contextlib.chdir(tmp_path):
+        runpy.run_path("drive.py")
+    assert capsys.readouterr().out.split()[:3] == ["success", "1.0", "1.0"]

@@ -72,5 +72,5 @@ def _draw(asked: Request) -> Path:
     if asked.moment == "end":
         sim.solve(env, task)
     view = rendering.View(asked.position, asked.target, height=asked.height, width=asked.width)
-    picture = rendering.render(env.objects, library, env.physics.joints, [view], env.arm)[0]
+    picture = rendering.render(env.sight, [view])[0]
     return write_bytes(Path(asked.output), rendering.png(picture.color))

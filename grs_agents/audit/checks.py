@@ -14,6 +14,8 @@ from grs_agents.sim.world import TIMESTEP
 
 IDLE = 0.5
 """Doing nothing must earn less than this share of the reward: most of a task is left to do."""
+GOAL = 0.95
+"""Each goal must strictly hold at least so far by itself: one that is worth next to nothing is no excuse."""
 TABLE_TOP = -0.02
 """What ends lower than this (m) has fallen off the table."""
 
@@ -72,6 +74,10 @@ def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
     solved = all(min(one.strict, one.reward) >= config.reward and one.outcome == "success" for one in episodes)
     shortfalls = dict.fromkeys(clause for one in episodes for clause in one.shortfalls)
     detail = f"strict scores {shown}; each of {config.seeds} must reach {config.reward} with every goal met"
+    weakest = min((one.weakest for one in episodes), default=0.0)
+    solved = solved and weakest >= GOAL
+    if weakest < GOAL:
+        detail += f", the weakest goal is at {weakest:.2f}, at least {GOAL} is asked of each"
     detail += f"; short of it: {'; '.join(shortfalls)}" if shortfalls else ""
     return Finding(check="solved", passed=len(episodes) == config.seeds and solved, detail=detail)
 
@@ -79,7 +85,8 @@ def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
 def _not_idle(rollouts: Sequence[Rollout]) -> Finding:
     rewards = [rollout.idle_reward for rollout in rollouts]
     shown = ", ".join(f"{reward:.2f}" for reward in rewards) or "none"
-    detail = f"doing nothing for {IDLE_SECONDS} s earns {shown}; must stay below {IDLE}"
+    detail = f"doing nothing for {IDLE_SECONDS} s earns {shown} (1 where the scene stays in motion); "
+    detail += f"must stay below {IDLE}"
     return Finding(check="not_idle", passed=bool(rewards) and max(rewards) < IDLE, detail=detail)
 
 

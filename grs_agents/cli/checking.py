@@ -49,4 +49,6 @@ def _print(report: TestReport | None, audit: AuditReport, accepted: bool) -> Non
         table.add_row(
             *map(Text, (f"seed {rollout.seed}", episode.outcome, f"reward {episode.reward:.2f}: {episode.detail}"))
         )
+    for warning in dict.fromkeys(warning for rollout in audit.rollouts for warning in rollout.warnings):
+        table.add_row(*map(Text, ("warning", "", warning)))
     console.print(table)

@@ -104,7 +104,7 @@ class Config(Frozen):
     graph: str = "grs"
     policy: str = "llm"
     seed: int = Field(default=0, ge=0, lt=2**31)
-    robot: str = Field(default="ur5e", pattern=r"^(ur5e|panda|.*\.(xml|mjcf))$", max_length=4096)
+    robot: str = Field(default="ur5e", max_length=4096)
     max_fixes: int = Field(default=10, ge=0, le=1000)
     reply_retries: int = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
@@ -116,3 +116,10 @@ class Config(Frozen):
     def model_for(self, role: str) -> ModelConfig:
         """The model that serves ``role``."""
         return self.models.get(role, self.models["default"])
+
+    @field_validator("robot")
+    @classmethod
+    def _an_arm(cls, robot: str) -> str:
+        if robot in ("ur5e", "panda") or robot.endswith((".xml", ".mjcf")):
+            return robot
+        raise ValueError(f"there is no arm {robot!r}; use ur5e, panda or the path of an MJCF file (.xml, .mjcf)")

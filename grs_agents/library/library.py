@@ -19,14 +19,14 @@ class Library:
     somebody names it, and never offered by `assets` and what builds on it.
 
     Args:
-        roots: the folders; none means the library shipped with GRS.
+        roots: the folders; none means the library shipped with GRS, and what ``--content`` lays over it.
 
     Raises:
         InputError: a folder does not exist or its manifest is faulty.
     """
 
     def __init__(self, *roots: Path) -> None:
-        self.roots: tuple[Path, ...] = roots or (content.path("assets", "library"),)
+        self.roots: tuple[Path, ...] = roots or tuple(reversed(content.paths("assets", "library")))
         self._assets: dict[str, Asset] = {}
         self._root_of: dict[str, Path] = {}
         self._models: dict[str, ObjectModel] = {}

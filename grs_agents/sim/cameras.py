@@ -1,17 +1,14 @@
 """Cameras under CLIPort's configuration: a dictionary of image size, intrinsics, position and rotation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.library import Library
 from grs_agents.sim import rendering, utils
-from grs_agents.sim.arm import Arm
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.episode import SimulationError
-from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.rendering import FRONT, LEFT, RIGHT, View
 
 FloatArray = npt.NDArray[np.float64]
@@ -40,10 +37,7 @@ def config_of(view: View) -> CameraConfig:
 AGENT_CAMERAS: tuple[CameraConfig, ...] = tuple(config_of(view) for view in (FRONT, LEFT, RIGHT))
 
 
-def photograph(
-    objects: Sequence[InstanceObject], library: Library, joints: FloatArray, config: Mapping[str, Any],
-    arm: Arm | None = None,
-) -> rendering.Picture:  # fmt: skip
+def photograph(sight: rendering.Sight, config: Mapping[str, Any]) -> rendering.Picture:
     """What a configured camera sees.
 
     Raises:
@@ -65,4 +59,4 @@ def photograph(
     pixels: FloatArray = np.indices((height, width)).astype(np.float64) + 0.5
     local = np.stack([(pixels[1] - cx) / fx, (pixels[0] - cy) / fy, np.ones((height, width))], axis=-1)
     directions = local @ utils.rotation_matrix(rotation).T
-    return rendering.cast(objects, library, joints, np.array(position), directions, arm)
+    return rendering.cast(sight, np.array(position), directions)

@@ -5,6 +5,7 @@ starts a process (which the sandbox refuses) and fails where the user's ``MUJOCO
 """
 
 import importlib
+import logging
 import os
 from typing import Any
 
@@ -22,3 +23,5 @@ def _import_without_gl() -> Any:
 
 
 mujoco: Any = _import_without_gl()
+# Left to itself MuJoCo writes its warnings to a file in the working folder.
+mujoco.set_mju_user_warning(logging.getLogger(__name__).warning)

@@ -58,7 +58,7 @@ class Environment(Workcell):
 
     def __init__(
         self,
-        assets_root: str | Path = "",
+        assets_root: str | Path | None = "",
         task: "Task | None" = None,
         disp: bool = False,
         shared_memory: bool = False,
@@ -70,11 +70,11 @@ class Environment(Workcell):
         budget: int = DEFAULT_BUDGET,
         robot: str | None = None,
     ) -> None:
-        self.assets_root = str(assets_root)
+        self.assets_root = str(assets_root or "")
         self.disp, self.shared_memory, self.hz, self.record_cfg = disp, shared_memory, hz, record_cfg
         library = library or templates.default_library()
-        if self.assets_root and Path(assets_root).is_dir():
-            library = library.overlay(Path(assets_root))
+        if self.assets_root and Path(self.assets_root).is_dir():
+            library = library.overlay(Path(self.assets_root))
         super().__init__(library, Budget(budget), get_arm(robot or templates.default_robot()))
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
         self.pix_size = 0.003125
@@ -145,8 +145,7 @@ class Environment(Workcell):
     @property
     def observation(self) -> Observation:
         """``{'color': three images, 'depth': three images}``, rendered when they are read."""
-        joints = self.homej if self._physics is None else self._physics.joints
-        return Observation(self.objects, self.library, joints, self.arm)
+        return Observation(self.sight)
 
     @property
     def episode(self) -> Episode:
@@ -183,6 +182,7 @@ class Environment(Workcell):
         else:
             result = self.pick_place(pose0, pose1)
             moved, number, note = (), result.grasped, result.note
+        self.physics.check()
         reward = self.task.reward()[0] if self.task is not None else 0.0
         asset = "" if number is None else self.object(number).asset
         self.recorder.actions.append(
@@ -209,4 +209,4 @@ class Environment(Workcell):
         recorder.reward, recorder.complete = self.task.total_reward, self.task.done()
         recorder.placed, recorder.wanted = self.task.count()
         score = StrictScorer(self.task, self, self.places).score()
-        recorder.strict, recorder.shortfalls = score.value, score.shortfalls
+        recorder.strict, recorder.weakest, recorder.shortfalls = score.value, score.weakest, score.shortfalls

@@ -29,6 +29,10 @@ class NoFreeSpaceError(SimulationError):
     outcome: Outcome = "no_free_space"
 
 
+class UnstableError(SimulationError):
+    """The physics gave up on a scene: its state burst, or it has more contacts than fit."""
+
+
 class SimulationBudgetError(SimulationError):
     """The environment used up its simulated steps."""
 
@@ -65,6 +69,8 @@ class Episode(Frozen):
         reward: total, 0..1, as published: height and tilt do not count, what was met once stays met.
         strict: 0..1, every goal judged on the scene as it stood at the end: height, support, upright, each target
             claimed once, nothing else knocked over.
+        weakest: the strict score of the goal that holds least, whatever its share of the reward; 0 where something else
+            was knocked over.
         steps, max_steps: actions taken and allowed.
         detail: one sentence with names, numbers and bounds.
         objects: asset names concerned.
@@ -75,6 +81,7 @@ class Episode(Frozen):
     outcome: Outcome
     reward: float
     strict: float = 0.0
+    weakest: float = 0.0
     steps: int
     max_steps: int
     detail: str
@@ -108,6 +115,7 @@ class Recorder:
     stop: Stop | None = None
     reward: float = 0.0
     strict: float = 0.0
+    weakest: float = 0.0
     shortfalls: tuple[str, ...] = ()
     max_steps: int = 0
     placed: int = 0
@@ -124,6 +132,7 @@ class Recorder:
             outcome=stop.outcome,
             reward=round(self.reward, 9),
             strict=self.strict,
+            weakest=self.weakest,
             steps=len(self.actions),
             max_steps=self.max_steps,
             detail=stop.detail,

@@ -143,9 +143,11 @@ def turn(yaw: float) -> FloatArray:
 
 
 def _normals(outline: FloatArray) -> FloatArray:
-    edges = np.roll(outline, -1, axis=0) - outline
-    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    normals = np.empty_like(outline)
+    x, y = outline[:, 0], outline[:, 1]
+    normals[:-1, 0], normals[-1, 0] = y[1:] - y[:-1], y[0] - y[-1]
+    normals[:-1, 1], normals[-1, 1] = x[:-1] - x[1:], x[-1] - x[0]
+    return normals / np.maximum(np.sqrt((normals * normals).sum(axis=1, keepdims=True)), 1e-12)
 
 
 def gaps(moving: FloatArray, still: FloatArray, offsets: FloatArray) -> FloatArray:

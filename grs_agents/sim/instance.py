@@ -3,9 +3,11 @@
 import math
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from grs_agents.base import Frozen, Pose, Quat, Vec3
+from grs_agents.sim import utils
 from grs_agents.sim.relations import REFERENCED, Kind
 
 LARGEST_POSITION = 2.0
@@ -14,6 +16,10 @@ POSITION_TOLERANCE = 0.01
 ROTATION_TOLERANCE = math.radians(15)
 LARGEST_POS_EPS, LARGEST_ROT_EPS = 0.05, math.radians(30)
 """The widest tolerances of published tasks: CLIPort's bowls, and its easy kits."""
+LARGEST_TIE_GAP = 0.05
+"""Metres between the two places that a tie holds together: it keeps things so, it does not haul them there."""
+MOST_PAIRS = 10_000
+"""Pairs of an object and a target in all goals together."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_POSITION, le=LARGEST_POSITION)]
@@ -55,6 +61,9 @@ class InstanceObject(Frozen):
     @model_validator(mode="after")
     def _checked(self) -> Self:
         _check_quaternion(self.pose, f"object {self.id}")
+        words = {stem for stem, row in self.fill.items() if any(isinstance(value, str) for value in row)} - {"FNAME"}
+        if words:
+            raise ValueError(f"object {self.id}: fill of {sorted(words)} must be numbers, FNAME alone takes a word")
         return self
 
 
@@ -72,6 +81,12 @@ class InstanceTie(Frozen):
     child: int
     parent_frame: Placed
     child_frame: Placed
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if self.parent == self.child:
+            raise ValueError(f"object {self.parent} is tied to itself, a tie needs two")
+        return self
 
 
 class InstanceZone(Frozen):
@@ -178,7 +193,7 @@ class TaskInstance(Frozen):
     objects: Annotated[tuple[InstanceObject, ...], Field(max_length=200)]
     ties: Annotated[tuple[InstanceTie, ...], Field(max_length=400)] = ()
     goals: Annotated[tuple[InstanceGoal, ...], Field(max_length=200)]
-    warnings: tuple[Annotated[str, Field(max_length=500)], ...] = ()
+    warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
@@ -194,7 +209,25 @@ class TaskInstance(Frozen):
         loose = {number for tie in self.ties for number in (tie.parent, tie.child)} - set(ids)
         if loose:
             raise ValueError(f"ties name objects {sorted(loose)} that the instance does not have")
+        pairs = sum(len(goal.objects) * max(1, len(goal.targets)) for goal in self.goals)
+        if pairs > MOST_PAIRS:
+            raise ValueError(
+                f"the goals pair objects with targets {pairs} times, at most {MOST_PAIRS} times are allowed"
+            )
+        poses = {item.id: item.pose for item in self.objects}
+        for tie in self.ties:
+            ends = [_place(poses[tie.parent], tie.parent_frame[0]), _place(poses[tie.child], tie.child_frame[0])]
+            if (gap := math.dist(*ends)) > LARGEST_TIE_GAP:
+                raise ValueError(
+                    f"the tie of objects {tie.parent} and {tie.child} joins places {gap:.2f} m apart, at most "
+                    f"{LARGEST_TIE_GAP} m: place the objects as they are tied"
+                )
         return self
+
+
+def _place(pose: Pose, point: Vec3) -> Vec3:
+    """A point of an object's own frame in the robot frame, metres."""
+    return utils.vec3(utils.apply(pose, np.reshape(point, (3, 1))).ravel())
 
 
 __all__ = [

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.sim import utils
 from grs_agents.sim.engine import mujoco
-from grs_agents.sim.episode import SimulationBudgetError
+from grs_agents.sim.episode import SimulationBudgetError, UnstableError
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.kinematics import DOWN
 from grs_agents.sim.suction import Cup
@@ -22,6 +22,14 @@ _ARRIVED: Final = 0.002
 """Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
 _GENTLE: Final = 0.15
 """Fastest a body may be pushed out of another while the scene settles at reset, m/s."""
+_WARNINGS: Final = (
+    "a body without inertia", "too many contacts", "too many constraints", "positions out of bounds",
+    "speeds out of bounds", "accelerations out of bounds", "controls out of bounds",
+)  # fmt: skip
+"""What MuJoCo's warnings mean, in their order."""
+_CROWD: Final = 24
+_MOST_CONTACTS: Final = 4000
+"""More loose bodies than the first must not have more contacts than the second: 200 grains in a heap have 1500."""
 _SOLID: Final = np.array([1, 0, 0, 1, 0, 0], dtype=np.uint8)
 """Geom groups that a ray meets: objects' colliders and the table, not the arm."""
 
@@ -72,6 +80,7 @@ class Physics:
         self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / gain
         self.cup = Cup(world, self.data)
         self.observer: Callable[[], None] | None = None
+        self._refuse_tangles()
         mujoco.mj_forward(self.model, self.data)
 
     @property
@@ -106,6 +115,37 @@ class Physics:
         body = self.world.bodies[number]
         w, x, y, z = self.data.xquat[body].tolist()
         return utils.vec3(self.data.xpos[body].tolist()), utils.quat((x, y, z, w))
+
+    def _refuse_tangles(self) -> None:
+        """Many bodies one inside another would take minutes a step.
+
+        Raises:
+            UnstableError: there are too many contacts.
+        """
+        if len(self.world.addresses) <= _CROWD:
+            return
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
+        if self.data.ncon > _MOST_CONTACTS:
+            raise UnstableError(
+                f"{len(self.world.addresses)} objects have {self.data.ncon} contacts, {_MOST_CONTACTS} are the most",
+                "place objects apart from one another",
+            )
+
+    def check(self) -> None:
+        """See that the simulation so far is to be trusted; MuJoCo itself would start anew from where nothing stood.
+
+        Raises:
+            UnstableError: positions or speeds burst, or there were more contacts than fit.
+        """
+        counts = self.data.warning.number
+        if counts.any():
+            causes = ", ".join(_WARNINGS[index] for index in np.flatnonzero(counts))
+            raise UnstableError(
+                f"the physics is unstable: {causes}",
+                "place objects apart, and tie no two of them in ways that conflict",
+            )
 
     def snapshot(self, onto: Any = None) -> Any:
         """A copy of the whole state, sleep included, for ``restore``; ``onto`` an older copy, which it replaces."""
@@ -158,12 +198,13 @@ class Physics:
         return float(max(velocity[:3].max(), 0.1 * velocity[3:].max()))
 
     def settle(self, seconds: float = 1.2) -> None:
-        """Wait until everything rests, at most ``seconds`` of simulated time."""
+        """Wait until everything rests, at most ``seconds`` of simulated time; errors as ``check``."""
         chunk = 12
         for _ in range(int(seconds / self.timestep / chunk)):
             self.step(chunk)
             if self.speed() < _STILL:
-                return
+                break
+        self.check()
 
     def relax(self, seconds: float = 0.8) -> None:
         """Let overlapping bodies part slowly rather than burst: their speed is held down at every step."""
@@ -202,19 +243,19 @@ class Physics:
         """Drive the arm through joint positions (N, dof), one row a time step.
 
         Args:
-            path: finite joint positions.
-            stop: asked at every other step; the arm halts where it is as soon as it is true.
+            path: finite joint positions; the controller takes every other one, as an arm of 125 Hz does.
+            stop: asked as often; the arm halts where it is as soon as it is true.
 
         Returns:
             Whether ``stop`` halted the arm.
         """
         rate = np.gradient(path, self.timestep, axis=0) if len(path) > 1 else np.zeros_like(path)
-        commands = path + rate * self._lead
+        commands = path[1::2] + rate[1::2] * self._lead
         control, dof = self.data.ctrl, self.dof
-        for index, command in enumerate(commands):
+        for command in commands:
             control[:dof] = command
-            self.step()
-            if stop is not None and index % 2 and stop():
+            self.step(2)
+            if stop is not None and stop():
                 control[:dof] = self.data.qpos[:dof]
                 return True
         control[:dof] = path[-1]

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 _ROOM: Final = 0.002
 """Room that neighbours are given, metres: blocks at targets one width apart do not jam."""
+_FLAT, _LOOSE = 0.006, 0.02
+"""How much higher than its target asks an object may come to rest, metres: on the table, and on other things, whose
+heights programs know less well."""
 _STEP: Final = 0.005
 """Rest heights that differ by less than this are one, metres."""
 _BESIDE: Final = 0.003
@@ -78,7 +81,7 @@ def _at_pose(goal: Goal, index: int, row: int, task: "Task", view: SceneView, li
         return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip, view.env.arm)}", (name,))
     shape = turned(body, np.asarray(pose[0][:2]), angle)
     keep_free = (Prism(shape.outline + offset, 0.0, 1.0, number),)
-    blocker = _blocker(shape, offset, others, height, wanted + 0.02, view)
+    blocker = _blocker(shape, offset, others, height, wanted + (_LOOSE if wanted > _FLAT else _FLAT), view)
     if blocker is None or not view.is_free(blocker) or _stackable(blocker, shape, target, height, task, view):
         tight = _tight(number, fit, task, view)
         return spot if tight is None else Blocked(tight, keep_free, spot)

@@ -24,8 +24,9 @@ _CLEARANCE: Final = 0.03
 ROPE_SPEED: Final = 0.2
 _ROPE_CLEARANCE: Final = 0.01
 """What is tied to other things is dragged rather than carried: slowly and low, else it flings about."""
-_CAREFUL: Final = 4.0
-"""Acceleration of the last stretch of a way, m/s^2: quicker, the arm would swing past its end and shove neighbours."""
+_CAREFUL, _LIGHT = 4.0, 12.0
+"""Acceleration of the last stretch of a way with an object and without, m/s^2: quicker, the arm would swing past its
+end and shove what stands there."""
 _LOWEST: Final = 0.001
 _RETREAT: Final = 0.06
 _TURNS: Final = tuple(turn * np.pi / 2 for turn in (0, 1, -1, 2, -2, 3, -3, 4, -4))
@@ -104,7 +105,7 @@ class PickPlace:
             return None, f"{what} at {_at(point)}"
         best = max(touched, key=lambda number: grasp.seal(physics, number))
         share = grasp.seal(physics, best)
-        if share < grasp.SEALED and best not in physics.world.limp:
+        if share < grasp.SEALED and best not in physics.world.beads:
             self._retreat()
             return None, (
                 f"the cup finds no seal on {self.names[best]} at {_at(point)}: {share:.0%} of its lip lies on it, "
@@ -219,7 +220,7 @@ class PickPlace:
         """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
         physics = self.physics
         gait = pace(speed, None if physics.held is None else physics.mass(physics.held), physics.timestep)
-        careful = replace(gait, acceleration=min(gait.acceleration, _CAREFUL))
+        careful = replace(gait, acceleration=min(gait.acceleration, _LIGHT if physics.held is None else _CAREFUL))
         legs: list[FloatArray] = []
         seed = physics.commanded
         for start, end in pairwise(poses):

@@ -14,6 +14,7 @@ from grs_agents.sim.goals import Goal
 from grs_agents.sim.oracle import Action, Oracle
 from grs_agents.sim.push import HEIGHT, poses_of
 from grs_agents.sim.push_model import Pieces, Strokes, clear_starts, joined, predict
+from grs_agents.sim.relation_rules import reference_of, zone_of
 from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.spatula import BLADE_THICKNESS, BLADE_WIDTH
 
@@ -77,10 +78,12 @@ class PushOracle(Oracle):
 
     def _plan_goals(self, view: SceneView) -> Action | Stop:
         scene = _Scene(self.task, view)
+        if not scene.places:
+            return Stop("error", "no goal says where things are to be pushed to: state 'zone', 'pose' or in_zone")
         cost = float(scene.cost(scene.pieces.places[None])[0])
         self._vain = 0 if cost < self._least - _EFFORT else self._vain + 1
         self._least = min(self._least, cost)
-        if cost == 0 or not scene.places:
+        if cost == 0:
             return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
         strokes, gain = scene.strokes()
         best = next(self._passable(strokes, gain, scene), None) if self._vain < _PATIENCE else None
@@ -119,7 +122,8 @@ class _Scene:
             for row, number in enumerate(goal.objs):
                 if number in ids and number not in self.places:
                     spread = np.linalg.norm(outlines[ids.index(number)] - centers[ids.index(number)], axis=1).max()
-                    self.places[number] = _places(goal, row, float(spread), task.pos_eps)
+                    if places := _places(goal, row, float(spread), task.pos_eps, view):
+                        self.places[number] = places
         self._groups = self._grouped()
 
     def _grouped(self) -> list[tuple[npt.NDArray[np.intp], list[Place]]]:
@@ -206,15 +210,18 @@ class _Scene:
         return Stop("partial", f"no stroke brings the last {len(astray)} objects nearer to their targets", names)
 
 
-def _places(goal: Goal, row: int, spread: float, pos_eps: float) -> list[Place]:
+def _places(goal: Goal, row: int, spread: float, pos_eps: float, view: SceneView) -> list[Place]:
     """Where the centre of an object of a goal may be; ``spread``: from its centre to its farthest corner, metres."""
-    if goal.metric == "zone":
+    zones = goal.params
+    if goal.relation is not None and goal.relation.kind == "in_zone":
+        zones = [zone_of(reference_of(goal.relation), view)]
+    if zones:
         return [
             Place(
                 np.asarray(pose[0][:2]), np.maximum(np.asarray(size[:2]) - 2 * spread - 0.002, 0.004),
                 utils.yaw_of(pose[1]),
             )
-            for pose, size in goal.params
+            for pose, size in zones
         ]  # fmt: skip
     targets = [goal.targ_poses[int(index)] for index in np.flatnonzero(goal.matches[row])]
     side = np.full(2, 1.2 * pos_eps)

@@ -47,6 +47,25 @@ class Picture:
     owner: npt.NDArray[np.int32]
 
 
+@dataclass(frozen=True)
+class Sight:
+    """What there is to see.
+
+    Attributes:
+        objects: what stands there.
+        library: 3D assets.
+        joints: joint positions (dof,) of the arm; None leaves the arm out.
+        arm: None for the default.
+        tool: at the end of the arm.
+    """
+
+    objects: Sequence[InstanceObject]
+    library: Library
+    joints: FloatArray | None = None
+    arm: Arm | None = None
+    tool: world.Tool = "suction"
+
+
 def rays(view: View) -> FloatArray:
     """Directions (H * W, 3) with length 1 along the optical axis, robot frame."""
     forward = np.subtract(view.target, view.position)
@@ -60,50 +79,35 @@ def rays(view: View) -> FloatArray:
     return (forward + x[..., None] * right + y[..., None] * down).reshape(-1, 3)
 
 
-def render(
-    objects: Sequence[InstanceObject], library: Library, joints: FloatArray, views: Sequence[View],
-    arm: Arm | None = None,
-) -> list[Picture]:  # fmt: skip
-    """One picture for each view of objects and the arm (None: the default) at ``joints`` (dof,)."""
-    scene, data = _seen(objects, library, joints, arm)
+def render(sight: Sight, views: Sequence[View]) -> list[Picture]:
+    """One picture for each view."""
+    scene = _seen(sight)
     return [
-        _picture(scene, data, np.asarray(view.position), rays(view).reshape(view.height, view.width, 3), _GROUPS)
+        _picture(scene, np.asarray(view.position), rays(view).reshape(view.height, view.width, 3), _GROUPS)
         for view in views
     ]
 
 
-def cast(
-    objects: Sequence[InstanceObject], library: Library, joints: FloatArray | None, eye: FloatArray,
-    directions: FloatArray, arm: Arm | None = None,
-) -> Picture:  # fmt: skip
-    """The picture that rays (H, W, 3) from ``eye`` (m) make, each of length 1 along the optical axis.
-
-    ``joints`` (dof,) of the arm; None leaves the arm out.
-    """
-    scene, data = _seen(objects, library, joints, arm)
-    return _picture(scene, data, eye, directions, _NO_ARM if joints is None else _GROUPS)
+def cast(sight: Sight, eye: FloatArray, directions: FloatArray) -> Picture:
+    """The picture that rays (H, W, 3) from ``eye`` (m) make, each of length 1 along the optical axis."""
+    return _picture(_seen(sight), eye, directions, _NO_ARM if sight.joints is None else _GROUPS)
 
 
-def _seen(
-    objects: Sequence[InstanceObject], library: Library, joints: FloatArray | None, arm: Arm | None
-) -> tuple[world.World, Any]:
-    scene = world.build(objects, library, visuals=True, arm=arm)
-    data = scene.data
-    world.place(scene, objects)
-    if joints is not None:
-        data.qpos[: len(joints)] = joints
-    mujoco.mj_forward(scene.model, data)
-    return scene, data
+def _seen(sight: Sight) -> world.World:
+    scene = world.build(sight.objects, sight.library, visuals=True, arm=sight.arm, tool=sight.tool)
+    world.place(scene, sight.objects)
+    if sight.joints is not None:
+        scene.data.qpos[: len(sight.joints)] = sight.joints
+    mujoco.mj_forward(scene.model, scene.data)
+    return scene
 
 
-def _picture(
-    scene: world.World, data: Any, eye: FloatArray, directions: FloatArray, groups: npt.NDArray[np.uint8]
-) -> Picture:
+def _picture(scene: world.World, eye: FloatArray, directions: FloatArray, groups: npt.NDArray[np.uint8]) -> Picture:
     shape = (directions.shape[0], directions.shape[1])
     count = shape[0] * shape[1]
     geom, distance, normal = np.full(count, -1, np.int32), np.empty(count), np.empty(3 * count)
     mujoco.mj_multiRay(
-        scene.model, data, eye, directions.ravel(), groups, 1, -1, geom, distance, normal,
+        scene.model, scene.data, eye, directions.ravel(), groups, 1, -1, geom, distance, normal,
         count, 1e10,
     )  # fmt: skip
     hit = geom >= 0
@@ -131,11 +135,9 @@ def png(color: npt.NDArray[np.uint8]) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + body
 
 
-def observe(
-    objects: Sequence[InstanceObject], library: Library, joints: FloatArray, arm: Arm | None = None
-) -> dict[str, tuple[npt.NDArray[Any], ...]]:
+def observe(sight: Sight) -> dict[str, tuple[npt.NDArray[Any], ...]]:
     """The three observation cameras: ``color`` and ``depth``."""
-    pictures = render(objects, library, joints, (FRONT, LEFT, RIGHT), arm)
+    pictures = render(sight, (FRONT, LEFT, RIGHT))
     return {
         "color": tuple(picture.color for picture in pictures),
         "depth": tuple(picture.depth for picture in pictures),

@@ -20,6 +20,8 @@ from grs_agents.sim.relations import Relation
 from grs_agents.sim.task import Task
 
 IDLE_SECONDS: Final = 2.0
+_UNREST: Final = 0.05
+"""Speed (m/s) of what is not at rest, and may come to where a goal wants it without any robot."""
 _MOVED: Final = 0.02
 _TURNED: Final = math.radians(15)
 
@@ -30,13 +32,14 @@ class Rollout(Frozen):
     Attributes:
         seed: of the instance.
         episode: how it ended.
-        idle_reward: what doing nothing for 2 simulated seconds would have earned.
+        idle_reward: what all goals together, in any order, are worth after doing nothing for 2 simulated seconds;
+            1 if the scene has not come to rest by then.
         moved: asset names of the objects that the robot picked or pushed and that end more than 2 cm or 15 degrees
             from where they were.
         initial, final: pose of each object by id, after settling and at the end.
         reachable: ids of rigid objects that the arm can reach.
         recording: the .npz file, if one was asked for.
-        warnings: what the runtime had to assume.
+        warnings: what the runtime had to assume, when the program set the scene up too.
     """
 
     seed: int
@@ -182,7 +185,7 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
         final=final,
         reachable=reachable,
         recording=str(recording) if recorder is not None else None,
-        warnings=tuple(env.warnings),
+        warnings=tuple(dict.fromkeys((*instance.warnings, *env.warnings))),
     )
 
 
@@ -202,7 +205,11 @@ def _idle_reward(env: Environment, task: Task) -> float:
         env.step_simulation(int(IDLE_SECONDS / env.timestep))
     except GrsError:
         return 1.0  # what could not be measured must not count as left to do
-    return float(task.reward()[0])
+    if env.physics.speed() > _UNREST:
+        return 1.0
+    # The published reward stops at the first goal that is open, though later ones may hold already.
+    worth = sum(goal.step_max_reward * float(np.mean(task.scores(goal))) for goal, _ in task.stated_goals)
+    return float(min(1.0, max(worth, task.reward()[0])))
 
 
 def _poses(env: Environment, task: InstanceTask) -> dict[int, Pose]:

@@ -39,9 +39,10 @@ _HEIGHT: Final = 0.015
 
 @dataclass(frozen=True)
 class StrictScore:
-    """``value`` 0..1, and for each object that falls short of it one clause that says how."""
+    """``value`` and ``weakest``, of the goal that holds least, 0..1; one clause for each object that falls short."""
 
     value: float
+    weakest: float
     shortfalls: tuple[str, ...] = ()
 
 
@@ -62,7 +63,7 @@ class StrictScorer:
         """The score of the scene as it stands now."""
         view = SceneView(self.env)
         notes: dict[int, str] = {}
-        value = 0.0
+        value, shares = 0.0, list[float]()
         final: dict[int, float] = {}
         goals = [goal for goal, _ in self.task.stated_goals]
         for goal in reversed(goals):
@@ -70,12 +71,14 @@ class StrictScorer:
             for row, number in enumerate(goal.objs):
                 rows[row] = max(rows[row], final.get(number, 0.0))
                 final.setdefault(number, rows[row])
-            value += goal.step_max_reward * float(np.mean(rows))
+            shares.append(float(np.mean(rows)))
+            value += goal.step_max_reward * shares[-1]
         bystanders = [number for number in view.ids if view.is_free(number) and number not in final]
         fallen = [number for number in bystanders if toppled(number, view, self.task.rot_eps)]
         notes.update({number: f"{view.name(number)} was knocked over" for number in fallen})
         standing = 1 - len(fallen) / len(bystanders) if fallen else 1.0
-        return StrictScore(round(min(1.0, value) * standing, 9), tuple(notes.values()))
+        weakest = 0.0 if fallen else min(shares, default=0.0)
+        return StrictScore(round(min(1.0, value) * standing, 9), round(weakest, 9), tuple(notes.values()))
 
     def _goal(self, goal: Goal, view: SceneView, last: set[int], notes: dict[int, str]) -> list[float]:
         """The score of each object of one goal; ``notes`` gains a clause for each of ``last`` that falls short."""

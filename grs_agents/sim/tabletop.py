@@ -257,8 +257,9 @@ class Tabletop:
         self._rested = _Rested(before, self.physics.world, state, start - self.budget.left)
 
     def step_simulation(self, steps: int = 1) -> None:
-        """Simulate a number of time steps."""
+        """Simulate a number of time steps; errors as ``Physics.check``."""
         self.physics.step(steps)
+        self.physics.check()
 
     def lift_out_of_table(self) -> None:
         """Raise what reaches below the table top, as objects placed from noisy depth may."""

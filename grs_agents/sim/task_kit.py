@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
 from grs_agents.sim import rope, templates, top_down, utils
-from grs_agents.sim.episode import SimulationError, UnsupportedError
+from grs_agents.sim.episode import SimulationError
 from grs_agents.sim.goals import as_pose
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ _GRAIN: Final = "block/small.urdf"
 _CELL: Final = 0.0145
 """A cell that holds it however it is turned, metres."""
 _CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
-"""Lengths of an anchor's two legs, metres."""
+"""Where an anchor's two strokes lie, as GenSim has them, metres."""
 
 
 class TaskKit:
@@ -135,14 +135,6 @@ class TaskKit:
         if len(unseen) < n_objects:
             raise SimulationError(f"there are {len(unseen)} test shapes, {n_objects} were asked for", "ask for fewer")
         return self.rng.choice(unseen, n_objects, replace=False)
-
-    def make_kitting_objects(self, *_: Any, **__: Any) -> Any:
-        """Put kitting shapes on the table.
-
-        Raises:
-            UnsupportedError: always, the library has no kitting shapes yet.
-        """
-        raise UnsupportedError("the library has no kitting shapes yet", "use blocks and boxes")
 
     def get_box_object_points(self, obj: int) -> FloatArray:
         """Points (3, N) spread over an object's collision volume, object frame, metres."""

@@ -31,6 +31,6 @@ def maps(
     x, y = float(bounds[0, 0]) + cells[1] * pixel, float(bounds[1, 0]) + cells[0] * pixel
     eye = np.array([bounds[0].mean(), bounds[1].mean(), _FAR])
     directions = np.stack([x - eye[0], y - eye[1], np.full(x.shape, -_FAR)], axis=-1) / _FAR
-    picture = rendering.cast(objects, library, None, eye, directions)
+    picture = rendering.cast(rendering.Sight(objects, library), eye, directions)
     height = np.where(picture.depth > 0, _FAR - picture.depth, 0)
     return picture.color, np.maximum(height, 0).astype(np.float32), np.maximum(picture.owner, 0)

@@ -19,6 +19,8 @@ _POINTS: Final = 600
 _ROUND: Final = 6
 """Cells along each axis of a round thing or a mesh, at least."""
 _FINE: Final = 24
+_ALONG: Final = 200
+"""Cells along an axis at most: a sheet has many more than ``_POINTS`` of them otherwise."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ def volume_of(model: ObjectModel, library: Library) -> Volume:
     if not model.colliders:
         return Volume(np.zeros((3, 1)), np.ones(1))
     solids = [_Solid.of(shape, library) for shape in model.colliders]
-    cell = (sum(solid.size for solid in solids) / _POINTS) ** (1 / 3)
+    widest = max(float((solid.high - solid.low).max()) for solid in solids)
+    cell = max((sum(solid.size for solid in solids) / _POINTS) ** (1 / 3), widest / _ALONG)
     clouds = [solid.points(cell) for solid in solids]
     weights = np.concatenate(
         [np.full(cloud.shape[1], solid.size / cloud.shape[1]) for solid, cloud in zip(solids, clouds, strict=True)]

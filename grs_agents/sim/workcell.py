@@ -13,6 +13,7 @@ from grs_agents.sim import cameras, ends, motion, reach, utils
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.recording import Recording
+from grs_agents.sim.rendering import Sight
 from grs_agents.sim.tabletop import Tabletop
 
 FloatArray = npt.NDArray[np.float64]
@@ -139,12 +140,17 @@ class Workcell(Tabletop):
         """Move the cup's tip to a pose; returns whether it failed to arrive, as ``movej``."""
         return self.movej(self.solve_ik(pose), speed)
 
+    @property
+    def sight(self) -> Sight:
+        """What there is to see now."""
+        joints = self.homej if self._physics is None else self._physics.joints
+        return Sight(self.objects, self.library, joints, self.arm, self.tool)
+
     def render_camera(
         self, config: Mapping[str, Any], *_: Any, **__: Any
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
         """Colour (H, W, 3), depth (H, W; m along the optical axis) and object id (H, W; -1 = none) of one camera."""
-        joints = self.homej if self._physics is None else self._physics.joints
-        picture = cameras.photograph(self.objects, self.library, joints, config, self.arm)
+        picture = cameras.photograph(self.sight, config)
         return picture.color, picture.depth, picture.owner
 
     def render(self, mode: str = "rgb_array") -> npt.NDArray[np.uint8]:

@@ -10,22 +10,24 @@ from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.sim.arm import Arm
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.engine import mujoco
+from grs_agents.sim.episode import SimulationError
 from grs_agents.sim.instance import InstanceObject, InstanceTie
 from grs_agents.sim.robot import ROBOT_CONTYPE
 from grs_agents.sim.spatula import fit_spatula
+from grs_agents.sim.ties import LARGEST_BEAD, add_ties, limp_of
 from grs_agents.sim.utils import COLORS
 
 TIMESTEP: Final = 0.004
 Tool = Literal["suction", "spatula"]
 _DENSITY: Final = 300.0
-_BEAD_ARMATURE: Final = 4e-6
-_BEAD_DAMPING: Final = 6e-5
-"""Of what is tied at a point: added to its inertia (kg m^2), and against its turning (N m s/rad)."""
 _CROWD: Final = 12
 _FEW_TIES: Final = 3
 """Of more loose bodies that are pushed, or more ties, an iterative solver takes care, faster and steadier."""
 _ROLLING: Final = 0.002
 """Arm of a ball's rolling resistance (m), as of a rubber ball on wood: one of 4 cm rests on slopes up to 6 degrees."""
+_GREY: Final = (0.7, 0.7, 0.7, 1.0)
+LARGEST, SMALLEST = 2.0, 1e-4
+"""Extents of a filled template, metres."""
 _GEOM_TYPE: Final[dict[str, Any]] = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -45,7 +47,8 @@ class World:
         addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
         owners: geom id to object id, -1 for the table and the robot.
         cup_geom, cup_body, tip_site: of the suction cup, or of the spatula in its place.
-        limp: ids of what a point ties to another, as ropes: it gives way to the cup, always seals, and hangs freely.
+        limp: ids of what a point ties to another, as ropes: it gives way to the cup, and hangs freely.
+        beads: those of them that are so small that the cup always seals.
         arm: whose joints are the first positions, speeds and controls.
     """
 
@@ -60,11 +63,32 @@ class World:
     tip_site: int
     arm: Arm
     limp: frozenset[int] = frozenset()
+    beads: frozenset[int] = frozenset()
 
 
 def model_of(item: InstanceObject, library: Library) -> ObjectModel:
-    """The shapes of an object: a template filled with its values, or the library's asset as it is."""
-    return library.filled(item.asset, item.fill) if item.fill else library.model(item.asset)
+    """The shapes of an object: a template filled with its values, or the library's asset as it is.
+
+    Raises:
+        SimulationError: a filled template is too large, or too thin.
+    """
+    if not item.fill:
+        return library.model(item.asset)
+    shapes = library.filled(item.asset, item.fill)
+    solids = [shape.size for shape in shapes.colliders if shape.kind != "mesh"]
+    thinnest = min(
+        [LARGEST, *(shapes.size if shapes.colliders else ()), *(length for size in solids for length in size)]
+    )
+    if max(shapes.size) > LARGEST or thinnest < SMALLEST:
+        raise SimulationError(
+            f"{item.asset} filled in is {_in_words(shapes.size)} m, its thinnest part {thinnest:.1e} m",
+            f"give lengths that make it at most {LARGEST} m, each part at least {SMALLEST} m",
+        )
+    return shapes
+
+
+def _in_words(size: Sequence[float]) -> str:
+    return " x ".join(f"{extent:.3g}" for extent in size)
 
 
 def is_free(item: InstanceObject, shapes: ObjectModel) -> bool:
@@ -110,24 +134,23 @@ def build(
 
     Raises:
         UnknownNameError: an asset is not in the library.
+        SimulationError: a filled template is too large or too thin, or MuJoCo takes the scene for impossible.
     """
     spec = new_spec(timestep)
     arm = arm or get_arm()
     arm.add(spec)
     if tool == "spatula":
         fit_spatula(spec)
-    free: list[int] = []
+    models = {item.id: model_of(item, library) for item in objects}
+    free = [item.id for item in objects if is_free(item, models[item.id])]
     for item in objects:
-        shapes = model_of(item, library)
-        _add_object(spec, item, shapes, library, visuals)
-        if is_free(item, shapes):
-            free.append(item.id)
+        _add_object(spec, item, models[item.id], library, visuals)
     if len(ties) > _FEW_TIES or (tool == "spatula" and len(free) > _CROWD):
         _for_a_crowd(spec)
     graspable = free if tool == "suction" else []
     _add_suction(spec, graspable, timestep)
-    _add_ties(spec, ties, timestep)
-    model: Any = spec.compile()
+    add_ties(spec, ties, timestep)
+    model = _compiled(spec)
     bodies = {item.id: int(model.body(f"object_{item.id}").id) for item in objects}
     owner_of = {body: number for number, body in bodies.items()}
     return World(
@@ -136,13 +159,21 @@ def build(
         bodies=bodies,
         welds={number: int(model.equality(f"suction_{number}").id) for number in graspable},
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
-        limp=frozenset(number for tie in ties if tie.kind == "point" for number in (tie.parent, tie.child)),
+        limp=limp_of(ties),
+        beads=frozenset(number for number in limp_of(ties) if max(models[number].size) <= LARGEST_BEAD),
         owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
         cup_geom=int(model.geom("cup").id),
         cup_body=int(model.body("cup").id),
         tip_site=int(model.site("tip").id),
         arm=arm,
     )
+
+
+def _compiled(spec: Any) -> Any:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise SimulationError(f"MuJoCo refuses the scene: {str(error)[:150]}", "change the object it names") from error
 
 
 def _for_a_crowd(spec: Any) -> None:
@@ -199,40 +230,11 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
         geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
         geom.condim, geom.friction = 6 if rolling else 4, (shapes.friction, 0.01, rolling)
         geom.mass = max(mass * volume / total, 1e-5)
-        geom.rgba = item.color or shape.color or (0.7, 0.7, 0.7, 1.0)
+        geom.rgba = (*(item.color or shape.color or _GREY)[:3], 1.0)  # a ray misses what is wholly transparent
     for index, shape in enumerate(shapes.visuals if visuals else ()):
         geom = _add_geom(spec, body, shape, library, f"{name}_visual_{index}")
         geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 0, 0.0, 2
         geom.rgba = item.color or shape.color or _named_color(item, library)
-
-
-def _add_ties(spec: Any, ties: Sequence[InstanceTie], timestep: float) -> None:
-    for index, tie in enumerate(ties):
-        _add_tie(spec, tie, index, timestep)
-
-
-def _add_tie(spec: Any, tie: InstanceTie, index: int, timestep: float) -> None:
-    ends = ((tie.parent, tie.parent_frame), (tie.child, tie.child_frame))
-    names: list[str] = []
-    for number, (position, (x, y, z, w)) in ends:
-        names.append(f"tie_{index}_{number}")
-        spec.body(f"object_{number}").add_site(name=names[-1], pos=position, quat=(w, x, y, z))
-    kind = mujoco.mjtEq.mjEQ_CONNECT if tie.kind == "point" else mujoco.mjtEq.mjEQ_WELD
-    equality = spec.add_equality(
-        name=f"tie_{index}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
-    )
-    equality.solref = (2 * timestep, 1.0)
-    if tie.kind == "point":
-        _make_bead(spec, tie)
-
-
-def _make_bead(spec: Any, tie: InstanceTie) -> None:
-    """Small things on a joint are slow to turn: it keeps the joint steady, and balls from rolling off as marbles do."""
-    for number in (tie.parent, tie.child):
-        for joint in spec.body(f"object_{number}").joints:
-            joint.armature, joint.damping = _BEAD_ARMATURE, np.full(3, _BEAD_DAMPING)
-        for geom in spec.body(f"object_{number}").geoms:
-            geom.condim = 3
 
 
 def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:

@@ -8,7 +8,7 @@ import pytest
 from grs_agents.audit import AuditReport, audit
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
-from grs_agents.sim import Environment, Task, TaskInstance, instantiate, rollout
+from grs_agents.sim import Environment, InstanceTie, Task, TaskInstance, instantiate, rollout
 
 Start = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 RED, BLUE, GREEN = (f"block/{color}_block.urdf" for color in ("red", "blue", "green"))
@@ -57,6 +57,36 @@ def picked_and_put_back(task: Trial, env: Environment) -> None:
     task.want(env.add_object(BLUE, B), 0.411, 0.1, 0.5)
 
 
+def later_goals_met_before_it_begins(task: Trial, env: Environment) -> None:
+    others = [env.add_object(GREEN, ((x, 0.3, 0.02), FLAT)) for x in (0.4, 0.5, 0.6)]
+    task.want(env.add_object(RED, A), 0.5, -0.1, 0.01)
+    task.want(env.add_object(BLUE, B), 0.6, 0.0, 0.01)
+    for other, x in zip(others, (0.4, 0.5, 0.6), strict=True):
+        task.want(other, x, 0.3, 0.98 / 3)
+
+
+def unmet_goal_without_weight(task: Trial, env: Environment) -> None:
+    fixed = env.add_object(GREEN, C, "fixed")
+    fair(task, env)
+    task.want(fixed, 0.3, -0.3, 0.0)
+
+
+def goal_in_the_air_of_little_weight(task: Trial, env: Environment) -> None:
+    task.want(env.add_object(RED, A), 0.5, -0.1, 0.5)
+    task.want(env.add_object(BLUE, B), 0.6, 0.0, 0.491)
+    target = ((C[0][0], C[0][1], 0.4), FLAT)
+    fixed = env.add_object(GREEN, C, "fixed")
+    task.add_goal([fixed], np.ones((1, 1)), [target], False, False, "pose", None, 0.009, [0], "up there")
+
+
+def swings_into_place(task: Trial, env: Environment) -> None:
+    hook = env.add_object(GREEN, ((0.5, 0.4, 1.5), FLAT), "fixed")
+    weight = env.add_object(GREEN, ((1.5, 0.4, 1.0), FLAT))
+    frames = (((0.0, 0.0, 0.0), FLAT), ((-1.0, 0.0, 0.5), FLAT))
+    env.tie(InstanceTie(kind="point", parent=hook, child=weight, parent_frame=frames[0], child_frame=frames[1]))
+    fair(task, env)
+
+
 def falls_off_the_table(task: Trial, env: Environment) -> None:
     env.add_object(BLUE, ((0.4, 1.9, 0.5), FLAT))
     env.add_object(GREEN, C)
@@ -83,7 +113,11 @@ def test_a_fair_program_is_accepted() -> None:
     ("setup", "check"),
     [
         (unmet_goal_of_little_weight, "solved"),
+        (unmet_goal_without_weight, "solved"),
+        (goal_in_the_air_of_little_weight, "solved"),
         (met_before_it_begins, "not_idle"),
+        (later_goals_met_before_it_begins, "not_idle"),
+        (swings_into_place, "not_idle"),
         (picked_and_put_back, "moved"),
         (falls_off_the_table, "moved"),
         (falls_off_the_table, "on_table"),

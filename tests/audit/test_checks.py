@@ -47,7 +47,12 @@ def instance(seed: int, *assets: str, moved_by: float = 0.0) -> TaskInstance:
 
 
 def rollout(
-    seed: int, reward: float = 1.0, idle: float = 0.0, moved: tuple[str, ...] = (MILK, CAN), strict: float = 1.0
+    seed: int,
+    reward: float = 1.0,
+    idle: float = 0.0,
+    moved: tuple[str, ...] = (MILK, CAN),
+    strict: float = 1.0,
+    weakest: float | None = None,
 ) -> Rollout:
     return Rollout.model_validate(
         {
@@ -56,6 +61,7 @@ def rollout(
                 "outcome": "success" if reward > 0.99 else "partial",
                 "reward": reward,
                 "strict": strict,
+                "weakest": strict if weakest is None else weakest,
                 "steps": 2,
                 "max_steps": 4,
                 "detail": "two of two",
@@ -131,6 +137,7 @@ def test_a_good_task_is_accepted() -> None:
     [
         ({"rollouts": [rollout(0), rollout(1), rollout(2, reward=0.98)]}, {"solved"}),
         ({"rollouts": [rollout(0), rollout(1), rollout(2, strict=0.98)]}, {"solved"}),
+        ({"rollouts": [rollout(0), rollout(1), rollout(2, weakest=0.9)]}, {"solved"}),
         ({"rollouts": [rollout(0), rollout(1)]}, {"solved"}),
         ({"rollouts": []}, {"solved", "not_idle", "moved"}),
         ({"rollouts": [rollout(0), rollout(1), rollout(2, idle=1.0)]}, {"not_idle"}),
@@ -146,6 +153,7 @@ def test_a_good_task_is_accepted() -> None:
     ids=[
         "short",
         "strictly short",
+        "one goal short",
         "seed missing",
         "nothing ran",
         "idle",

@@ -131,6 +131,14 @@ def test_what_nobody_caught_is_our_error(tmp_path: Path) -> None:
     assert lines[0].startswith("grs: RuntimeError: on purpose") and lines[1].startswith("Traceback")
 
 
+def test_check_says_what_was_assumed(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(PROGRAM.replace("zone/zone.urdf", "zone/zone-template.urdf"))
+    done = grs("check", "program.py", "--seeds", "1", "--json", folder=tmp_path)
+    (rollout,) = json.loads(done.stdout)["audit"]["rollouts"]
+    assert any("takes its defaults" in warning for warning in rollout["warnings"])
+    assert "warning" in grs("check", "program.py", "--seeds", "1", folder=tmp_path).stdout
+
+
 def test_check_wants_a_file(tmp_path: Path) -> None:
     done = grs("check", "nowhere.py", folder=tmp_path)
     assert done.returncode == 2

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from grs_agents import content
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library, write_proxy
 
@@ -73,3 +74,16 @@ def test_the_nearest_things_have_nearly_the_size(library: Library) -> None:
     nearest = library.nearest((0.072, 0.073, 0.19))
     assert nearest[0].kind == "Milk"
     assert not any(asset.template or asset.category == "zone" for asset in library.things())
+
+
+def test_a_content_folder_is_laid_over_the_shipped_library(
+    library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = tmp_path / "assets" / "library" / "own"
+    own.mkdir(parents=True)
+    (own / "tin.urdf").write_text(library.path("cylinder/cylinder.urdf").read_text())
+    monkeypatch.setattr(content, "_overlays", [])
+    content.add_overlay(tmp_path)
+    both = Library()
+    assert both.asset("own/tin.urdf").size == pytest.approx(library.asset("cylinder/cylinder.urdf").size)
+    assert set(library.names()) < set(both.names())

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at, pose_goal, run, zone_goal
 
-from grs_agents.sim import Environment, Task, TaskInstance, instantiate, rollout
+from grs_agents.sim import Environment, Task, TaskInstance, in_zone, instantiate, rollout, upright
 from grs_agents.sim.ends import Spatula, push
 from grs_agents.sim.push import stroke
 from grs_agents.sim.push_model import Pieces, Strokes, clear_starts, predict
@@ -109,7 +109,20 @@ def test_a_push_task_travels_as_an_instance() -> None:
     assert done.idle_reward == 0
 
 
+def test_a_pile_is_swept_into_the_zone_of_a_typed_goal() -> None:
+    def zone(task, env) -> None:
+        task.num_blocks = 10
+        task.add_goal(in_zone(task.make_piles(env), env.add_object("zone/zone.urdf", LEFT, "fixed")))
+
+    assert played(zone).episode.outcome == "success"
+
+
 def test_the_oracle_of_pushes_says_why_it_stops() -> None:
+    def tipped(task, env) -> None:
+        lying = ((0.5, 0.0, 0.02), (0.0, 0.7071068, 0.0, 0.7071068))
+        task.add_goal(upright(env.add_object("cylinder/cylinder.urdf", lying)))
+
+    assert "no goal says where" in played(tipped).episode.detail
     env = played(lambda task, env: zone_goal(
         task, [env.add_object("block/red_block.urdf", at(1.0, 0.6, 0.02))], LEFT, (0.12, 0.12, 0)))  # fmt: skip
     assert env.episode.outcome == "unreachable", env.episode.detail

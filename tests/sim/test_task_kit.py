@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sim_scenes import Scripted, at, pose_goal
 
-from grs_agents.sim import Environment, TaskInstance, UnsupportedError, instantiate, p, rollout, utils
+from grs_agents.sim import Environment, TaskInstance, instantiate, p, rollout, utils
 
 
 def played(scene) -> Environment:
@@ -59,21 +59,23 @@ def test_sizes_colours_points_and_names() -> None:
     assert red > green > blue
 
 
-def test_what_needs_assets_that_are_not_there_says_so() -> None:
-    env = Environment(task=Scripted(lambda task, env: task.make_kitting_objects(env, [])))
-    with pytest.raises(UnsupportedError, match="yet"):
-        env.reset()
-    assert env.episode.outcome == "error"
-
-
-def test_target_points_spread_over_a_shape_as_seen_from_above_and_its_seed_draws_them() -> None:
-    pose = ((0.5, 0.1, 0.002), utils.eulerXYZ_to_quatXYZW((0, 0, 0.7)))
+def test_points_are_spread_over_a_mesh_that_is_scaled_and_placed() -> None:
     env = played(lambda task, env: None)
-    drawn = env.task.get_target_sample_surface_points("assets/kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
-    points = np.array([point for point, _ in drawn])
-    assert points.shape == (50, 3)
-    assert np.abs(points - pose[0]).max(axis=0) == pytest.approx([0.08, 0.08, 0.002], abs=0.08)
-    assert np.ptp(points[:, :2], axis=0).min() > 0.03
-    again = played(lambda task, env: None)
-    same = again.task.get_target_sample_surface_points("kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
-    np.testing.assert_array_equal(points, np.array([point for point, _ in same]))
+    pose = at(0.5, 0.1, 0.0)
+    found = env.task.get_target_sample_surface_points("kitting/12.obj", (0.003, 0.003, 0.001), pose, num_points=60)
+    points = np.array([position for position, _ in found])
+    assert points.shape == (60, 3)
+    size = np.ptp(points, axis=0)
+    low, high = env.library.filled("kitting/object-template.urdf", {"FNAME": "12.obj"}).bounds
+    assert (points >= np.add(low, pose[0]) - 1e-6).all()
+    assert (points <= np.add(high, pose[0]) + 1e-6).all()
+    assert (size[:2] > 0.5 * np.subtract(high, low)[:2]).all()
+
+
+def test_the_seed_draws_the_points_over_a_mesh() -> None:
+    def points(seed: int) -> list[object]:
+        env = Environment(task=Scripted(lambda task, env: None), seed=seed)
+        env.reset()
+        return env.task.get_target_sample_surface_points("assets/kitting/00.obj", (1, 1, 1), at(0.5, 0.1, 0.0), 10)
+
+    assert points(3) == points(3) != points(4)
