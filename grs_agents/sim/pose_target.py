@@ -244,9 +244,9 @@ def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: "T
     ]  # fmt: skip
     spoken_of = any(blocker in named(goal) for goal, _ in view.stated_goals)
     start = view.env.places.get(blocker)
-    if (
-        not spoken_of and start is not None
-    ):  # what stays where it is and whose very place is the target is what it is on
+    ball = any(shape.kind == "sphere" for shape in view.model(blocker).colliders)
+    # What stays where it is, and whose very place is the target, is what the object is to stand on.
+    if not spoken_of and not ball and start is not None:
         wanted.append(start)
     there = any(_distance(place, target) < task.pos_eps for place in wanted)
     if not there or height + (shape.high - shape.low) >= TALLEST_STACK:
