@@ -120,7 +120,7 @@ class Environment(Workcell):
         except GrsError as error:
             self.recorder.stop = stop_of(error)
             raise
-        self.task.finish_reset(self)
+        self.task.grs.close(self)
         if settle:
             self.come_to_rest()
             self.places = {number: self.get_object_pose(number) for number in self._objects}
@@ -170,6 +170,11 @@ class Environment(Workcell):
             self.physics.step(10)
             reward = self.task.reward()[0]
         else:
+            missing = {"pose0", "pose1"} - set(action)
+            if missing:
+                raise SimulationError(
+                    f"env.step: the action has no {min(missing)}", "give {'pose0': (xyz, quaternion), 'pose1': ...}"
+                )
             reward = self._act(as_pose(action["pose0"], "pose0"), as_pose(action["pose1"], "pose1"))
         done = self.task.done() or len(self.recorder.actions) >= self.task.max_steps
         return self.observation, reward, done, self.info
@@ -206,7 +211,7 @@ class Environment(Workcell):
     def _look(self, recorder: Recorder) -> None:
         if self.task is None:
             return
-        recorder.reward, recorder.complete = self.task.total_reward, self.task.done()
-        recorder.placed, recorder.wanted = self.task.count()
+        recorder.reward, recorder.complete = self.task.grs.total, self.task.done()
+        recorder.placed, recorder.wanted = self.task.grs.count()
         score = StrictScorer(self.task, self, self.places).score()
         recorder.strict, recorder.weakest, recorder.shortfalls = score.value, score.weakest, score.shortfalls

@@ -29,10 +29,6 @@ class NoFreeSpaceError(SimulationError):
     outcome: Outcome = "no_free_space"
 
 
-class UnstableError(SimulationError):
-    """The physics gave up on a scene: its state burst, or it has more contacts than fit."""
-
-
 class SimulationBudgetError(SimulationError):
     """The environment used up its simulated steps."""
 

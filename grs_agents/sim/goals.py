@@ -53,9 +53,11 @@ def make_goal(
     Raises:
         SimulationError: an argument does not fit; the message says which, and what would.
     """
-    reward = float(step_max_reward)
+    reward = float(step_max_reward) if _is_real(step_max_reward) else np.nan
     if not np.isfinite(reward) or reward < 0:
-        raise SimulationError(f"add_goal: step_max_reward is {reward}", "give a share of 1, e.g. 1 / len(objects)")
+        raise SimulationError(
+            f"add_goal: step_max_reward is {step_max_reward!r}"[:200], "give a share of 1, e.g. 1 / len(objects)"
+        )
     if isinstance(objs, Relation):
         return _typed(objs, reward)
     numbers, own_symmetries = _objects(objs)
@@ -130,11 +132,23 @@ def doubts(objs: Any, matches: Any, targ_poses: Any, metric: str, params: Any, s
 
 
 def _objects(objs: Any) -> tuple[list[int], list[float]]:
-    items: list[Any] = [objs] if _is_number(objs) or _is_pair(objs) else list(objs)
+    try:
+        items: list[Any] = [objs] if _is_number(objs) or _is_pair(objs) else list(objs)
+    except TypeError as error:
+        raise SimulationError(f"add_goal: objs is {objs!r}", "give ids that env.add_object returned") from error
     if not items:
         raise SimulationError("add_goal: objs is empty", "name at least one object id")
     pairs = [_object(item) for item in items]
     return [number for number, _ in pairs], [symmetry for _, symmetry in pairs]
+
+
+def _is_real(value: Any) -> bool:
+    """Whether ``float`` takes it."""
+    try:
+        float(value)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def _is_number(value: Any) -> bool:

@@ -16,6 +16,8 @@ POSITION_TOLERANCE = 0.01
 ROTATION_TOLERANCE = math.radians(15)
 LARGEST_POS_EPS, LARGEST_ROT_EPS = 0.05, math.radians(30)
 """The widest tolerances of published tasks: CLIPort's bowls, and its easy kits."""
+LARGEST_VALUE = 2.0
+"""Of a template's placeholder: metres, or a share of a colour."""
 LARGEST_TIE_GAP = 0.05
 """Metres between the two places that a tie holds together: it keeps things so, it does not haul them there."""
 MOST_PAIRS = 10_000
@@ -28,7 +30,10 @@ Extent = Annotated[float, Field(allow_inf_nan=False, gt=0, le=2)]
 Channel = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
 Placed = tuple[tuple[Coordinate, Coordinate, Coordinate], tuple[Unit, Unit, Unit, Unit]]
 RGBA = tuple[Channel, Channel, Channel, Channel]
-Value = Annotated[float, Field(allow_inf_nan=False, ge=-2, le=2)] | Annotated[str, Field(max_length=300)]
+Value = (
+    Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_VALUE, le=LARGEST_VALUE)]
+    | Annotated[str, Field(max_length=300)]
+)
 Fill = dict[Annotated[str, Field(max_length=20)], Annotated[tuple[Value, ...], Field(max_length=4)]]
 """Values of a template's placeholders by stem, e.g. ``{"DIM": (0.2, 0.1, 0.05)}``: metres, colours 0..1, file names."""
 

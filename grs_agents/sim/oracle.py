@@ -69,7 +69,7 @@ class Oracle:
         self._ropes = RopePlanner()
 
     def _decide(self) -> Action | Stop:
-        if not self.task.stated_goals:
+        if not self.task.grs.stated:
             return Stop("nothing_to_do", "the task states no goal: its reset() never calls add_goal")
         if not self.task.goals:
             return Stop("success", "every goal is met")
@@ -112,7 +112,7 @@ class Oracle:
 
     def _order(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of the goal whose objects are not yet placed: low targets and big objects first."""
-        scores = self.task.scores(goal)
+        scores = self.task.grs.scores(goal)
         if goal.relation is not None and goal.relation.kind in ("stacked", "aligned"):
             met = min(scores) >= _PLACED
             return [] if met else self._planner.rows(goal, view)
@@ -176,7 +176,7 @@ class Oracle:
         if depth >= _DEPTH or self._attempts.get(attempt, 0) >= _ATTEMPTS:
             return stop
         for goal in self.task.goals:
-            scores = self.task.scores(goal)
+            scores = self.task.grs.scores(goal)
             if blocker in goal.objs and scores[goal.objs.index(blocker)] < _PLACED:
                 plan = self._plan(goal, goal.objs.index(blocker), view, depth + 1)
                 if not isinstance(plan, Stop):

@@ -219,7 +219,7 @@ def _tight(number: int, fit: _Fit, target: Pose, task: "Task", view: SceneView) 
     waiting = {
         other
         for goal in task.goals
-        for other, score in zip(goal.objs, task.scores(goal), strict=True)
+        for other, score in zip(goal.objs, task.grs.scores(goal), strict=True)
         if other != number and score < 0.985 and view.is_free(other) and not view.hollow(other)
     }
     up = fit.height - min(part.low for part in fit.parts)

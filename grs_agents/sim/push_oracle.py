@@ -38,6 +38,8 @@ _DEPTHS: Final = (0.0, 0.012, 0.026, 0.045)
 _PATIENCE: Final = 7
 """Strokes in a row that bring nothing, after which it gives up."""
 _TRIED: Final = 60
+_PAIRS, _FEWEST = 1_000_000, 200
+"""Pieces times places times strokes that are weighed for one decision, and the fewest strokes all the same."""
 _AIMS: Final = 6
 """Places that strokes aim at, of many: those still empty, spread out."""
 
@@ -163,6 +165,12 @@ class _Scene:
             return Strokes(np.zeros((0, 2)), np.zeros((0, 2))), np.zeros(0)
         strokes = joined(parts)
         strokes = strokes.only(clear_starts(strokes, self.pieces))
+        pairs = sum(len(rows) * len(wanted) for rows, wanted in self._groups)
+        count, most = len(strokes.starts), max(_FEWEST, _PAIRS // max(1, pairs))
+        if count > most:
+            chosen = np.zeros(count, dtype=np.bool_)
+            chosen[np.linspace(0, count - 1, most).astype(np.intp)] = True
+            strokes = strokes.only(chosen)
         now = self.cost(self.pieces.places[None])[0]
         return strokes, now - self.cost(predict(strokes, self.pieces))
 

@@ -71,12 +71,12 @@ def stacked(objs: Sequence[int]) -> Relation:
 
 def near(objs: int | Iterable[int], other: int, distance: float = 0.05) -> Relation:
     """The objects lie beside another one, with a gap of at most ``distance`` metres."""
-    return Relation("near", _ids(objs), _id(other), float(distance))
+    return Relation("near", _ids(objs), _id(other), _metres("near", distance))
 
 
 def aligned(objs: Sequence[int], spacing: float | None = None) -> Relation:
     """The objects' centres lie on one line, within 1 cm; ``spacing``: metres from each centre to the next, or any."""
-    return Relation("aligned", _ids(objs), None, None if spacing is None else float(spacing))
+    return Relation("aligned", _ids(objs), None, None if spacing is None else _metres("aligned", spacing))
 
 
 def upright(objs: int | Iterable[int]) -> Relation:
@@ -96,6 +96,13 @@ def _id(number: Any) -> int:
     if isinstance(number, int | np.integer) and not isinstance(number, bool):
         return int(cast(int, number))
     raise SimulationError(f"a relation was given {number!r} as an object", "give ids that env.add_object returned")
+
+
+def _metres(kind: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise SimulationError(f"{kind}: {value!r} is no distance"[:150], "give metres in 0..1") from error
 
 
 def _ids(objs: Any) -> tuple[int, ...]:

@@ -125,7 +125,7 @@ def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskIn
         rot_eps=task.rot_eps,
         objects=env.objects,
         ties=env.ties,
-        goals=tuple(_instance_goal(goal, words) for goal, words in task.stated_goals),
+        goals=tuple(_instance_goal(goal, words) for goal, words in task.grs.stated),
         warnings=tuple(warning[:500] for warning in env.warnings),
     )
 
@@ -208,7 +208,7 @@ def _idle_reward(env: Environment, task: Task) -> float:
     if env.physics.speed() > _UNREST:
         return 1.0
     # The published reward stops at the first goal that is open, though later ones may hold already.
-    worth = sum(goal.step_max_reward * float(np.mean(task.scores(goal))) for goal, _ in task.stated_goals)
+    worth = sum(goal.step_max_reward * float(np.mean(task.grs.scores(goal))) for goal, _ in task.grs.stated)
     return float(min(1.0, max(worth, task.reward()[0])))
 
 

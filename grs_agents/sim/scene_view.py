@@ -30,7 +30,7 @@ class SceneView:
 
     def __init__(self, env: "Environment") -> None:
         self.env, self.physics = env, env.physics
-        self.stated_goals = env.task.stated_goals if env.task is not None else []
+        self.stated_goals = env.task.grs.stated if env.task is not None else ()
         self._items = {item.id: item for item in env.objects}
         self._models = {number: env.shapes(number) for number in self._items}
         self.prisms: list[Prism] = env.outlines()

@@ -65,7 +65,7 @@ class StrictScorer:
         notes: dict[int, str] = {}
         value, shares = 0.0, list[float]()
         final: dict[int, float] = {}
-        goals = [goal for goal, _ in self.task.stated_goals]
+        goals = [goal for goal, _ in self.task.grs.stated]
         for goal in reversed(goals):
             rows = self._goal(goal, view, {number for number in goal.objs if number not in final}, notes)
             for row, number in enumerate(goal.objs):
@@ -178,7 +178,7 @@ class StrictScorer:
         return any(
             any(abs(target[0][2] - goal.targ_poses[index][0][2] - rise) <= _HEIGHT for rise in rises)
             and self._holds(goal, goal.objs.index(under), index, view)
-            for goal, _ in self.task.stated_goals
+            for goal, _ in self.task.grs.stated
             if goal.metric == "pose" and under in goal.objs
             for index in np.flatnonzero(goal.matches[goal.objs.index(under)]).tolist()
         )
@@ -193,7 +193,7 @@ class StrictScorer:
         """Objects that goals want in the same zones or at the same targets."""
         return {
             number
-            for other, _ in self.task.stated_goals
+            for other, _ in self.task.grs.stated
             if other is goal or (other.params and other.params == goal.params)
             for number in other.objs
         }
@@ -201,7 +201,7 @@ class StrictScorer:
     def _sharers(self, goal: Goal, number: int, target: Pose) -> set[int]:
         """Objects that goals want at the same place: one target for all of them, or equal ones."""
         found = set(goal.objs) if goal.replace else set[int]()
-        for other, _ in self.task.stated_goals:
+        for other, _ in self.task.grs.stated:
             for row, index in np.argwhere(other.matches).tolist():
                 if other is not goal or other.targ_poses[index] is not target:
                     apart = np.abs(np.subtract(other.targ_poses[index][0], target[0]))

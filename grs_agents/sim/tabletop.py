@@ -158,15 +158,18 @@ class Tabletop:
         """Ids of objects by category: ``fixed``, ``rigid``, ``deformable``."""
         return {kind: [item.id for item in self._objects.values() if item.category == kind] for kind in CATEGORIES}
 
-    def object(self, obj: int) -> InstanceObject:
+    def object(self, obj: Any) -> InstanceObject:
         """The object with an id.
 
         Raises:
             SimulationError: there is none.
         """
-        if obj not in self._objects:
-            raise SimulationError(f"there is no object {obj!r}", f"use one of the ids {sorted(self._objects)}")
-        return self._objects[obj]
+        found = self._objects.get(obj) if obj.__hash__ else None  # a list has no hash
+        if found is None:
+            ids = ", ".join(map(str, list(self._objects)[:20])) or "none yet"
+            more = ", ..." if len(self._objects) > 20 else ""
+            raise SimulationError(f"there is no object {obj!r}"[:150], f"use one of the ids {ids}{more}")
+        return found
 
     def shapes(self, obj: int) -> ObjectModel:
         """What an object is made of."""

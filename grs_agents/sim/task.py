@@ -10,11 +10,10 @@ from grs_agents.base import Pose, Quat
 from grs_agents.sim import ends, placement, scoring, templates
 from grs_agents.sim.episode import NoFreeSpaceError
 from grs_agents.sim.geometry import Prism
-from grs_agents.sim.goals import Goal, as_goal, doubts, make_goal, named, worth_one
-from grs_agents.sim.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
+from grs_agents.sim.goals import Goal, doubts, make_goal, named
+from grs_agents.sim.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.kitting import kitting_objects
-from grs_agents.sim.relation_rules import shortfalls
-from grs_agents.sim.scene_view import SceneView
+from grs_agents.sim.ledger import Ledger
 from grs_agents.sim.task_kit import TaskKit
 
 if TYPE_CHECKING:
@@ -38,6 +37,7 @@ class Task(TaskKit):
         pos_eps, rot_eps: tolerance of ``pose`` goals, metres and radians.
         bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
         goals: what ``add_goal`` gathered.
+        grs: the runtime's own accounts; every other name is the program's to use.
 
     Example::
 
@@ -62,6 +62,7 @@ class Task(TaskKit):
 
     def __init__(self) -> None:
         super().__init__()
+        self.grs = Ledger(self)
         self.max_steps = 10
         self.lang_template = ""
         self.task_completed_desc = "task completed."
@@ -74,8 +75,6 @@ class Task(TaskKit):
         self.goals: list[Goal] = []
         self.lang_goals: list[str] = []
         self.progress = 0.0
-        self.total_reward = 0.0
-        self._all_goals: list[tuple[Goal, str]] = []
 
     # --- set-up -----------------------------------------------------------------------------------------
 
@@ -93,9 +92,8 @@ class Task(TaskKit):
 
     def reset(self, env: "Environment") -> None:
         """Clear the goals. A program's own ``reset`` calls ``super().reset(env)``, then adds objects and goals."""
-        self._env = env
-        self.goals, self.lang_goals, self._all_goals = [], [], []
-        self.progress = self.total_reward = 0.0
+        self.grs.begin(env)
+        self.goals, self.lang_goals, self.progress = [], [], 0.0
 
     def add_goal(
         self, objs: Any, matches: Any = None, targ_poses: Any = None, replace: bool = False, rotations: bool = True,
@@ -131,33 +129,15 @@ class Task(TaskKit):
             SimulationError: an argument does not fit; the message says which, and what would.
         """
         goal = make_goal(objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries)
-        if self._env is not None:
+        env = self.grs.reset_in
+        if env is not None:
             for number in named(goal):
-                self._env.object(number)
+                env.object(number)
             for doubt in doubts(objs, matches, targ_poses, metric, params, symmetries):
-                self._env.warn(doubt)
+                env.warn(doubt)
         self.goals.append(goal)
         if language_goal:
             self.lang_goals.append(str(language_goal))
-
-    def finish_reset(self, env: "Environment") -> None:
-        """Called by the environment after ``reset``: every goal is brought into one shape, rewards add up to 1.
-
-        Raises:
-            SimulationError: a goal that was appended to ``goals`` as a plain tuple does not fit.
-        """
-        self._env = env
-        self.goals = [as_goal(goal) for goal in self.goals]
-        if not self.goals:
-            env.warn("the task states no goal: its reset() never calls add_goal")
-        self.goals, doubt = worth_one(self.goals)
-        if doubt:
-            env.warn(doubt)
-        words = self.lang_goals or [self.lang_template]
-        self.lang_goals = [words[min(index, len(words) - 1)] for index in range(len(self.goals))]
-        self._all_goals = list(zip(self.goals, self.lang_goals, strict=True))
-        self.pos_eps = _bounded(env, "pos_eps", self.pos_eps, LARGEST_POS_EPS)
-        self.rot_eps = _bounded(env, "rot_eps", self.rot_eps, LARGEST_ROT_EPS)
 
     def fill_template(self, template: str, replace: Mapping[str, Any]) -> str:
         """Fill in a template's sizes and colour; the result goes to ``env.add_object``.
@@ -168,10 +148,11 @@ class Task(TaskKit):
                 left out takes the template's default, with a warning. A colour may be a name, ``FNAME`` and
                 ``SCALE`` choose a kitting shape.
         """
-        library = self._env.library if self._env is not None else templates.default_library()
-        if self._env is not None:
+        env = self.grs.reset_in
+        library = env.library if env is not None else templates.default_library()
+        if env is not None:
             for doubt in templates.unsure(library, template, replace):
-                self._env.warn(f"fill_template({template!r}): {doubt}")
+                env.warn(f"fill_template({template!r}): {doubt}")
         return templates.fill(library, template, replace)
 
     def get_random_pose(
@@ -218,22 +199,12 @@ class Task(TaskKit):
 
     # --- scoring ----------------------------------------------------------------------------------------
 
-    def scores(self, goal: Goal) -> list[float]:
-        """For each object of a goal, how far (0..1) it is where it should be."""
-        env = self.environment
-        if goal.relation is not None:
-            return [float(not clause) for clause in shortfalls(goal.relation, SceneView(env), self.rot_eps)]
-        poses = {number: env.get_object_pose(number) for number in goal.objs}
-        volumes = {number: env.volume(number) for number in goal.objs}
-        ceiling = float(self.zone_bounds[2, 1])
-        return scoring.object_scores(goal, poses, volumes, ceiling, self.pos_eps, self.rot_eps)
-
     def reward(self) -> tuple[float, dict[str, Any]]:
         """What was gained since the last call; goals that are met leave ``goals``."""
         partial = 0.0
         while self.goals:
             goal = self.goals[0]
-            share = float(np.mean(self.scores(goal)))
+            share = float(np.mean(self.grs.scores(goal)))
             partial = goal.step_max_reward * share
             if 1 - share > min(0.01 / max(goal.step_max_reward, 1e-9), _LENIENT):
                 break
@@ -242,26 +213,16 @@ class Task(TaskKit):
             self.goals.pop(0)
             if self.lang_goals:
                 self.lang_goals.pop(0)
-        before, self.total_reward = self.total_reward, min(1.0, self.progress + partial)
-        return self.total_reward - before, {}
+        before, self.grs.total = self.grs.total, min(1.0, self.progress + partial)
+        return self.grs.total - before, {}
 
     def done(self) -> bool:
         """Whether every goal is met."""
-        return not self.goals and bool(self._all_goals)
+        return not self.goals and bool(self.grs.stated)
 
     def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
         """Whether two poses agree within ``pos_eps`` and ``rot_eps``."""
         return scoring.pose_matches(pose0, pose1, symmetry, self.pos_eps, self.rot_eps)
-
-    def count(self) -> tuple[int, int]:
-        """How many objects of all goals are where they should be, and how many there are."""
-        waiting = {id(goal) for goal in self.goals}
-        placed = wanted = 0
-        for goal, _ in self._all_goals:
-            wanted += len(goal.objs)
-            met = id(goal) not in waiting
-            placed += len(goal.objs) if met else sum(score > 0.98 for score in self.scores(goal))
-        return placed, wanted
 
     def get_lang_goal(self) -> str:
         """The current goal in words, or ``task_completed_desc``."""
@@ -273,19 +234,6 @@ class Task(TaskKit):
         from grs_agents.sim.push_oracle import PushOracle
 
         return PushOracle(self, env) if ends.pushes(self) else Oracle(self, env)
-
-    @property
-    def stated_goals(self) -> list[tuple[Goal, str]]:
-        """Every goal of this episode, met or not, with its words."""
-        return list(self._all_goals)
-
-
-def _bounded(env: "Environment", name: str, value: float, bound: float) -> float:
-    """A tolerance within its bounds; noted where it was not."""
-    if 0 < value <= bound:
-        return float(value)
-    env.warn(f"{name}={value:.3g} is not within 0..{bound:.3g}, taken as {bound:.3g}")
-    return bound
 
 
 def _standing(env: "Environment") -> list[Prism]:

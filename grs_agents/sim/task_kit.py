@@ -14,6 +14,7 @@ from grs_agents.sim.goals import as_pose
 
 if TYPE_CHECKING:
     from grs_agents.sim.environment import Environment
+    from grs_agents.sim.ledger import Ledger
 
 FloatArray = npt.NDArray[np.float64]
 _GRAIN: Final = "block/small.urdf"
@@ -27,6 +28,8 @@ _CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
 class TaskKit:
     """What a task can call besides ``add_object`` and ``add_goal``."""
 
+    grs: "Ledger"
+
     def __init__(self) -> None:
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
         self.pix_size = 0.003125
@@ -35,23 +38,15 @@ class TaskKit:
         self.train_set: npt.NDArray[np.int64] = np.arange(0, 14)
         self.test_set: npt.NDArray[np.int64] = np.arange(14, 20)
         self.num_blocks = 50
-        self._env: Environment | None = None
-
-    @property
-    def environment(self) -> "Environment":
-        """The environment of the last reset.
-
-        Raises:
-            SimulationError: there was none.
-        """
-        if self._env is None:
-            raise SimulationError("the task was not reset yet", "call env.set_task(task) and env.reset()")
-        return self._env
 
     @property
     def rng(self) -> np.random.Generator:
-        """The environment's random numbers: the same seed draws the same scene."""
-        return self.environment.rng
+        """The environment's random numbers, or the program's own: the same seed draws the same scene."""
+        return self.grs.rng or self.grs.env.rng
+
+    @rng.setter
+    def rng(self, rng: np.random.Generator) -> None:
+        self.grs.rng = rng
 
     def get_random_size(
         self, min_x: float, max_x: float, min_y: float, max_y: float, min_z: float, max_z: float
@@ -77,11 +72,12 @@ class TaskKit:
     def color_random_brown(self, obj: int) -> None:
         """Paint an object a random shade of brown."""
         shade = float(self.rng.uniform(0.5, 1.5))
-        self.environment.set_color(obj, [shade * channel for channel in utils.COLORS["brown"]])
+        self.grs.env.set_color(obj, [shade * channel for channel in utils.COLORS["brown"]])
 
     def check_require_obj(self, path: str) -> bool:
         """Whether the library has an asset."""
-        library = self._env.library if self._env is not None else templates.default_library()
+        env = self.grs.reset_in
+        library = env.library if env is not None else templates.default_library()
         return templates.asset_name(path, library) in library
 
     def make_piles(self, env: "Environment", block_color: Any = None, *_: Any, **__: Any) -> list[int]:
@@ -138,7 +134,7 @@ class TaskKit:
 
     def get_box_object_points(self, obj: int) -> FloatArray:
         """Points (3, N) spread over an object's collision volume, object frame, metres."""
-        return np.copy(self.environment.volume(obj).points)
+        return np.copy(self.grs.env.volume(obj).points)
 
     def get_target_sample_surface_points(
         self, model: str, scale: Sequence[float], pose: Pose, num_points: int = 50
@@ -156,7 +152,7 @@ class TaskKit:
         """
         import trimesh
 
-        library, name = self.environment.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
+        library, name = self.grs.env.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
         mesh: Any = trimesh.load_mesh(library.mesh_path(name))
         points = _over(np.asarray(mesh.triangles, dtype=np.float64) * np.asarray(scale), num_points, self.rng)
         return [(utils.vec3(point), utils.IDENTITY) for point in utils.apply(pose, points.T).T]

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from grs_agents.errors import InputError
 from grs_agents.library import Library, resolve, stems
 from grs_agents.sim.arms import DEFAULT
+from grs_agents.sim.instance import LARGEST_VALUE
 
 Values = Mapping[str, tuple[float | str, ...]]
 
@@ -69,7 +71,7 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
 
     Raises:
         UnknownNameError: the library has no such template.
-        InputError: a value is not a finite number, a colour or a file name.
+        InputError: a value is not a finite number of reasonable size, a colour or a file name.
     """
     base, before = asset_name(template, library), {}
     if base in _filled:  # a program that overwrites the template's name with the result fills that again
@@ -78,11 +80,19 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     if not defaults:
         return base
     values = resolve({**before, **_positive(replace, defaults)}, defaults)[0]
+    _check_lengths(base, values)
     library.filled(base, values)
     label = ",".join(f"{stem}={'x'.join(_short(value) for value in values[stem])}" for stem in sorted(values))
     name = f"{base}#{label}"
     _filled[name] = Filling(base, values)
     return name
+
+
+def _check_lengths(template: str, values: Values) -> None:
+    for stem, row in values.items():
+        largest = max((abs(value) for value in row if not isinstance(value, str)), default=0.0)
+        if largest > LARGEST_VALUE:
+            raise InputError(f"{template}: {stem} is {_row(row)}", f"give metres, at most {LARGEST_VALUE:g}")
 
 
 def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[str]:

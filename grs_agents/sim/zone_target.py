@@ -32,7 +32,7 @@ def members_of(zone: Zone, task: "Task") -> list[int]:
     found: list[int] = []
     for goal in task.goals:
         if goal.metric == "zone" and zone in goal.params:
-            scores = task.scores(goal)
+            scores = task.grs.scores(goal)
             found.extend(number for number, score in zip(goal.objs, scores, strict=True) if score < 0.985)
     return list(dict.fromkeys(found))
 

@@ -70,3 +70,11 @@ def test_what_does_not_fit_is_refused_with_the_value_and_the_remedy(changes, wor
     with pytest.raises(SimulationError) as caught:
         goal(**changes)
     assert all(word in str(caught.value) for word in words)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"), [({"objs": None}, "objs is None"), ({"step_max_reward": "all"}, "step_max_reward is 'all'")]
+)
+def test_arguments_of_a_wrong_kind_are_named(changes, message) -> None:
+    with pytest.raises(SimulationError, match=message):
+        goal(**changes)

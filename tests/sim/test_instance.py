@@ -110,7 +110,7 @@ def test_a_scene_that_bursts_is_an_error() -> None:
     )
     done = rollout(instance(objects=row, ties=train), Library())
     assert done.episode.outcome == "error"
-    assert "unstable" in done.episode.detail
+    assert "diverged" in done.episode.detail
 
 
 def test_invisible_paint_hides_nothing_from_the_robot() -> None:

@@ -23,7 +23,7 @@ def test_physics_that_diverges_is_a_named_error_and_leaves_no_file(tmp_path: Pat
     monkeypatch.chdir(tmp_path)
     env = two_things()
     env.physics.data.qvel[-6] = np.nan
-    with pytest.raises(SimulationError, match="the physics is unstable"):
+    with pytest.raises(SimulationError, match=r"diverged at .* out of bounds"):
         env.step_simulation(2)
     assert not list(tmp_path.iterdir())
     env.reset()

@@ -3,7 +3,7 @@ import pytest
 from sim_scenes import Scripted, at, pose_goal, zone_goal
 
 from grs_agents.library import Library
-from grs_agents.sim import instantiate, rollout
+from grs_agents.sim import Environment, Task, instantiate, rollout, solve
 
 BLOCK = "block/red_block.urdf"
 BOX = "box/box-template.urdf"
@@ -81,3 +81,23 @@ def test_several_zones_do_not_cap_the_reward() -> None:
 
     done = rollout(drawn(scene))
     assert (done.reward, done.strict) == (1.0, 1.0), done.episode
+
+
+def test_a_programs_own_names_do_not_collide_with_the_runtimes() -> None:
+    class Own(Task):
+        """Calls its own things what the runtime could have called its own."""
+
+        def reset(self, env: Environment) -> None:
+            super().reset(env)
+            self.count, self.scores, self.environment, self.ids = 3, [1], env, []
+            self.total_reward, self.stated_goals, self.rng = 5.0, [], np.random.default_rng(3)
+            block = env.add_object("block/red_block.urdf", ((0.45, -0.2, 0.02), (0, 0, 0, 1)))
+            target = ((0.5, 0.1, 0.02), (0, 0, 0, 1))
+            self.add_goal([block], np.ones((1, 1)), [target], False, False, "pose", None, 1.0, [0], "there")
+
+    task = Own()
+    env = Environment(task=task)
+    env.reset()
+    assert 0 <= task.get_random_size(0, 1, 0, 1, 0, 1)[0] <= 1
+    solve(env, task)
+    assert env.episode.outcome == "success"

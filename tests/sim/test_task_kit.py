@@ -79,3 +79,16 @@ def test_the_seed_draws_the_points_over_a_mesh() -> None:
         return env.task.get_target_sample_surface_points("assets/kitting/00.obj", (1, 1, 1), at(0.5, 0.1, 0.0), 10)
 
     assert points(3) == points(3) != points(4)
+
+
+def test_target_points_spread_over_a_shape_as_seen_from_above_and_its_seed_draws_them() -> None:
+    pose = ((0.5, 0.1, 0.002), utils.eulerXYZ_to_quatXYZW((0, 0, 0.7)))
+    env = played(lambda task, env: None)
+    drawn = env.task.get_target_sample_surface_points("assets/kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
+    points = np.array([point for point, _ in drawn])
+    assert points.shape == (50, 3)
+    assert np.abs(points - pose[0]).max(axis=0) == pytest.approx([0.08, 0.08, 0.002], abs=0.08)
+    assert np.ptp(points[:, :2], axis=0).min() > 0.03
+    again = played(lambda task, env: None)
+    same = again.task.get_target_sample_surface_points("kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
+    np.testing.assert_array_equal(points, np.array([point for point, _ in same]))

@@ -1,0 +1,96 @@
+"""What the runtime keeps of a task's episode, apart from the names that programs know, set and override."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grs_agents.sim import scoring
+from grs_agents.sim.episode import SimulationError
+from grs_agents.sim.goals import Goal, as_goal, worth_one
+from grs_agents.sim.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS
+from grs_agents.sim.relation_rules import shortfalls
+from grs_agents.sim.scene_view import SceneView
+
+if TYPE_CHECKING:
+    from grs_agents.sim.environment import Environment
+    from grs_agents.sim.task import Task
+
+
+class Ledger:
+    """The accounts of one task: a program may call its own things ``count`` or ``scores`` without harm.
+
+    Attributes:
+        reset_in: the environment of the last reset, None before.
+        stated: every goal of this episode, met or not, with its words.
+        total: the reward so far.
+        rng: random numbers of the program's own, None for the environment's.
+    """
+
+    def __init__(self, task: "Task") -> None:
+        self._task = task
+        self.reset_in: Environment | None = None
+        self.stated: tuple[tuple[Goal, str], ...] = ()
+        self.total = 0.0
+        self.rng: np.random.Generator | None = None
+
+    @property
+    def env(self) -> "Environment":
+        """The environment of the last reset.
+
+        Raises:
+            SimulationError: there was none.
+        """
+        if self.reset_in is None:
+            raise SimulationError("the task was not reset yet", "call env.set_task(task) and env.reset()")
+        return self.reset_in
+
+    def begin(self, env: "Environment") -> None:
+        """A reset begins: no goal is stated."""
+        self.reset_in, self.stated, self.total = env, (), 0.0
+
+    def close(self, env: "Environment") -> None:
+        """A reset is done: every goal is brought into one shape, rewards add up to 1.
+
+        Raises:
+            SimulationError: a goal that was appended to ``goals`` as a plain tuple does not fit.
+        """
+        task, self.reset_in = self._task, env
+        task.goals = [as_goal(goal) for goal in task.goals]
+        if not task.goals:
+            env.warn("the task states no goal: its reset() never calls add_goal")
+        task.goals, doubt = worth_one(task.goals)
+        if doubt:
+            env.warn(doubt)
+        words = task.lang_goals or [task.lang_template]
+        task.lang_goals = [words[min(index, len(words) - 1)] for index in range(len(task.goals))]
+        self.stated = tuple(zip(task.goals, task.lang_goals, strict=True))
+        task.pos_eps = _bounded(env, "pos_eps", task.pos_eps, LARGEST_POS_EPS)
+        task.rot_eps = _bounded(env, "rot_eps", task.rot_eps, LARGEST_ROT_EPS)
+
+    def scores(self, goal: Goal) -> list[float]:
+        """For each object of a goal, how far (0..1) it is where it should be."""
+        task, env = self._task, self.env
+        if goal.relation is not None:
+            return [float(not clause) for clause in shortfalls(goal.relation, SceneView(env), task.rot_eps)]
+        poses = {number: env.get_object_pose(number) for number in goal.objs}
+        volumes = {number: env.volume(number) for number in goal.objs}
+        ceiling = float(task.zone_bounds[2, 1])
+        return scoring.object_scores(goal, poses, volumes, ceiling, task.pos_eps, task.rot_eps)
+
+    def count(self) -> tuple[int, int]:
+        """How many objects of all goals are where they should be, and how many there are."""
+        waiting = {id(goal) for goal in self._task.goals}
+        placed = wanted = 0
+        for goal, _ in self.stated:
+            wanted += len(goal.objs)
+            met = id(goal) not in waiting
+            placed += len(goal.objs) if met else sum(score > 0.98 for score in self.scores(goal))
+        return placed, wanted
+
+
+def _bounded(env: "Environment", name: str, value: float, bound: float) -> float:
+    """A tolerance within its bounds; noted where it was not."""
+    if 0 < value <= bound:
+        return float(value)
+    env.warn(f"{name}={value:.3g} is not within 0..{bound:.3g}, taken as {bound:.3g}")
+    return bound
