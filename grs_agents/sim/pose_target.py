@@ -1,7 +1,7 @@
 """Where the oracle puts an object that a ``pose`` goal speaks of."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -83,19 +83,23 @@ def _at_pose(goal: Goal, index: int, row: int, task: "Task", view: SceneView, li
     keep_free = (Prism(shape.outline + offset, 0.0, 1.0, number),)
     blocker = _blocker(shape, offset, others, height, wanted + (_LOOSE if wanted > _FLAT else _FLAT), view)
     if blocker is None or not view.is_free(blocker) or _stackable(blocker, shape, target, height, task, view):
-        tight = _tight(number, fit, task, view)
+        tight = _tight(number, fit, target, task, view)
         return spot if tight is None else Blocked(tight, keep_free, spot)
     return Blocked(blocker, keep_free)
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """A way to put an object: turned by ``angle``, its ``parts`` at ``offset`` (1, 2), at rest at a ``height``."""
+    """A way to put an object: turned by ``angle``, its ``parts`` at ``offset`` (1, 2), at rest at a ``height``.
+
+    ``stands``: it does not tip there.
+    """
 
     angle: float
     parts: list[Prism]
     offset: FloatArray
     height: float
+    stands: bool = True
 
 
 def _best_fit(number: int, target: Pose, symmetry: float, wanted: float, task: "Task", view: SceneView) -> _Fit:
@@ -116,10 +120,8 @@ def _best_fit(number: int, target: Pose, symmetry: float, wanted: float, task: "
     options = [fit(angle) for angle in _turns(target, number, symmetry, view)]
     if min(option.height for option in options) > wanted + _STEP:
         options += [fit(angle) for angle in _turns_into(target, number, symmetry, view)]
-    if len(options) == 1:
-        return options[0]
     options.sort(key=lambda option: round(option.height / _STEP))
-    return next(filter(stands, options), options[0])
+    return next(filter(stands, options), replace(options[0], stands=False))
 
 
 def _mass_center(number: int, view: SceneView) -> FloatArray:
@@ -212,8 +214,8 @@ def _blocker(
     return movable[0] if movable else None
 
 
-def _tight(number: int, fit: _Fit, task: "Task", view: SceneView) -> int | None:
-    """What is to be moved anyway and stands so close that the object would shove it; None if nothing does."""
+def _tight(number: int, fit: _Fit, target: Pose, task: "Task", view: SceneView) -> int | None:
+    """What is to be moved anyway and would be shoved, or would tip the object off; None if nothing does."""
     waiting = {
         other
         for goal in task.goals
@@ -221,11 +223,14 @@ def _tight(number: int, fit: _Fit, task: "Task", view: SceneView) -> int | None:
         if other != number and score < 0.985 and view.is_free(other) and not view.hollow(other)
     }
     up = fit.height - min(part.low for part in fit.parts)
-    standing = [prism for prism in view.prisms if prism.owner in waiting and prism.high > fit.height + 0.003]
+    standing = [prism for prism in view.prisms if prism.owner in waiting and prism.high > fit.height - _STEP]
     for part in fit.parts:
         for prism in near(part, standing, fit.offset[0].tolist(), _BESIDE):
-            level = prism.low < part.high + up and prism.high > part.low + up
-            if level and gaps(part.outline, prism.outline, fit.offset)[0] < _BESIDE:
+            gap = gaps(part.outline, prism.outline, fit.offset)[0]
+            level = prism.low < part.high + up and prism.high > max(part.low + up, fit.height + 0.003)
+            if level and gap < _BESIDE and not view.over(prism.owner, target[0]):
+                return prism.owner
+            if not fit.stands and abs(prism.high - part.low - up) < _STEP and gap < -0.0005:
                 return prism.owner
     return None
 
@@ -239,9 +244,9 @@ def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: "T
     ]  # fmt: skip
     spoken_of = any(blocker in named(goal) for goal, _ in view.stated_goals)
     start = view.env.places.get(blocker)
-    if (
-        not spoken_of and start is not None
-    ):  # what stays where it is and whose very place is the target is what it is on
+    ball = any(shape.kind == "sphere" for shape in view.model(blocker).colliders)
+    # What stays where it is, and whose very place is the target, is what the object is to stand on.
+    if not spoken_of and not ball and start is not None:
         wanted.append(start)
     there = any(_distance(place, target) < task.pos_eps for place in wanted)
     if not there or height + (shape.high - shape.low) >= TALLEST_STACK:

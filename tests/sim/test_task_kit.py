@@ -72,6 +72,15 @@ def test_points_are_spread_over_a_mesh_that_is_scaled_and_placed() -> None:
     assert (size[:2] > 0.5 * np.subtract(high, low)[:2]).all()
 
 
+def test_the_seed_draws_the_points_over_a_mesh() -> None:
+    def points(seed: int) -> list[object]:
+        env = Environment(task=Scripted(lambda task, env: None), seed=seed)
+        env.reset()
+        return env.task.get_target_sample_surface_points("assets/kitting/00.obj", (1, 1, 1), at(0.5, 0.1, 0.0), 10)
+
+    assert points(3) == points(3) != points(4)
+
+
 def test_target_points_spread_over_a_shape_as_seen_from_above_and_its_seed_draws_them() -> None:
     pose = ((0.5, 0.1, 0.002), utils.eulerXYZ_to_quatXYZW((0, 0, 0.7)))
     env = played(lambda task, env: None)
