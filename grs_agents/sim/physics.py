@@ -243,18 +243,20 @@ class Physics:
         """Drive the arm through joint positions (N, dof), one row a time step.
 
         Args:
-            path: finite joint positions; the controller takes every other one, as an arm of 125 Hz does.
-            stop: asked as often; the arm halts where it is as soon as it is true.
+            path: finite joint positions, one for each time step.
+            stop: asked after each command; the arm halts where it is as soon as it is true.
 
         Returns:
             Whether ``stop`` halted the arm.
         """
         rate = np.gradient(path, self.timestep, axis=0) if len(path) > 1 else np.zeros_like(path)
-        commands = path[1::2] + rate[1::2] * self._lead
+        # A free hand is content with half the rate; what is held would be shaken off by its coarser steps.
+        stride = 2 if self.cup.held is None else 1
+        commands = path[stride - 1 :: stride] + rate[stride - 1 :: stride] * self._lead
         control, dof = self.data.ctrl, self.dof
         for command in commands:
             control[:dof] = command
-            self.step(2)
+            self.step(stride)
             if stop is not None and stop():
                 control[:dof] = self.data.qpos[:dof]
                 return True
