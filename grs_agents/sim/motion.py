@@ -40,11 +40,12 @@ class ToolPose:
 
 @dataclass(frozen=True)
 class Pace:
-    """Speed (m/s), acceleration (m/s^2; infinite: as fast as speed allows) and time step (s) of a motion."""
+    """Speed (m/s), acceleration (m/s^2) and time step (s) of a motion; ``even``: at that speed from end to end."""
 
     speed: float
     acceleration: float
     timestep: float
+    even: bool = False
 
 
 def pace(speed: float, mass: float | None, timestep: float) -> Pace:
@@ -81,23 +82,23 @@ def tilts(vectors: FloatArray) -> FloatArray:
     return np.eye(3) + sin * cross + (1 - cos) * (cross @ cross)
 
 
-def sweep(start: Vec3, end: Vec3, samples: int) -> FloatArray:
-    """Points (samples, 3) from start to end that keep their distance from the base axis in between."""
+def sweep(start: Vec3, end: Vec3, share: FloatArray) -> FloatArray:
+    """Points (N, 3) at shares (N,) of the way from start to end; the distance from the base axis changes evenly."""
     radius = np.hypot([start[0], end[0]], [start[1], end[1]])
     angle = np.arctan2([start[1], end[1]], [start[0], end[0]])
-    share = _smooth(samples)
     r = radius[0] + share * (radius[1] - radius[0])
     a = angle[0] + share * (angle[1] - angle[0])
     return np.stack([r * np.cos(a), r * np.sin(a), start[2] + share * (end[2] - start[2])], axis=1)
 
 
-def _smooth(samples: int) -> FloatArray:
+def smooth(samples: int) -> FloatArray:
+    """Shares (samples,) of a way, 0..1, that begin and end slowly."""
     share = np.linspace(0.0, 1.0, samples)
     return share * share * (3 - 2 * share)
 
 
 def move(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: FloatArray) -> FloatArray:
-    """Joint positions (N, dof), one a time step, from one pose to another, smooth at both ends; NaN if impossible.
+    """Joint positions (N, dof), one a time step, from one pose to another, NaN if impossible.
 
     Args:
         arm: the robot.
@@ -109,9 +110,12 @@ def move(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: FloatArray)
     leaning = float(np.linalg.norm(tilting[1] - tilting[0]))
     turning = abs(end.yaw - start.yaw) + leaning
     length = float(np.linalg.norm(np.subtract(end.point, start.point))) + 0.25 * turning
-    seconds = max(1.5 * length / gait.speed, float(np.sqrt(6 * length / gait.acceleration)))
-    samples = max(4, int(seconds / gait.timestep))
-    points, share = sweep(start.point, end.point, samples), _smooth(samples)
+    if gait.even:
+        share = np.linspace(0.0, 1.0, max(4, int(length / gait.speed / gait.timestep)))
+    else:
+        seconds = max(1.5 * length / gait.speed, float(np.sqrt(6 * length / gait.acceleration)))
+        share = smooth(max(4, int(seconds / gait.timestep)))
+    points = sweep(start.point, end.point, share)
     yaws = start.yaw + share * (end.yaw - start.yaw)
     if not tilting.any():
         return arm.solve(points, yaws, seed)
@@ -123,7 +127,7 @@ def highest_along(start: Vec3, end: Vec3, radius: float, obstacles: Sequence[Pri
     """The top of the highest obstacle that comes within ``radius`` of the way from start to end."""
     if not obstacles:
         return 0.0
-    points = sweep(start, end, 24)[:, :2]
+    points = sweep(start, end, smooth(24))[:, :2]
     boxes = np.array([obstacle.box for obstacle in obstacles])
     outside = np.maximum(boxes[:, None, :2] - points[None], points[None] - boxes[:, None, 2:])
     near = np.linalg.norm(np.maximum(outside, 0.0), axis=2).min(axis=1) < radius

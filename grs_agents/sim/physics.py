@@ -167,8 +167,9 @@ class Physics:
         """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``)."""
         self.budget.spend(count)
         cup = self.cup
-        if cup.held is None and self.observer is None:
+        if self.observer is None and (cup.held is None or count < cup.due):
             mujoco.mj_step(self.model, self.data, count)
+            cup.due -= count if cup.held is not None else 0
             return
         while count > 0:
             part = 1 if self.observer is not None else min(count, cup.due)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Vec3
 from grs_agents.sim import grasp, utils
 from grs_agents.sim.geometry import Prism
-from grs_agents.sim.motion import ToolPose, highest_along, move, pace, routes, split, sweep, upward
+from grs_agents.sim.motion import Pace, ToolPose, highest_along, move, pace, routes, smooth, split, sweep, upward
 from grs_agents.sim.physics import Physics
 from grs_agents.sim.robot import CUP_RADIUS
 from grs_agents.sim.suction import HOLDING_FORCE
@@ -83,7 +83,7 @@ class PickPlace:
         stops = [(x, y, height) for x, y, _ in (tip, pick, place)]
         for first in _TURNS:
             counts = [4 + int(2 * abs(angle)) for angle in (first, turn)]
-            points = np.vstack([sweep(stops[leg], stops[leg + 1], count) for leg, count in enumerate(counts)])
+            points = np.vstack([sweep(stops[leg], stops[leg + 1], smooth(count)) for leg, count in enumerate(counts)])
             before, after = (np.linspace(0.0, 1.0, count) for count in counts)
             yaws = self.yaw + np.concatenate([before * first, first + after * turn])
             if self.arm.within_limits(self.arm.solve(points, yaws, seed)):
@@ -242,7 +242,8 @@ class PickPlace:
 
     def _descend(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
         """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""
-        path = move(self.arm, start, end, pace(TOUCH_SPEED, None, self.physics.timestep), self.physics.commanded)
+        gait = Pace(TOUCH_SPEED, 0.0, self.physics.timestep, even=True)
+        path = move(self.arm, start, end, gait, self.physics.commanded)
         if not self._possible(path):
             return False
         self.physics.follow(path, stop)
