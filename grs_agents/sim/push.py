@@ -75,19 +75,16 @@ class Push(PickPlace):
         return PushResult(tuple(pushed), note)
 
     def _along(self, start: FloatArray, end: FloatArray) -> str:
-        physics = self.physics
-        yaw = self.yaw + wrap(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)
-        low, high = ToolPose(utils.vec3(start), yaw), ToolPose(utils.vec3(start + np.array([0.0, 0.0, _ABOVE])), yaw)
-        radius = BLADE_WIDTH / 2 + BLADE_THICKNESS
-        reachable = self.arm.reachable(np.array([start, end])).all()
-        if not reachable or not self._travel(high, radius, 0.0, self.obstacles, FREE_SPEED):
+        physics, points = self.physics, straight(self.physics.timestep, start, end)
+        yaw = self._over(start, end, points)
+        if yaw is None:
             return f"the arm cannot reach {at(utils.vec3(start))} with the tool down{self._hindrance}"
+        low, high = self._poses(start, yaw)
         self._descend(high, low, lambda: bool(physics.touched()))
         under = sorted(physics.touched())
         if under and physics.tip[2] > HEIGHT + 0.004:
             self._retreat()
             return f"the blade came down on {self.names[under[0]]} at {at(utils.vec3(start))}"
-        points = straight(physics.timestep, start, end)
         path = self.arm.solve(points, np.full(len(points), yaw), physics.commanded)
         if not self._possible(path):
             self._retreat()
@@ -96,6 +93,28 @@ class Push(PickPlace):
         physics.arrive(path[-1])
         self._retreat()
         return "pushed"
+
+    def _poses(self, start: FloatArray, yaw: float) -> tuple[ToolPose, ToolPose]:
+        """Where a stroke begins, and above it."""
+        return ToolPose(utils.vec3(start), yaw), ToolPose(utils.vec3(start + np.array([0.0, 0.0, _ABOVE])), yaw)
+
+    def _over(self, start: FloatArray, end: FloatArray, points: FloatArray) -> float | None:
+        """Go above the start; the yaw of the blade there, which may be turned end for end, None if there is no way.
+
+        Stroke after stroke in one sense would wind the wrist up to its limit, so the next best turns are tried too.
+        """
+        if not self.arm.reachable(np.array([start, end])).all():
+            return None
+        least = wrap(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)
+        for turn in sorted((least + half * np.pi for half in range(-2, 3)), key=abs):
+            yaw = self.yaw + turn
+            path = self.arm.solve(points, np.full(len(points), yaw), self.physics.commanded)
+            radius = BLADE_WIDTH / 2 + BLADE_THICKNESS
+            if self.arm.within_limits(path) and self._travel(
+                self._poses(start, yaw)[1], radius, 0.0, self.obstacles, FREE_SPEED
+            ):
+                return yaw
+        return None
 
 
 def straight(timestep: float, start: FloatArray, end: FloatArray) -> FloatArray:
