@@ -118,7 +118,7 @@ def test_a_bad_scene(tmp_path: Path, sample_scene: Path, spoil: Callable[[Path],
         ("graph=router", ("router", "task and scene")),
         ("graph=scene", ("scene", "verdict")),
         ("max_fixes=-1", ("max_fixes",)),
-        ("colour=red", ("colour", "max_fixes")),
+        ("colour=red", ("colour", "use one of: ")),
     ],
 )
 def test_a_bad_setting(tmp_path: Path, sample_scene: Path, setting: str, words: tuple[str, ...]) -> None:
