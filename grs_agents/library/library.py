@@ -8,7 +8,7 @@ from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.own_file import own_asset, own_names, own_path, read_model
 from grs_agents.library.shapes import ObjectModel
-from grs_agents.library.template import Value, Values, fill_template, resolve, stems
+from grs_agents.library.template import Value, Values, fill_template
 from grs_agents.library.urdf import read_urdf
 
 
@@ -87,18 +87,6 @@ class Library:
     def template_defaults(self, name: str) -> dict[str, tuple[Value, ...]]:
         """The documented default values of a template's placeholders; empty for an ordinary asset."""
         return dict(self.asset(name).template)
-
-    def template_stems(self, name: str) -> frozenset[str]:
-        """Every stem that a template understands: its own and the other ways to say them."""
-        return stems(self.asset(name).template)
-
-    def template_assumed(self, name: str, replace: Values) -> dict[str, tuple[Value, ...]]:
-        """The defaults that a template takes because ``replace`` says nothing about them, in any spelling.
-
-        Raises:
-            InputError: a value is not a finite number, a colour or a file name.
-        """
-        return resolve(replace, self.asset(name).template)[1]
 
     def fill_template(self, name: str, replace: Values) -> str:
         """The URDF text of a template with ``replace`` (see `grs_agents.library.fill_template`) filled in.

@@ -98,11 +98,6 @@ class Physics:
         """Where the suction cup is, metres."""
         return utils.vec3(self.data.site_xpos[self.world.tip_site])
 
-    def tip_yaw(self) -> float:
-        """The tool's turn about the vertical, radians."""
-        matrix = self.data.site_xmat[self.world.tip_site]
-        return float(np.arctan2(matrix[3], matrix[0]))
-
     def tip_rotation(self) -> Quat:
         """How the tool is turned from straight down, xyzw."""
         matrix = np.asarray(self.data.site_xmat[self.world.tip_site]).reshape(3, 3) @ DOWN

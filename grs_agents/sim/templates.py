@@ -82,8 +82,7 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     values = resolve({**before, **_positive(replace, defaults)}, defaults)[0]
     _check_lengths(base, values)
     library.filled(base, values)
-    label = ",".join(f"{stem}={'x'.join(_short(value) for value in values[stem])}" for stem in sorted(values))
-    name = f"{base}#{label}"
+    name = f"{base}#{sorted(values.items())}"
     _filled[name] = Filling(base, values)
     return name
 

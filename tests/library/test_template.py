@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library, fill_template, resolve
+from grs_agents.library import Library, fill_template, resolve, stems
+from grs_agents.library.template import Values
 
 LIBRARY = Library()
 SIZE = (0.06, 0.06, 0.1)
@@ -19,6 +20,14 @@ SPELLINGS = (
     {"SCALE": SIZE},
     {"DIM": SIZE, "SCALE": (9, 9, 9), "DIMR": 9},
 )
+
+
+def understood(name: str) -> frozenset[str]:
+    return stems(LIBRARY.asset(name).template)
+
+
+def assumed(name: str, replace: Values) -> dict[str, tuple[float | str, ...]]:
+    return resolve(replace, LIBRARY.asset(name).template)[1]
 
 
 def test_values_replace_placeholders_by_position() -> None:
@@ -53,8 +62,8 @@ def test_only_finite_numbers_fill_a_template(value: float) -> None:
 def test_every_spelling_of_a_size_is_understood(name: str, replace: dict[str, tuple[float, ...]]) -> None:
     template = f"{name}-template.urdf"
     assert LIBRARY.filled(template, replace).size == pytest.approx(SIZE)
-    assert set(LIBRARY.template_assumed(template, replace)) == {"COLOR"}
-    assert set(replace) <= LIBRARY.template_stems(template)
+    assert set(assumed(template, replace)) == {"COLOR"}
+    assert set(replace) <= understood(template)
 
 
 @pytest.mark.parametrize("replace", [{"DIM": 0.05}, {"HALF": (0.025,)}, {"SCALE": (0.05,) * 3}, {"DIMR": 0.025}])
@@ -67,7 +76,7 @@ def test_a_ball_is_as_wide_as_its_first_dimension(name: str, replace: dict[str, 
 def test_a_colour_has_numbers_or_a_name(color: str) -> None:
     model = LIBRARY.filled("box/box-template.urdf", {"DIM": (0.1, 0.1, 0.1), "COLOR": color})
     assert model.visuals[0].color == (0.85, 0.16, 0.16, 1)
-    assert LIBRARY.template_assumed("box/box-template.urdf", {"DIM": (0.1, 0.1, 0.1), "COLOR": color}) == {}
+    assert assumed("box/box-template.urdf", {"DIM": (0.1, 0.1, 0.1), "COLOR": color}) == {}
 
 
 def test_a_corner_is_told_its_strokes_or_the_box_it_marks() -> None:
@@ -93,14 +102,12 @@ def test_marks_have_a_height_of_their_own() -> None:
 
 def test_what_is_left_out_or_unknown_can_be_told() -> None:
     name = "kitting/object-template.urdf"
-    assert LIBRARY.template_assumed(name, {"FNAME": ("01.obj",)}) == {
+    assert assumed(name, {"FNAME": ("01.obj",)}) == {
         "SCALE": (0.003, 0.003, 0.001),
         "COLOR": LIBRARY.template_defaults(name)["COLOR"],
     }
-    assert LIBRARY.template_stems(name) == {"FNAME", "SCALE", "COLOR"}
-    assert LIBRARY.template_assumed("box/box-template.urdf", {"DIM": (0.1,), "LENGTH": 3, "COLOR": "red"}) == {
-        "DIM": (0.05, 0.05)
-    }
+    assert understood(name) == {"FNAME", "SCALE", "COLOR"}
+    assert assumed("box/box-template.urdf", {"DIM": (0.1,), "LENGTH": 3, "COLOR": "red"}) == {"DIM": (0.05, 0.05)}
 
 
 def test_a_placeholder_may_stand_without_its_number() -> None:

@@ -101,3 +101,15 @@ def test_a_programs_own_names_do_not_collide_with_the_runtimes() -> None:
     assert 0 <= task.get_random_size(0, 1, 0, 1, 0, 1)[0] <= 1
     solve(env, task)
     assert env.episode.outcome == "success"
+
+
+def test_two_fillings_that_differ_by_a_hair_are_two() -> None:
+    sizes = [(0.12341, 0.1, 0.05), (0.12344, 0.1, 0.05)]
+
+    def scene(task, env) -> None:
+        names = [task.fill_template(BOX, {"DIM": size, "COLOR": "red"}) for size in sizes]
+        for index, name in enumerate(names):
+            env.add_object(name, at(0.5, 0.2 - 0.3 * index, 0.03))
+        goal(task, env)
+
+    assert [thing.fill["DIM"] for thing in drawn(scene).objects[:2]] == sizes
