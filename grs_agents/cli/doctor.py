@@ -14,8 +14,8 @@ from rich.text import Text
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions
-from grs_agents.run.execute import PRELOAD
-from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.run.isolation import open_sandbox
+from grs_agents.sandbox import Limits
 from grs_agents.toolkit import ToolContext, load_tool
 
 GL_BACKENDS = {"egl": "libegl1", "osmesa": "libosmesa6"}
