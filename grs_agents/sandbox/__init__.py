@@ -4,7 +4,7 @@ The room knows nothing of simulations: its callers name the tools, what a worker
 the hooks that a test run calls.
 """
 
-from grs_agents.sandbox.backends import BACKENDS, Backend, Choice
+from grs_agents.sandbox.backends import REMEDIES, Backend, Choice
 from grs_agents.sandbox.call import CallOutcome, CallResult, Limits
 from grs_agents.sandbox.caught import Caught
 from grs_agents.sandbox.channel import progress
@@ -18,7 +18,7 @@ from grs_agents.sandbox.testing import TestRun, run_tests
 from grs_agents.sandbox.traces import SIMULATION_FILE, TESTS_FILE, Trace, describe, from_stack
 
 __all__ = [
-    "BACKENDS",
+    "REMEDIES",
     "SIMULATION_FILE",
     "TESTS_FILE",
     "Backend",

@@ -4,20 +4,19 @@ import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 from grs_agents.sandbox import allowlist
 
 Backend = Literal["bubblewrap", "landlock", "none"]
 Choice = Literal["auto", "bubblewrap", "landlock", "none"]
-BACKENDS: tuple[Backend, ...] = get_args(Backend)
 LAYERS: dict[Backend, str] = {
     "bubblewrap": "bubblewrap+landlock+seccomp",
     "landlock": "landlock+seccomp",
     "none": "none",
 }
 """The name under which results record each."""
-REMEDIES: dict[Backend, str] = {
+REMEDIES: dict[str, str] = {
     "bubblewrap": "install bubblewrap 0.8 or later (Debian: apt-get install bubblewrap)",
     "landlock": "use Linux 5.13 or later with Landlock enabled (lsm=landlock,... on the kernel's command line)",
 }

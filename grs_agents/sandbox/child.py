@@ -18,7 +18,7 @@ from grs_agents import content
 from grs_agents.sandbox import channel
 from grs_agents.sandbox.call import Limits
 from grs_agents.sandbox.caught import Caught
-from grs_agents.sandbox.hardening import HardeningError, harden
+from grs_agents.sandbox.hardening import HardeningError, harden, prepare
 from grs_agents.sandbox.resources import Allowance, limit
 from grs_agents.sandbox.settings import Settings
 from grs_agents.sandbox.wire import FrameReader
@@ -30,9 +30,11 @@ _PROMISED = ("landlock", "no capabilities", "seccomp")
 
 
 def warm(settings: Settings) -> None:
-    """In the zygote: import the tools that the children will probably be asked for."""
+    """In the zygote: do what each child would otherwise do again, tools to import among it."""
     for name in settings.tools:
         content.load_module("tools", name)
+    if settings.layers:
+        prepare()
 
 
 def serve(frames: int, trace: int, output: int, scratch: Path, limits: Limits, settings: Settings) -> NoReturn:
@@ -110,7 +112,7 @@ def _confine(scratch: Path, limits: Limits, settings: Settings) -> None:
         threads=limits.threads,
     )
     if not settings.layers:
-        limit(allowance)
+        limit(allowance, alone=False)
         return
     process = Path(f"/proc/{os.getpid()}")
     layers = harden((*settings.readable, process), (scratch, Path("/dev/null")), allowance)

@@ -1,8 +1,8 @@
 """The process that imports once and forks a hardened child for each call; it never runs generated code itself.
 
-Started by ``process.Zygote`` as ``python -c ... SOCKET SETTINGS`` with one end of a socket pair. Each order arrives with
-four descriptors: the child's frames, trace and output, and a control socket over which this process tells how the
-child ended. When the host closes its end of the control socket, or of the pair, the child is killed.
+Started by ``process.Zygote`` as ``python -c ... SOCKET SETTINGS`` with one end of a socket pair. Each order arrives
+with four descriptors: the child's frames, trace and output, and a control socket over which this process tells how
+the child ended. When the host closes its end of the control socket, or of the pair, the child is killed.
 """
 
 import gc
