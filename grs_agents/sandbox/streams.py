@@ -40,6 +40,12 @@ class Streams:
                 os.set_blocking(descriptor, False)
             self._selector.register(descriptor, selectors.EVENT_READ, name)
 
+    def keyed(self, request: dict[str, Any]) -> dict[str, Any]:
+        """``request`` with the ``key`` that every frame from now on must be sealed with; send it at once."""
+        key = wire.new_key()
+        self._reader.require(bytes.fromhex(key))
+        return {**request, "key": key}
+
     def listen(self, deadline: float, most: int, until_ready: bool = False) -> Ending | None:
         """Read until the answer, the deadline (monotonic) or ``most`` bytes; None if the worker ended by itself."""
         while (left := deadline - time.monotonic()) > 0:
@@ -60,14 +66,15 @@ class Streams:
             self._kept[name] = (self._kept[name] + data)[-_KEPT_OUTPUT:]
             return None
         try:
-            frames = self._reader.feed(data)
+            for frame in self._reader.frames(data):
+                ending = self._interpret(frame, until_ready)
+                if ending is not None:
+                    self._take("output", False)
+                    return ending
+        except wire.ForgedFrameError as error:
+            return "forged", None, f"something other than the harness wrote to its pipe: {error}"
         except wire.FrameError as error:
             return "error", None, f"the worker sent a malformed frame: {error}"
-        for frame in frames:
-            ending = self._interpret(frame, until_ready)
-            if ending is not None:
-                self._take("output", False)
-                return ending
         return None
 
     def _interpret(self, frame: dict[str, Any], until_ready: bool) -> Ending | None:
