@@ -6,6 +6,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from grs_agents.base import Frozen
+from grs_agents.config.limits import Limits
 
 ROLES = ("default", "describe", "match", "task", "simulation", "tests", "route", "fix_code", "fix_tests")
 """The agent roles a model may be named for; ``default`` serves every role that has none of its own."""
@@ -66,17 +67,6 @@ class PromptsConfig(Frozen):
     fix_tests: str = "fix_tests"
 
 
-class LimitsConfig(Frozen):
-    """What one sandbox call may cost."""
-
-    wall_seconds: float = Field(default=60, gt=0, le=3600)
-    cpu_seconds: float = Field(default=50, gt=0, le=3600)
-    memory_mib: int = Field(default=1024, ge=256, le=65536)
-    scratch_mib: int = Field(default=64, ge=1, le=4096)
-    output_mib: int = Field(default=8, ge=1, le=256)
-    threads: int = Field(default=64, ge=1, le=4096)
-
-
 class AuditConfig(Frozen):
     """What a task must show to be accepted.
 
@@ -117,7 +107,7 @@ class Config(Frozen):
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
     tools: ToolsConfig = ToolsConfig()
     prompts: PromptsConfig = PromptsConfig()
-    limits: LimitsConfig = LimitsConfig()
+    limits: Limits = Limits()
     audit: AuditConfig = AuditConfig()
 
     def model_for(self, role: str) -> ModelConfig:

@@ -2,34 +2,15 @@
 
 from typing import Any, Literal
 
-from pydantic import Field
-
 from grs_agents.base import Frozen
+from grs_agents.config import Limits
 
 CallOutcome = Literal[
-    "ok", "timeout", "cpu_limit", "memory_limit", "output_limit", "scratch_limit", "thread_limit", "crashed", "error"
-]
-"""``error`` is an exception that left the tool, or a result that is not plain JSON."""
-
-
-class Limits(Frozen):
-    """What one call may cost; each limit that is reached has an outcome of its own.
-
-    Attributes:
-        wall_seconds: from the moment the worker takes the request, kept by the host.
-        cpu_seconds: processor time of the worker process, kept by the kernel (whole seconds, rounded up).
-        memory_mib: address space on top of what a fresh worker holds.
-        scratch_mib: all that is in the scratch folder; each entry counts 4 KiB besides its content.
-        output_mib: everything the worker writes: standard output, progress and result together.
-        threads: threads of the worker, its first one included.
-    """
-
-    wall_seconds: float = Field(default=60, gt=0, le=3600)
-    cpu_seconds: float = Field(default=50, gt=0, le=3600)
-    memory_mib: int = Field(default=1024, ge=16, le=65536)
-    scratch_mib: int = Field(default=64, ge=1, le=4096)
-    output_mib: int = Field(default=8, ge=1, le=256)
-    threads: int = Field(default=64, ge=1, le=4096)
+    "ok", "timeout", "cpu_limit", "memory_limit", "output_limit", "scratch_limit", "thread_limit",
+    "crashed", "forged", "error",
+]  # fmt: skip
+"""``error`` is an exception that left the tool, or a result that is not plain JSON; ``forged`` is a frame that does not
+come from the harness."""
 
 
 class CallResult(Frozen):
@@ -58,3 +39,6 @@ class CallResult(Frozen):
     cpu_seconds: float = 0.0
     backend: str = "none"
     retried: bool = False
+
+
+__all__ = ["CallOutcome", "CallResult", "Limits"]

@@ -44,9 +44,9 @@ def serve(frames: int, trace: int, output: int, scratch: Path, limits: Limits, s
         _arrange(frames, trace, output)
         _die_with(zygote)
         _settle(scratch)
-        channel.connect(_FRAMES)
         frame = _receive()
         if frame is not None:
+            channel.connect(_FRAMES, frame.pop("key"))
             _serve(frame, scratch, limits, settings)
     os._exit(0)
 
@@ -57,7 +57,7 @@ def _serve(frame: dict[str, Any], scratch: Path, limits: Limits, settings: Setti
             content.add_overlay(Path(folder))
         inside = _inside(frame)
         _confine(scratch, limits, settings)
-        _explain_death(limits)
+        _explain_death()
         channel.send({"kind": "ready"})
         _answer(inside, frame.pop("request"))
     if caught.error is not None:
@@ -93,6 +93,7 @@ def _settle(scratch: Path) -> None:
         signal.signal(number, signal.SIG_DFL)
     with suppress(OSError):  # where memory runs out altogether, this process goes first
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
+    os.environ.pop("PWD", None)  # bubblewrap's
     os.environ.update(HOME=str(scratch), TMPDIR=str(scratch))
     tempfile.tempdir = None
     os.chdir(scratch)
@@ -129,12 +130,10 @@ def _receive() -> dict[str, Any] | None:
     return None
 
 
-def _explain_death(limits: Limits) -> None:
-    """Write the stack to the trace pipe on a crash, at the CPU limit and just before the wall limit."""
+def _explain_death() -> None:
+    """Write the stack to the trace pipe on a crash, at the CPU limit and when the host asks, which is the end too."""
     faulthandler.enable(file=_TRACE, all_threads=False)
     faulthandler.register(signal.SIGXCPU, file=_TRACE, all_threads=False, chain=True)
-    wall = limits.wall_seconds
-    faulthandler.dump_traceback_later(max(wall - 0.25, wall * 0.8), file=_TRACE)
 
 
 def _answer(inside: Callable[[dict[str, Any]], object], request: dict[str, Any]) -> None:

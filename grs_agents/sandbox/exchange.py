@@ -35,15 +35,14 @@ def exchange(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -
             control_end.close()
             os.close(trace_end)
             os.close(output_end)
-        if not forked or not _send(frames, wire.encode(frame)):
+        if not forked or not _send(frames, wire.encode(streams.keyed(frame))):
             return None
-        ready = streams.listen(time.monotonic() + START_SECONDS, 8 << 20, until_ready=True)
-        if ready is not None and ready[0] != "ok":
-            raise SandboxError(f"the worker could not be made ready: {ready[2]}", "see `grs doctor`")
+        if not _await_ready(streams):
+            return None
         started = time.monotonic()
-        ending = streams.listen(started + limits.wall_seconds, limits.output_mib << 20) if ready else None
+        ending = streams.listen(started + limits.wall_seconds, limits.output_mib << 20)
         seconds = time.monotonic() - started
-        ended = streams.end(END_SECONDS)
+        ended = streams.end(END_SECONDS, explained=ending is not None and ending[0] == "timeout")
         if ended is None:
             zygote.kill()
             return None
@@ -59,6 +58,18 @@ def _send(frames: socket.socket, data: bytes) -> bool:
     except OSError:
         return False
     return True
+
+
+def _await_ready(streams: Streams) -> bool:
+    """Wait until the child has given up its rights; False if the zygote ended meanwhile."""
+    ready = streams.listen(time.monotonic() + START_SECONDS, 8 << 20, until_ready=True)
+    if ready is not None and ready[0] == "ok":
+        return True
+    ended = streams.end(END_SECONDS)
+    if ended is None:
+        return False
+    why = ready[2] if ready else f"it ended with wait status {ended.status}"
+    raise SandboxError(f"the worker could not be made ready: {why}", "see `grs doctor`")
 
 
 def _result(

@@ -1,8 +1,11 @@
-"""What a zygote is told when it starts."""
+"""What a zygote is told when it starts, and later."""
 
 from pathlib import Path
 
 from grs_agents.base import Frozen
+
+EXPLAIN = b"explain"
+"""What the host sends to have a child write where it is, and end."""
 
 
 class Settings(Frozen):

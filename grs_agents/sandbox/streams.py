@@ -2,18 +2,20 @@
 
 import json
 import os
+import select
 import selectors
 import socket
 import time
-from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, cast
 
 from grs_agents.sandbox import wire
 from grs_agents.sandbox.call import CallOutcome
+from grs_agents.sandbox.settings import EXPLAIN
 
 _KEPT_OUTPUT = 64 << 10
+EXPLAIN_SECONDS = 1.0
 
 Ending = tuple[CallOutcome, dict[str, Any] | None, str]
 """Outcome, value and error of a call, as far as the pipes tell."""
@@ -50,7 +52,6 @@ class Streams:
         self.events: list[dict[str, Any]] = []
         self.exit: Exit | None = None
         self._reader = wire.FrameReader()
-        self._frames_read: deque[dict[str, Any]] = deque()
         self._frames, self._control = frames, control
         self._kept = {"output": bytearray(), "trace": bytearray()}
         self._total = 0
@@ -60,6 +61,12 @@ class Streams:
             self._selector.register(descriptor, selectors.EVENT_READ, name)
         for descriptor in (trace, output):
             os.set_blocking(descriptor, False)
+
+    def keyed(self, request: dict[str, Any]) -> dict[str, Any]:
+        """``request`` with the ``key`` that every frame from now on must be sealed with; send it at once."""
+        key = wire.new_key()
+        self._reader.require(bytes.fromhex(key))
+        return {**request, "key": key}
 
     def listen(self, deadline: float, most: int, until_ready: bool = False) -> Ending | None:
         """Read until the answer, the deadline (monotonic) or ``most`` bytes; None if the worker ended by itself."""
@@ -84,19 +91,20 @@ class Streams:
         if name in self._kept:
             self._kept[name] = (self._kept[name] + data)[-_KEPT_OUTPUT:]
             return None
+        return self._next(until_ready, data)
+
+    def _next(self, until_ready: bool, data: bytes = b"") -> Ending | None:
+        """Interpret the frames that have come, up to one that ends the listening; those after it wait."""
         try:
-            self._frames_read.extend(self._reader.feed(data))
+            for frame in self._reader.frames(data):
+                ending = self._interpret(frame, until_ready)
+                if ending is not None:
+                    self._take("output", False)
+                    return ending
+        except wire.ForgedFrameError as error:
+            return "forged", None, f"something other than the harness wrote to its pipe: {error}"
         except wire.FrameError as error:
             return "error", None, f"the worker sent a malformed frame: {error}"
-        return self._next(until_ready)
-
-    def _next(self, until_ready: bool) -> Ending | None:
-        """Interpret the frames that have come, up to one that ends the listening; those after it wait."""
-        while self._frames_read:
-            ending = self._interpret(self._frames_read.popleft(), until_ready)
-            if ending is not None:
-                self._take("output", False)
-                return ending
         return None
 
     def _interpret(self, frame: dict[str, Any], until_ready: bool) -> Ending | None:
@@ -139,8 +147,17 @@ class Streams:
     def _open(self, name: str) -> bool:
         return self._names[name] in self._selector.get_map()
 
-    def end(self, seconds: float) -> Exit | None:
-        """Have the worker killed, if it still runs; how it ended, or None if the zygote does not tell in time."""
+    def end(self, seconds: float, explained: bool = False) -> Exit | None:
+        """Have the worker killed, if it still runs; how it ended, or None if the zygote does not tell in time.
+
+        Args:
+            seconds: how long to wait for the zygote.
+            explained: let the worker write its stack first; one that blocks signals is given a second.
+        """
+        if explained and self.exit is None and self._open("control"):
+            with suppress(OSError):
+                self._control.send(EXPLAIN)
+                select.select([self._control], [], [], EXPLAIN_SECONDS)
         if self.exit is None and self._open("control"):
             with suppress(OSError):
                 self._control.shutdown(socket.SHUT_WR)

@@ -22,7 +22,7 @@ from typing import Any, cast
 from grs_agents.sandbox import child, usage
 from grs_agents.sandbox.call import Limits
 from grs_agents.sandbox.scratch import remove_folder
-from grs_agents.sandbox.settings import Settings
+from grs_agents.sandbox.settings import EXPLAIN, Settings
 
 WATCH_SECONDS = 0.05
 _ORDER_BYTES = 1 << 16
@@ -84,7 +84,7 @@ class _Zygote:
                         self._end_all()
                         return
                 elif running in self._running and key.fileobj is running.control:
-                    self._kill(running)
+                    self._hear(running)
                 elif running in self._running:
                     self._reap(running)
             self._watch()
@@ -109,10 +109,14 @@ class _Zygote:
         self._selector.register(running.control, selectors.EVENT_READ, running)
         return True
 
-    def _kill(self, running: _Running) -> None:
-        """The host wants no more of it, or is gone."""
+    def _hear(self, running: _Running) -> None:
+        """The host wants to know where the child is, or wants no more of it, or is gone."""
+        with suppress(OSError):
+            if running.control.recv(64) == EXPLAIN:
+                os.kill(running.pid, signal.SIGXCPU)  # not reaped yet, so the number cannot belong to anybody else
+                return
         self._selector.unregister(running.control)
-        os.kill(running.pid, signal.SIGKILL)  # not reaped yet, so the number cannot belong to anybody else
+        os.kill(running.pid, signal.SIGKILL)
 
     def _reap(self, running: _Running) -> None:
         """Take the child's status, empty its scratch folder and tell the host."""

@@ -72,7 +72,7 @@ def test_what_python_is_refused(execute: Execute) -> None:
         "value = {\n"
         "    'fork': attempt(os.fork),\n"
         "    'subprocess': attempt(lambda: subprocess.run(['true'])),\n"
-        "    'shell': attempt(lambda: os.system('true')),\n"
+        "    'shell': attempt(lambda: subprocess.run('true', shell=True)),\n"
         "    'network': attempt(lambda: socket.create_connection(('127.0.0.1', 9))),\n"
         "    'descriptors': attempt(lambda: [os.dup(0) for _ in range(500)]),\n"
         "}"
@@ -141,8 +141,8 @@ def test_scratch_is_private_and_gone_afterwards(depth: int, execute: Execute) ->
     result = execute(
         "import os, stat\nhome = os.getcwd()\n"
         "os.symlink('/usr', 'link')\nopen('file', 'w').write('x')\n"
-        f"for _ in range({depth}): os.mkdir('d'); os.chmod('.', 0o500); os.chdir('d')\n"
-        "os.chmod(home, 0)\n"
+        f"for _ in range({depth}): os.mkdir('d'); os.chdir('d')\n"
+        "os.chdir(home); os.mkdir('closed', 0)\n"
         "value = {'home': home == os.environ['HOME']}",
         scratch_mib=16,
     )
