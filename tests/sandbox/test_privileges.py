@@ -1,5 +1,6 @@
 """What a process gives up, read back from the kernel."""
 
+import ctypes
 import os
 import sys
 from pathlib import Path
@@ -77,8 +78,6 @@ def test_root_is_counted_apart_yet_opens_its_files(tmp_path: Path) -> None:
         left = privileges.leave_roots_count()
         privileges.drop_capabilities()
         kept = bytearray(8)
-        import ctypes
-
         kernel.prctl(get_death_signal, ctypes.addressof(ctypes.c_char.from_buffer(kept)))
         return [left, os.getuid() >= 0x70000000, os.geteuid(), own.read_text(), kept[0]]
 
