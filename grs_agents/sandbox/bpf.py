@@ -35,7 +35,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Test:
+class Branch:
     """Compare the word that was read last, and go one of two ways."""
 
     comparison: int
@@ -44,7 +44,7 @@ class Test:
     otherwise: "Node"
 
 
-Node = Answer | Load | Test
+Node = Answer | Load | Branch
 Instruction = tuple[int, int, int, int]
 """Operation, jump if true, jump if false, operand."""
 
@@ -59,19 +59,19 @@ def upper_half(index: int, then: Node) -> Load:
     return Load(20 + 8 * index, then)
 
 
-def equal(value: int, then: Node, otherwise: Node) -> Test:
+def equal(value: int, then: Node, otherwise: Node) -> Branch:
     """Whether the word is ``value``."""
-    return Test(_EQUAL, value, then, otherwise)
+    return Branch(_EQUAL, value, then, otherwise)
 
 
-def at_least(value: int, then: Node, otherwise: Node) -> Test:
+def at_least(value: int, then: Node, otherwise: Node) -> Branch:
     """Whether the word, unsigned, is ``value`` or more."""
-    return Test(_AT_LEAST, value, then, otherwise)
+    return Branch(_AT_LEAST, value, then, otherwise)
 
 
-def any_bit(mask: int, then: Node, otherwise: Node) -> Test:
+def any_bit(mask: int, then: Node, otherwise: Node) -> Branch:
     """Whether any bit of ``mask`` is set."""
-    return Test(_ANY_BIT, mask, then, otherwise)
+    return Branch(_ANY_BIT, mask, then, otherwise)
 
 
 def among(values: Iterable[int], then: Node, otherwise: Node) -> Node:

@@ -10,7 +10,10 @@ from grs_agents.sandbox.syscalls import NUMBERS
 Machine = Literal["x86_64", "aarch64"]
 
 _libc = ctypes.CDLL(None, use_errno=True)
-_libc.syscall.restype = ctypes.c_long
+if sys.platform == "linux":
+    _libc.syscall.restype = ctypes.c_long
+    _libc.syscall.argtypes = [ctypes.c_long] * 7
+    _libc.prctl.argtypes = [ctypes.c_int] + [ctypes.c_long] * 4
 
 
 def machine() -> Machine | None:
@@ -33,7 +36,7 @@ def call(name: str, *arguments: int) -> int:
     kind = machine()
     if kind is None:
         raise OSError(38, f"{name} is a system call of Linux on x86-64 and aarch64")
-    return _checked(_libc.syscall(*map(ctypes.c_long, (NUMBERS[kind][name], *arguments))))
+    return _checked(_libc.syscall(NUMBERS[kind][name], *_padded(arguments, 6)))
 
 
 def prctl(option: int, *arguments: int) -> int:
@@ -42,7 +45,11 @@ def prctl(option: int, *arguments: int) -> int:
     Raises:
         OSError: what the kernel answered.
     """
-    return _checked(_libc.prctl(option, *map(ctypes.c_long, (*arguments, 0, 0, 0, 0)[:4])))
+    return _checked(_libc.prctl(option, *_padded(arguments, 4)))
+
+
+def _padded(arguments: tuple[int, ...], count: int) -> tuple[int, ...]:
+    return arguments + (0,) * (count - len(arguments))
 
 
 def _checked(result: int) -> int:

@@ -50,14 +50,14 @@ def limit(allowance: Allowance, alone: bool) -> bool:
     _lower("MEMLOCK", 0)
     _lower("MSGQUEUE", 0)
     _lower("SIGPENDING", 256)
-    held = Path("/proc/self/statm")
-    if held.exists():  # elsewhere the kernel does not keep a limit on address space
-        pages = int(held.read_text().split()[0])
-        _lower("AS", pages * resource.getpagesize() + (allowance.memory_mib << 20))
     tasks = allowance.threads + (1 if alone else _tasks(os.getuid()))
     _lower("NPROC", 0, tasks)
     binds = not _starts_a_thread()
     _lower("NPROC", tasks)
+    held = Path("/proc/self/statm")
+    if held.exists():  # elsewhere the kernel does not keep a limit on address space
+        pages = int(held.read_text().split()[0])
+        _lower("AS", pages * resource.getpagesize() + (allowance.memory_mib << 20))
     return binds
 
 

@@ -86,8 +86,8 @@ mlock mlock2 mlockall move_pages migrate_pages
 
 _CLONE_THREAD = 0x0001_0000
 _NEW_NAMESPACES = 0x7E02_0000
-_CONTROLS = {0x5401, 0x540F, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451}
-"""What ioctl may be asked: TCGETS, TIOCGPGRP, TIOCGWINSZ, FIONREAD, FIONBIO, FIONCLEX, FIOCLEX."""
+_CONTROLS = {0x5401, 0x802C_542A, 0x540F, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451}
+"""What ioctl may be asked: TCGETS, TCGETS2, TIOCGPGRP, TIOCGWINSZ, FIONREAD, FIONBIO, FIONCLEX, FIOCLEX."""
 _FILE_COMMANDS = {0, 1, 2, 3, 4, 5, 6, 7, 9, 11, 36, 37, 38, 1025, 1027, 1030, 1032, 1034}
 """What fcntl may be asked: duplicate, flags, locks, and reading owner, signal, lease, pipe size and seals."""
 _SET_PIPE_SIZE, _PIPE_SIZE = 1031, 1 << 16
