@@ -32,7 +32,8 @@ def call(code: str) -> tuple[tuple[str, object, str] | None, list[dict[str, obje
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=(end,), cwd=Path(__file__).parents[2]
     ) as process:
-        os.close(end), os.close(trace_end)
+        os.close(end)
+        os.close(trace_end)
         streams = Streams(process, result, trace)
         deadline = time.monotonic() + 30
         assert streams.listen(deadline, 1 << 20, until_ready=True) == ("ok", None, "")

@@ -60,7 +60,9 @@ def keyed_reader() -> FrameReader:
 
 
 @given(st.lists(st.dictionaries(text, plain, max_size=3), min_size=1, max_size=4), st.data())
-def test_sealed_frames_come_back_and_no_changed_byte_passes(frames: list[dict[str, object]], data: st.DataObject) -> None:
+def test_sealed_frames_come_back_and_no_changed_byte_passes(
+    frames: list[dict[str, object]], data: st.DataObject
+) -> None:
     stream = bytearray(b"".join(seal(encode(frame), KEY, number) for number, frame in enumerate(frames)))
     assert keyed_reader().feed(bytes(stream)) == frames
     stream[data.draw(st.integers(0, len(stream) - 1))] ^= data.draw(st.integers(1, 255))
