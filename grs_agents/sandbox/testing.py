@@ -1,5 +1,6 @@
 """The host's side of a test run: which tests there must be, what became of each, and the verdict."""
 
+import re
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -25,6 +26,7 @@ _WORST: tuple[tuple[frozenset[CaseOutcome], ReportOutcome], ...] = (
     (frozenset({"exited"}), "exited"),
 )
 """What a report is called after, first come first served; other failures make it ``failed``."""
+_LEAVES = re.compile(r"\b(_exit|exit|quit|abort)\s*\(")
 _BOUNDS = {"message": 1000, "traceback": 8000, "output": 4000}
 
 
@@ -157,7 +159,7 @@ def _load_failure(each: EachResult, sources: dict[str, str]) -> TestReport | Non
         outcome=_ending(call),
         message=f"before any test: {_last_line(call.error)}",
         traceback=at.text if at else call.error,
-        raised_in=at.raised_in if at else None,
+        raised_in=at.raised_in if at else _leaver(call, sources),
     )
 
 
@@ -172,7 +174,7 @@ def _case(item: str, expected: ExpectedTests, each: EachResult, sources: dict[st
             message=_last_line(call.error),
             traceback=trace.text if trace else "",
             output=call.output[-4000:],
-            raised_in=trace.raised_in if trace else None,
+            raised_in=trace.raised_in if trace else _leaver(call, sources),
         )
     if item in each.untimely:
         message = "a result was reported for it while it was not running"
@@ -234,6 +236,16 @@ def _found(call: CallResult) -> list[str]:
             return [item for item in cast(list[object], items) if isinstance(item, str)]
         case _:
             return []
+
+
+def _leaver(call: CallResult, sources: dict[str, str]) -> RaisedIn | None:
+    """Which program ended the process, as far as their sources tell: there is no traceback of that."""
+    if _stopped_as(call) == "exited":
+        if _LEAVES.search(sources[TESTS_FILE]):
+            return "tests"
+        if _LEAVES.search(sources[SIMULATION_FILE]):
+            return "simulation"
+    return None
 
 
 def _last_line(text: str) -> str:

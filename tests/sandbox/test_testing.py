@@ -117,9 +117,9 @@ BROKEN = {
     "program raises": ("1 / 0", SIMPLE, "error", "simulation"),
     "missing import in the tests": ("", "from task_code import Nothing\n" + SIMPLE, "error", "tests"),
     "program hangs on import": ("while True: pass", SIMPLE, "timeout", "simulation"),
-    "program exits hard": ("import os; os._exit(0)", SIMPLE, "exited", None),
+    "program exits hard": ("import os; os._exit(0)", SIMPLE, "exited", "simulation"),
     "program exits": ("import sys; sys.exit(0)", SIMPLE, "exited", "simulation"),
-    "tests exit hard": ("", SIMPLE + "os._exit(0)\n", "exited", None),
+    "tests exit hard": ("", SIMPLE + "os._exit(0)\n", "exited", "tests"),
     "tests exit": ("", SIMPLE + "sys.exit(0)\n", "exited", "tests"),
     "program eats memory": ("x = []\nwhile True: x.append(bytearray(1 << 20))", SIMPLE, "crashed", None),
     "program floods": ("while True: print('x' * 10000)", SIMPLE, "crashed", None),
@@ -290,7 +290,7 @@ def test_each_dishonesty_has_an_outcome_of_its_own(name: str, check: Check) -> N
     assert (outcomes(report)["test_a"], report.outcome) == (outcome, whole), report.text()
     bad = [case for case in report.cases if case.outcome != "passed"]
     assert all(case.message for case in bad)
-    assert all(case.raised_in == "tests" for case in bad if "hard" not in name), report.text()
+    assert all(case.raised_in == "tests" for case in bad), report.text()
 
 
 def test_what_turns_up_later_is_named(check: Check) -> None:
