@@ -12,6 +12,9 @@ CallOutcome = Literal[
 """``error`` is an exception that left the tool, or a result that is not plain JSON; ``forged`` is a frame that does not
 come from the harness."""
 
+EXITED = "the process ended itself"
+"""How the error of a ``crashed`` call begins whose process was not killed but exited without an answer."""
+
 
 class CallResult(Frozen):
     """How one call ended.
@@ -41,4 +44,4 @@ class CallResult(Frozen):
     retried: bool = False
 
 
-__all__ = ["CallOutcome", "CallResult", "Limits"]
+__all__ = ["EXITED", "CallOutcome", "CallResult", "Limits"]

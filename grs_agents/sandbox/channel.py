@@ -4,7 +4,7 @@ Frames are sealed with a key that the host made for this call and sent along wit
 closure, not in a module or in the request that a tool sees, so code that writes to the pipe, or keeps a copy of a
 frame, is found out. It is no secret from code in the same interpreter that looks for it with enough effort, through
 ``gc`` or the frames of callers, and such code may call ``progress`` itself. So a result can be forged, and may mislead
-whoever routes by it; what decides whether a task is accepted reads task instances only, in a process that never ran
+whoever routes by it. What decides whether a task is accepted reads task instances only, in a process that never ran
 generated code.
 """
 

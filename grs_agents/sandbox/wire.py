@@ -1,7 +1,7 @@
 """Length-prefixed JSON frames between host and worker, read with suspicion: a worker may send anything.
 
 What a worker sends once it has its request is sealed: a frame begins with its number and a tag, keyed BLAKE2b over
-number and body. So bytes that something else in the worker writes end the call, instead of becoming a result.
+number and body. So bytes that something else in the worker writes to the pipe end the call, and become no result.
 """
 
 import hmac
