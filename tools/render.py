@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import GrsError
-from grs_agents.sandbox import CallResult
+from grs_agents.sandbox import CallResult, Limits
 from grs_agents.toolkit import ToolContext, open_library
 
 
@@ -42,7 +42,9 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Draw in the sandbox."""
-    call: CallResult = context.sandbox.call("render", request.model_dump(mode="json"), context.limits)
+    limits = context.limits.model_dump(mode="json")
+    frame = {"request": request.model_dump(mode="json"), "limits": limits}
+    call: CallResult = context.sandbox.call("render", frame, context.limits)
     if call.value is None:
         return Result(image=None, error=call.error or call.outcome)
     return Result.model_validate(call.value)
@@ -50,22 +52,22 @@ def run(request: Request, context: ToolContext) -> Result:
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part."""
-    asked = Request.model_validate(request)
+    asked, limits = Request.model_validate(request["request"]), Limits.model_validate(request["limits"])
     try:
-        image = str(_draw(asked))
+        image = str(_draw(asked, limits))
     except (GrsError, ValueError) as error:
         return Result(image=None, error=str(error)).model_dump(mode="json")
     return Result(image=image).model_dump(mode="json")
 
 
-def _draw(asked: Request) -> Path:
+def _draw(asked: Request, limits: Limits) -> Path:
     from grs_agents import sim
     from grs_agents.files import write_bytes
     from grs_agents.sim import rendering
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)
-    sim.configure(library, instance.seed, asked.robot)
+    sim.configure(library, instance.seed, asked.robot, limits)
     task = sim.InstanceTask(instance)
     env = sim.Environment(task=task, library=library, seed=instance.seed)
     env.reset()

@@ -5,7 +5,7 @@ from typing import Any
 
 from grs_agents.base import Frozen
 from grs_agents.errors import GrsError
-from grs_agents.sandbox import CallResult
+from grs_agents.sandbox import CallResult, Limits
 from grs_agents.toolkit import ToolContext, open_library
 
 
@@ -41,7 +41,9 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Run the oracle in the sandbox."""
-    call: CallResult = context.sandbox.call("rollout", request.model_dump(mode="json"), context.limits)
+    limits = context.limits.model_dump(mode="json")
+    frame = {"request": request.model_dump(mode="json"), "limits": limits}
+    call: CallResult = context.sandbox.call("rollout", frame, context.limits)
     if call.value is None:
         return Result(rollout=None, outcome=call.outcome, error=call.error)
     return Result.model_validate(call.value)
@@ -51,12 +53,12 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part."""
     from grs_agents import sim
 
-    asked = Request.model_validate(request)
+    asked, limits = Request.model_validate(request["request"]), Limits.model_validate(request["limits"])
     try:
         instance = sim.TaskInstance.model_validate(asked.instance)
         recording = Path(asked.recording) if asked.recording else None
         library = open_library(asked.library_roots)
-        sim.configure(library, instance.seed, asked.robot)
+        sim.configure(library, instance.seed, asked.robot, limits)
         done = sim.rollout(instance, library, recording)
     except (GrsError, ValueError) as error:
         return Result(rollout=None, outcome="error", error=str(error)).model_dump(mode="json")

@@ -97,7 +97,13 @@ class TestD(unittest.TestCase):
 def test_names_that_hide_each_other_and_lines() -> None:
     found = expected_tests(parse(TWICE, "test_task_code.py"))
     assert found.duplicates == {"TestA.test_one", "TestB.test_one", "TestC.test_c"}
-    lines = {"TestA.test_one": 5, "TestA.test_three": 8, "TestB.test_one": 5, "TestB.test_three": 10, "TestC.test_c": 14}
+    lines = {
+        "TestA.test_one": 5,
+        "TestA.test_three": 8,
+        "TestB.test_one": 5,
+        "TestB.test_three": 10,
+        "TestC.test_c": 14,
+    }
     assert dict(found.lines) == lines
     assert not found.chooses
 
