@@ -47,7 +47,7 @@ WORDS = {
 @pytest.mark.parametrize("name", WORDS)
 def test_a_word_names_a_file_beside_the_template_or_is_refused(name: str) -> None:
     env = Environment()
-    with pytest.raises(GrsError, match="FNAME|library file|cannot read mesh|passwd"):
+    with pytest.raises(GrsError, match=r"FNAME|library file|cannot read mesh|passwd"):
         env.add_object(Task().fill_template(KIT, {"FNAME": (WORDS[name],), "SCALE": (0.1, 0.1, 0.1)}), SPOT)
 
 
