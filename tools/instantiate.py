@@ -9,7 +9,7 @@ from grs_agents import sandbox
 from grs_agents.base import Frozen
 from grs_agents.sandbox import CallResult, EachResult, Limits, Trace
 from grs_agents.sim import InstanceError, TaskInstance, first_fault, read_instance
-from grs_agents.toolkit import ToolContext, open_library
+from grs_agents.toolkit import ToolContext, open_library, readable
 
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 FailureOutcome = Literal[
@@ -88,6 +88,7 @@ def run(request: Request, context: ToolContext) -> Result:
         [str(seed) for seed in seeds],
         context.limits,
         hopeless=lambda call: True,  # what hangs in reset for one seed hangs for all
+        readable=readable(request.library_roots, request.robot),
     )
     drawn = [_draw(seed, each, request.simulation, context.limits) for seed in seeds]
     return Result(

@@ -7,7 +7,7 @@ from pydantic import Field
 from grs_agents import sandbox
 from grs_agents.base import Frozen
 from grs_agents.sandbox import Limits, TestReport, TestRun
-from grs_agents.toolkit import ToolContext, open_library
+from grs_agents.toolkit import ToolContext, open_library, readable
 
 
 class Request(Frozen):
@@ -52,7 +52,8 @@ def run(request: Request, context: ToolContext) -> Result:
             "limits": context.limits.model_dump(mode="json"),
         },
     )
-    return Result(report=sandbox.run_tests(context.sandbox, "run_tests", programs, context.limits))
+    reads = readable(request.library_roots, request.robot)
+    return Result(report=sandbox.run_tests(context.sandbox, "run_tests", programs, context.limits, reads))
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """The configuration's types: frozen, every key known, every bound stated."""
 
 import re
+from typing import Literal
 
 from pydantic import Field, field_validator
 
@@ -88,6 +89,9 @@ class Config(Frozen):
         seed: the seed of everything random, the offline model's choices included.
         robot: the arm behind the table: ``ur5e``, ``panda`` or the path of an MJCF file (``.xml``) of one's own.
         max_fixes: code and test fixes together.
+        sandbox: what separates generated code from the machine: ``bubblewrap``, ``landlock``, or ``auto`` for the
+            strongest that holds. ``none`` can only be asked for with ``--unsafe-no-sandbox``.
+        workers: how many sandbox calls may run at once.
         reply_retries: how often a reply that does not parse is asked for again, with the error.
         models: chat model by role.
     """
@@ -97,6 +101,8 @@ class Config(Frozen):
     seed: int = Field(default=0, ge=0, lt=2**31)
     robot: str = Field(default="ur5e", max_length=4096)
     max_fixes: int = Field(default=10, ge=0, le=1000)
+    sandbox: Literal["auto", "bubblewrap", "landlock", "none"] = "auto"
+    workers: int = Field(default=2, ge=1, le=64)
     reply_retries: int = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
     tools: ToolsConfig = ToolsConfig()

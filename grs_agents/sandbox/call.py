@@ -27,8 +27,9 @@ class CallResult(Frozen):
         stack: where the code was when it crashed or ran out of time, as ``faulthandler`` writes it.
         events: what the tool reported while it ran, in order.
         seconds: wall time of the call.
-        cpu_seconds: processor time of the worker, its start included.
+        cpu_seconds: processor time of the worker.
         backend: what separated the worker from the host.
+        retried: the process that forks the workers was killed during a first try.
     """
 
     outcome: CallOutcome
@@ -39,7 +40,8 @@ class CallResult(Frozen):
     events: tuple[dict[str, Any], ...] = ()
     seconds: float = 0.0
     cpu_seconds: float = 0.0
-    backend: str = "process"
+    backend: str = "none"
+    retried: bool = False
 
 
 __all__ = ["EXITED", "CallOutcome", "CallResult", "Limits"]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from grs_agents.sandbox.call import CallResult, Limits
@@ -41,6 +42,7 @@ def call_each(
     items: Sequence[str],
     limits: Limits,
     hopeless: Callable[[CallResult], bool],
+    readable: Sequence[Path] = (),
 ) -> EachResult:
     """Call ``tool`` with ``{**request, "items": [...]}`` until each item has ended or been stopped.
 
@@ -53,7 +55,7 @@ def call_each(
     left, second_chance = limits.wall_seconds, True
     while pending:
         share = limits.model_copy(update={"wall_seconds": left})
-        call = sandbox.call(tool, {**request, "items": pending}, share)
+        call = sandbox.call(tool, {**request, "items": pending}, share, readable)
         calls.append(call)
         before = len(found.ended)
         running = found.collect(call)

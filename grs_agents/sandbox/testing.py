@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, cast
 
 from pydantic import Field, ValidationError
@@ -57,11 +58,14 @@ class TestRun(Frozen):
     extra: dict[str, Any] = Field(default_factory=dict[str, Any])
 
 
-def run_tests(sandbox: Sandbox, tool: str, programs: TestRun, limits: Limits) -> TestReport:
+def run_tests(
+    sandbox: Sandbox, tool: str, programs: TestRun, limits: Limits, readable: Sequence[Path] = ()
+) -> TestReport:
     """Run the tests in workers; whatever they do is a report.
 
     Args:
         tool: the tool file whose ``inside`` calls ``run_tests_inside``.
+        readable: files and folders that the tests read.
 
     Raises:
         SandboxError: no worker can be started.
@@ -88,7 +92,7 @@ def run_tests(sandbox: Sandbox, tool: str, programs: TestRun, limits: Limits) ->
         trace = from_stack(call.stack, sources, call.error)
         return trace is None or bool({"setUp", "setUpClass", "reset"} & set(trace.functions))
 
-    each = call_each(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless)
+    each = call_each(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
     return _assemble(expected, each, sources)
 
 

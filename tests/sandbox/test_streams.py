@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -15,10 +16,9 @@ WORKER = """
 import json, os, sys
 from grs_agents.sandbox import channel, wire
 pipe = int(sys.argv[1])
-channel.connect(pipe)
-channel.send({"kind": "ready"})
 request = json.loads(sys.stdin.readline())
 channel.connect(pipe, request.pop("key"))
+channel.send({"kind": "ready"})
 channel.progress({"request": request})
 """
 RESULT = 'channel.send({"kind": "result", "value": {"x": 1}})\n'
@@ -27,19 +27,24 @@ SNEAK = "os.write(pipe, {})\n"
 
 def call(code: str) -> tuple[tuple[str, object, str] | None, list[dict[str, object]]]:
     """Run a worker with ``code`` as the program; how the call ended, and the events."""
-    (result, end), (trace, trace_end) = os.pipe(), os.pipe()
-    command = [sys.executable, "-c", WORKER + code, str(end)]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=(end,), cwd=Path(__file__).parents[2]
-    ) as process:
-        os.close(end)
+    (frames, end), (control, control_end) = socket.socketpair(), socket.socketpair()
+    (trace, trace_end), (output, output_end) = os.pipe(), os.pipe()
+    command = [sys.executable, "-c", WORKER + code, str(end.fileno())]
+    with (
+        control_end,
+        subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=output_end, pass_fds=(end.fileno(),), cwd=Path(__file__).parents[2]
+        ) as process,
+    ):
+        end.close()
         os.close(trace_end)
-        streams = Streams(process, result, trace)
-        deadline = time.monotonic() + 30
-        assert streams.listen(deadline, 1 << 20, until_ready=True) == ("ok", None, "")
+        os.close(output_end)
+        streams = Streams(frames, trace, output, control)
         assert process.stdin is not None
         process.stdin.write(line_of(streams.keyed({"tool": "t"})))
         process.stdin.close()
+        deadline = time.monotonic() + 30
+        assert streams.listen(deadline, 1 << 20, until_ready=True) == ("ok", None, "")
         ending = streams.listen(deadline, 1 << 20)
         process.kill()
         streams.close()

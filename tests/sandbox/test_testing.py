@@ -1,6 +1,7 @@
 """A report is what the host saw: whatever test programs do, each test of the source has an outcome."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -329,7 +330,9 @@ class Scripted(Sandbox):
         super().__init__()
         self.ends = list(ends)
 
-    def call(self, tool: str, request: dict[str, Any], limits: Limits | None = None) -> CallResult:
+    def call(
+        self, tool: str, request: dict[str, Any], limits: Limits | None = None, readable: Sequence[Path] = ()
+    ) -> CallResult:
         return self.ends.pop(0)
 
 
