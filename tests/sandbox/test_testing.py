@@ -168,6 +168,9 @@ LIE = (
     START + "        from grs_agents.sandbox import progress\n"
     "        progress({**dict(item='TestX.test_a', phase='end'), **dict(%s)})\n"
 )
+WRITES = (
+    "        for pipe in range(3, 10):\n            try: os.write(pipe, b'x' * 100)\n            except OSError: pass\n"
+)
 HONEST = "    def test_b(self): self.assertTrue(1)\n"
 DISHONEST = {
     "deleted": (METHOD + "del TestX.test_a\n", "missing", "failed"),
@@ -267,6 +270,16 @@ DISHONEST = {
     ),
     "malformed verdict": (
         LIE % "outcome=[], x=1" + "        os._exit(0); self.fail()\n", "forged", "forged"
+    ),
+    "a verdict past the harness": (START + WRITES + "        self.assertTrue(1)\n" + HONEST, "forged", "forged"),
+    "a frame of its own making": (
+        START + "        from grs_agents.sandbox import wire\n"
+        "        data = wire.encode({'kind': 'result', 'value': {}})\n"
+        + WRITES.replace("b'x' * 100", "data") + "        self.assertTrue(1)\n", "forged", "forged",
+    ),
+    "another key": (
+        START + "        from grs_agents.sandbox import channel, wire\n        channel.connect(3, wire.new_key())\n"
+        "        self.assertTrue(1)\n", "forged", "forged",
     ),
     "added later": (
         GOOD + "TestX.test_more = TestX.test_a\n",
