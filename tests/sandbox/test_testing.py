@@ -89,20 +89,24 @@ def test_hang_in_a_test_costs_that_test(check: Check) -> None:
     assert "while True: pass" in report.text()
 
 
+REST = "    def test_b(self): self.fail()\n    def test_c(self): self.fail()\n"
+
+
 @pytest.mark.parametrize(
     "tests",
     [
-        HEAD
-        + "    def setUp(self): task_code.spin()\n    def test_a(self): self.fail()\n    def test_b(self): self.fail()",
-        HEAD + "    def test_a(self): task_code.reset()\n    def test_b(self): self.fail()\n",
+        HEAD + "    def setUp(self): task_code.spin()\n    def test_a(self): self.fail()\n" + REST,
+        HEAD + "    def setUp(self): task_code.reset()\n    def test_a(self): self.fail()\n" + REST,
+        HEAD + "    def test_a(self): task_code.reset()\n" + REST,
     ],
-    ids=["setUp", "reset"],
+    ids=["setUp", "reset in setUp", "reset"],
 )
 def test_hang_in_set_up_costs_one_limit(tests: str, check: Check) -> None:
     report = check(tests, "def spin():\n    while True: pass\ndef reset(): spin()", limits=SHORT)
-    assert outcomes(report) == {"test_a": "timeout", "test_b": "not_run"}
+    assert outcomes(report) == {"test_a": "timeout", "test_b": "not_run", "test_c": "not_run"}
     assert report.cases[0].raised_in == "simulation"
     assert report.seconds < 2 * SHORT.wall_seconds
+    assert "(not_run: " in report.text()
 
 
 def test_second_hang_is_the_last(check: Check) -> None:
