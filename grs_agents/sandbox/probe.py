@@ -12,7 +12,7 @@ from typing import Any
 from grs_agents.sandbox.call import Limits
 from grs_agents.sandbox.caught import Caught
 from grs_agents.sandbox.exchange import exchange
-from grs_agents.sandbox.process import SandboxError, Zygote
+from grs_agents.sandbox.process import DOCTOR, SandboxError, Zygote
 
 _LIMITS = Limits(wall_seconds=20, cpu_seconds=10, memory_mib=256)
 
@@ -34,10 +34,10 @@ def attack(zygote: Zygote, slot: int) -> None:
         changed = secret.read_text("ascii") != "canary" or len(list(Path(folder).iterdir())) != 1
     if result is None or result.value is None:
         why = "it ended" if result is None else f"{result.outcome}: {result.error.strip().splitlines()[-1]}"
-        raise SandboxError(f"the probe of the sandbox did not run ({why})", "see `grs doctor`")
+        raise SandboxError(f"the probe of the sandbox did not run ({why})", DOCTOR)
     escaped = [*result.value["escaped"], *(["changed a file outside"] if changed else [])]
     if escaped:
-        raise SandboxError(f"a worker {', '.join(escaped)}", "see `grs doctor`")
+        raise SandboxError(f"a worker {', '.join(escaped)}", DOCTOR)
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:
