@@ -36,21 +36,22 @@ def candidates(choice: Choice) -> tuple[Backend, ...]:
     return ("sandbox-exec",) if sys.platform == "darwin" else ("bubblewrap", "landlock")
 
 
-def absent(backend: Backend) -> str:
-    """Why ``backend`` cannot even be tried, or the empty string."""
+def absent(backend: Backend) -> list[tuple[str, str]]:
+    """Why ``backend`` cannot even be tried, each reason with its remedy; empty if it can."""
     if os.name != "posix":
-        return f"it needs Linux or macOS, this is {sys.platform}"
+        return [(f"it needs Linux or macOS, this is {sys.platform}", "use Linux, or a container of it")]
+    reasons: list[tuple[str, str]] = []
+    if (program := PROGRAMS.get(backend)) and shutil.which(program) is None:
+        reasons.append((f"there is no {program} on the PATH", REMEDIES[backend]))
     if backend in ("bubblewrap", "landlock", "docker"):
         if sys.platform != "linux":
-            return f"it needs Linux, this is {sys.platform}"
+            return [(f"it needs Linux, this is {sys.platform}", "use Linux")]
         from grs_agents.sandbox import hardening  # here, since Windows lacks modules that it imports
 
         lacks = hardening.missing()
-        if found := [f"no {layer}: {lacks[layer]}" for layer in ("landlock", "seccomp") if layer in lacks]:
-            return "; ".join(found)
-    if (program := PROGRAMS.get(backend)) and shutil.which(program) is None:
-        return f"there is no {program} on the PATH"
-    return ""
+        found = [f"no {layer}: {lacks[layer]}" for layer in ("landlock", "seccomp") if layer in lacks]
+        reasons += [(reason, REMEDIES["landlock"]) for reason in found]
+    return reasons
 
 
 def is_single_use(backend: Backend) -> bool:

@@ -28,9 +28,7 @@ _REMEDIES = {
 }
 
 
-def wrap(
-    name: str, image: str, mounts: Sequence[Path], scratch: Sequence[Path], limits: Limits
-) -> list[str]:
+def wrap(name: str, image: str, mounts: Sequence[Path], scratch: Sequence[Path], limits: Limits) -> list[str]:
     """What to put before the command of a zygote. Images are never downloaded unasked.
 
     Args:

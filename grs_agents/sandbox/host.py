@@ -158,8 +158,9 @@ class Sandbox:
             SandboxError: none is left.
         """
         for backend in list(self._candidates):
-            if why := absent(backend):
-                self._give_up(backend, SandboxError(why, REMEDIES.get(backend, "")))
+            if reasons := absent(backend):
+                why, remedies = zip(*reasons, strict=True)
+                self._give_up(backend, SandboxError("; ".join(why), ", and ".join(dict.fromkeys(remedies))))
                 continue
             plan = Plan(self._preload, self._tools, self._limits, self._workers, self._readable, self._image)
             zygote = Zygote(backend, plan)
@@ -179,12 +180,14 @@ class Sandbox:
         self._candidates.remove(backend)
 
     def _refusal(self) -> SandboxError:
+        """Why each candidate is out, and how to get what is missing."""
         found = "; ".join(f"{backend}: {error.message}" for backend, error in self._failures.items())
         remedies = [
-            REMEDIES.get(backend, "") if error.remedy == DOCTOR else error.remedy for backend, error in self._failures.items()
+            REMEDIES.get(backend, "") if error.remedy == DOCTOR else error.remedy
+            for backend, error in self._failures.items()
         ]
         self._candidates = list(candidates(self._choice))  # what is missing may be installed meanwhile
-        remedy = ", or ".join([*filter(None, remedies), "accept the risk with --unsafe-no-sandbox"])
+        remedy = ", or ".join([*filter(None, dict.fromkeys(remedies)), "accept the risk with --unsafe-no-sandbox"])
         return SandboxError(f"nothing separates generated code from this machine ({found})", remedy)
 
     def _discard(self) -> None:

@@ -22,8 +22,9 @@ from tests.sandbox.test_host import HOST, OUTCOMES
 
 Execute = Callable[..., CallResult]
 
-SHOWN = ("infinite loop", "masked signals", "stopped", "thread storm", "many files", "large file", "memory")
-SHOWN += ("descriptor flood", "exit 0", "segfault", "close all pipes", "NaN")
+SHOWN = ("masked signals", "stopped", "thread storm", "many files", "memory", "descriptor flood", "segfault")
+SHOWN += ("close all pipes",)
+PATH = os.environ["PATH"]
 SANDBOX_EXEC = '#!/bin/sh\n[ "$1" = -p ] || exit 64\nshift 2\nexec "$@"\n'
 
 
@@ -115,13 +116,14 @@ def test_what_was_killed_between_calls_is_replaced(execute: Execute, sandbox: Sa
 
 
 def test_nothing_is_left_after_closing(backend: Choice, _stand_ins: Path) -> None:
+    before = set(_stand_ins.glob("containers/*"))
     with Sandbox(backend=backend) as sandbox:
         sandbox.call("execute", {"code": "while True: pass"}, Limits(wall_seconds=0.5))
         assert sandbox._zygote is not None
         pids = descendants(sandbox._zygote.pid)
         assert len(pids) >= 2
     assert all(ends(pid) for pid in pids)
-    assert backend != "docker" or not list((_stand_ins / "containers").iterdir())
+    assert set(_stand_ins.glob("containers/*")) == before
 
 
 @pytest.mark.parametrize("code", ["while True: pass", "import time; time.sleep(1000)"])
@@ -172,10 +174,14 @@ def test_refusal_lists_each_reason_and_how_to_get_what_is_missing(
     with Sandbox(backend="docker") as sandbox, pytest.raises(SandboxError) as refusal:
         sandbox.call("execute", {"code": ""})
     assert "there is no docker on the PATH" in refusal.value.message
+    assert "docs.docker.com/engine/install" in refusal.value.remedy
     monkeypatch.setattr(hardening, "missing", lambda: {"landlock": "the kernel was started without it"})
     with Sandbox() as sandbox, pytest.raises(SandboxError) as refusal:
         sandbox.call("execute", {"code": ""})
-    for part in ("bubblewrap: there is no bwrap on the PATH", "landlock: no landlock: the kernel was started without it"):
+    for part in (
+        "bubblewrap: there is no bwrap on the PATH",
+        "landlock: no landlock: the kernel was started without it",
+    ):
         assert part in refusal.value.message
     for part in ("apt-get install bubblewrap", "lsm=landlock", "--unsafe-no-sandbox"):
         assert part in refusal.value.remedy
@@ -187,7 +193,7 @@ def test_configuration_offers_every_backend() -> None:
 
 ELSEWHERE = """
 import multiprocessing, os, socket, subprocess, sys, tempfile
-import pydantic
+from pydantic import BaseModel
 sys.modules["fcntl"] = sys.modules["resource"] = None
 del os.pidfd_open, os.O_PATH, socket.SOCK_SEQPACKET
 sys.platform = {platform!r}
@@ -212,6 +218,7 @@ def test_the_room_can_be_entered_on_other_systems(platform: str) -> None:
 
 @pytest.mark.skipif(shutil.which("docker") is None, reason="there is no docker on the PATH")
 def test_the_real_client_knows_every_option(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", PATH)
     monkeypatch.setenv("DOCKER_HOST", f"unix://{tmp_path}/no-engine")
     with Sandbox(backend="docker") as sandbox, pytest.raises(SandboxError, match=r"(?i)connect") as refusal:
         sandbox.call("execute", {"code": ""})
