@@ -7,7 +7,7 @@ from typing import Any, Literal
 from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
-from grs_agents.sandbox import CallResult
+from grs_agents.sandbox import CallResult, Limits
 from grs_agents.toolkit import ToolContext, open_library, readable
 
 
@@ -45,7 +45,9 @@ class Result(Frozen):
 def run(request: Request, context: ToolContext) -> Result:
     """Draw in the sandbox."""
     reads = readable(request.library_roots, request.robot)
-    call: CallResult = context.sandbox.call("render", request.model_dump(mode="json"), context.limits, reads)
+    limits = context.limits.model_dump(mode="json")
+    frame = {"request": request.model_dump(mode="json"), "limits": limits}
+    call: CallResult = context.sandbox.call("render", frame, context.limits, reads)
     if call.value is None:
         return Result(image=None, error=call.error or call.outcome)
     if call.value["png"] is None:
@@ -55,20 +57,20 @@ def run(request: Request, context: ToolContext) -> Result:
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part: the picture as base64, since a worker reaches no file of the host."""
-    asked = Request.model_validate(request)
+    asked, limits = Request.model_validate(request["request"]), Limits.model_validate(request["limits"])
     try:
-        return {"png": base64.b64encode(_draw(asked)).decode(), "error": ""}
+        return {"png": base64.b64encode(_draw(asked, limits)).decode(), "error": ""}
     except (GrsError, ValueError) as error:
         return {"png": None, "error": str(error)}
 
 
-def _draw(asked: Request) -> bytes:
+def _draw(asked: Request, limits: Limits) -> bytes:
     from grs_agents import sim
     from grs_agents.sim import rendering
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)
-    sim.configure(library, instance.seed, asked.robot)
+    sim.configure(library, instance.seed, asked.robot, limits)
     task = sim.InstanceTask(instance)
     env = sim.Environment(task=task, library=library, seed=instance.seed)
     env.reset()

@@ -7,7 +7,7 @@ from typing import Any
 from grs_agents.base import Frozen
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
-from grs_agents.sandbox import CallResult
+from grs_agents.sandbox import CallResult, Limits
 from grs_agents.toolkit import ToolContext, open_library, readable
 
 
@@ -44,7 +44,9 @@ class Result(Frozen):
 def run(request: Request, context: ToolContext) -> Result:
     """Run the oracle in the sandbox."""
     reads = readable(request.library_roots, request.robot)
-    call: CallResult = context.sandbox.call("rollout", request.model_dump(mode="json"), context.limits, reads)
+    limits = context.limits.model_dump(mode="json")
+    frame = {"request": request.model_dump(mode="json"), "limits": limits}
+    call: CallResult = context.sandbox.call("rollout", frame, context.limits, reads)
     if call.value is None:
         return Result(rollout=None, outcome=call.outcome, error=call.error)
     motion = call.value.pop("motion")
@@ -57,12 +59,12 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part: a ``Result``, and the .npz file as base64, since a worker reaches no file of the host."""
     from grs_agents import sim
 
-    asked = Request.model_validate(request)
+    asked, limits = Request.model_validate(request["request"]), Limits.model_validate(request["limits"])
     recording = Path("motion.npz")
     try:
         instance = sim.TaskInstance.model_validate(asked.instance)
         library = open_library(asked.library_roots)
-        sim.configure(library, instance.seed, asked.robot)
+        sim.configure(library, instance.seed, asked.robot, limits)
         done = sim.rollout(instance, library, recording if asked.recording else None)
     except (GrsError, ValueError) as error:
         return {**Result(rollout=None, outcome="error", error=str(error)).model_dump(mode="json"), "motion": None}

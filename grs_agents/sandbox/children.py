@@ -36,6 +36,8 @@ class Forked:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         child.warm(settings)
+        self._scratch = [settings.scratch / str(slot) for slot in range(settings.slots)]
+        self._rules = [child.rules(settings, folder) for folder in self._scratch]
         gc.collect()
         gc.freeze()  # the children share these pages for as long as no collector touches them
 
@@ -43,8 +45,8 @@ class Forked:
         pid = os.fork()
         if pid == 0:
             frames, trace, output = descriptors
-            scratch = self._settings.scratch / str(order.slot)
-            child.serve(frames, trace, output, scratch, order.limits, self._settings)
+            scratch, rules = self._scratch[order.slot], self._rules[order.slot]
+            child.serve(frames, trace, output, scratch, order.limits, self._settings, rules)
         return pid
 
     def end(self) -> None:

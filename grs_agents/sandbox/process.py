@@ -132,6 +132,7 @@ class Zygote:
             layers=backends.has_inner_layers(self.backend),
             readable=(*allowlist.system_paths(), *allowlist.kernel_paths(), *self.readable),
             scratch=backends.SCRATCH if sized else self._scratch.path,
+            slots=plan.slots,
             scratch_is_sized=sized,
             scratch_bytes=plan.limits.scratch_mib << 20,
             threads_elsewhere=_EVERY_THREAD if self._container else 0,

@@ -19,5 +19,7 @@ def main() -> None:
             zygote.send(orders.READY)
         if (received := orders.receive(zygote, 3)) is not None:
             order, (frames, trace, output) = received
-            child.serve(frames, trace, output, settings.scratch / str(order.slot), order.limits, settings)
+            scratch = settings.scratch / str(order.slot)
+            rules = child.rules(settings, scratch)
+            child.serve(frames, trace, output, scratch, order.limits, settings, rules)
     os._exit(0)

@@ -18,7 +18,7 @@ from pathlib import Path
 from grs_agents.sandbox import boot, orders, usage
 from grs_agents.sandbox.call import Limits
 from grs_agents.sandbox.children import Children, Forked, Spawned
-from grs_agents.sandbox.scratch import remove_folder
+from grs_agents.sandbox.scratch import empty_folder
 from grs_agents.sandbox.settings import EXPLAIN, Settings
 
 WATCH_SECONDS = 0.05
@@ -168,7 +168,5 @@ class _Zygote:
 
 def _empty(folder: Path) -> bool:
     """Delete what is in ``folder``; whether it is empty now."""
-    remove_folder(folder)  # where the folder itself is a mount, its removal fails and its content is gone all the same
-    with suppress(OSError):
-        folder.mkdir(mode=0o700)
+    empty_folder(folder)
     return not any(folder.iterdir())

@@ -1,6 +1,7 @@
 """What Docker is told, and what it says."""
 
 import csv
+import itertools
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ SCRATCH = (Path("/scratch/0"), Path("/scratch/1"))
 
 def test_container_has_room_for_all_its_calls() -> None:
     command = docker.wrap("name", "image", (), SCRATCH, LIMITS)
-    told = dict(zip(command, command[1:], strict=False))
+    told = dict(itertools.pairwise(command))
     assert int(told["--memory"].removesuffix("m")) >= 2 * (100 + 2)
     assert int(told["--pids-limit"]) >= 2 * (10 + 1) + 1
     assert [command[at + 1].split(",")[0] for at, word in enumerate(command) if word == "--tmpfs"] == [
@@ -34,7 +35,10 @@ def test_any_path_can_be_mounted(name: str, tmp_path: Path) -> None:
     ("log", "remedy"),
     [
         ("docker: permission denied while trying to connect to the Docker daemon socket", "usermod -aG docker"),
-        ("docker: Cannot connect to the Docker daemon at unix:///x. Is it running?\nSee 'docker --help'", "start docker"),
+        (
+            "docker: Cannot connect to the Docker daemon at unix:///x. Is it running?\nSee 'docker --help'",
+            "start docker",
+        ),
         ("docker: Error response from daemon: No such image: image", "docker pull image"),
         ("Unable to find image 'image' locally\ndocker: Error response from daemon: pull denied.", "docker pull image"),
     ],

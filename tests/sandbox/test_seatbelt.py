@@ -40,6 +40,6 @@ def test_no_network_no_process_and_no_signal_to_others() -> None:
     assert "subpath" not in executed
 
 
-@pytest.mark.parametrize(("path", "quoted"), zip(READABLE, ('"/opt/a b"', '"/opt/q\\"u\\\\o"'), strict=True))
+@pytest.mark.parametrize(("path", "quoted"), [(READABLE[0], '"/opt/a b"'), (READABLE[1], '"/opt/q\\"u\\\\o"')])
 def test_paths_are_quoted(path: Path, quoted: str) -> None:
     assert f"(subpath {quoted})" in seatbelt.profile([path], SCRATCH)

@@ -32,7 +32,7 @@ def test_every_entry_counts_and_links_are_not_followed(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("_way")
 def test_deep_folders_and_an_early_end(tmp_path: Path) -> None:
-    here = os.getcwd()
+    here = Path.cwd()
     try:
         os.chdir(tmp_path)
         for _ in range(1100):
