@@ -16,4 +16,5 @@ def open_sandbox(config: Config) -> Sandbox:
         backend=config.sandbox,
         workers=config.workers,
         limits=Limits(**config.limits.model_dump()),
+        image=config.docker_image,
     )
