@@ -107,11 +107,13 @@ def soak(calls: int, seed: int) -> Figures:
     results: dict[int, set[str]] = {}
     started, kills, memory = time.monotonic(), 0, 0.0
     with tempfile.TemporaryDirectory(prefix="grs-soak-") as name:
-        tempfile.tempdir = name  # other runs on this machine have scratch folders too
+        overlay, own = Path(name) / "content", Path(name) / "temporary"
+        (overlay / "tools").mkdir(parents=True)
+        (overlay / "tools" / "soak.py").write_text(TOOL, "utf-8")
+        content.add_overlay(overlay)
+        own.mkdir()
+        tempfile.tempdir = str(own)  # other runs on this machine have scratch folders too
         before = _held()
-        (Path(name) / "tools").mkdir()
-        (Path(name) / "tools" / "soak.py").write_text(TOOL, "utf-8")
-        content.add_overlay(Path(name))
         with open_sandbox(Config()) as sandbox:
             for number in track(range(calls), "calls", console=Console(stderr=True)):
                 if number == calls // 10:
