@@ -129,7 +129,8 @@ def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
 
 def lowest(model: ObjectModel, pose: Pose) -> float:
     """The height of the lowest point of an object's colliders at ``pose``, metres."""
-    upward = utils.rotation_matrix(pose[1])[2]
+    x, y, z, w = utils.quat(pose[1])
+    upward = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])  # what turns into height
     return pose[0][2] + min((float((upward @ points).min()) + drop for points, drop in _hanging(model)), default=0.0)
 
 

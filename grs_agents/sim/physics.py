@@ -92,8 +92,9 @@ class Physics:
     def pose(self, number: int) -> Pose:
         """Position and rotation (xyzw) of an object."""
         body = self.world.bodies[number]
-        w, x, y, z = self.data.xquat[body].tolist()
-        return utils.vec3(self.data.xpos[body].tolist()), utils.quat((x, y, z, w))
+        w, i, j, k = self.data.xquat[body].tolist()
+        x, y, z = self.data.xpos[body].tolist()
+        return (x, y, z), utils.quat((i, j, k, w))
 
     def _refuse_tangles(self) -> None:
         """Many bodies one inside another would take minutes a step.

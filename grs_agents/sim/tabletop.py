@@ -110,8 +110,8 @@ class Tabletop:
         return self.insert(
             InstanceObject(
                 id=self._next, asset=filling.template if filling else name,
-                fill=dict(filling.values) if filling else {}, pose=as_pose(pose, f"add_object({name!r})"), category=category,
-                color=None if color is None else rgba(color),
+                fill=dict(filling.values) if filling else {}, color=None if color is None else rgba(color),
+                pose=as_pose(pose, f"add_object({name!r})"), category=category,
             )
         )  # fmt: skip
 
