@@ -11,8 +11,8 @@ from grs_agents.base import Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
 from grs_agents.sim import bullet, ends, templates
+from grs_agents.sim.allowance import DEFAULT_BUDGET, Budget
 from grs_agents.sim.arms import get_arm
-from grs_agents.sim.budget import DEFAULT_BUDGET, Budget
 from grs_agents.sim.episode import (
     ActionRecord,
     Episode,

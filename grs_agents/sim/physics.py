@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.sim import paths, utils
-from grs_agents.sim.budget import Budget
+from grs_agents.sim.allowance import Budget
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.episode import SimulationError
 from grs_agents.sim.instance import InstanceObject
