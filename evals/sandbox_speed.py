@@ -79,10 +79,15 @@ tests = unittest.defaultTestLoader.loadTestsFromName("test_task_code")
 result = unittest.TextTestRunner(stream=open(os.devnull, "w")).run(tests)
 print(time.process_time() - start if result.wasSuccessful() and result.testsRun == 3 else "failed")
 """
-PRIVATE = """
+ROLLOUT = """
+import resource
+from grs_agents import sandbox, sim
+
 def inside(request):
-    fields = (line.split() for line in open("/proc/self/smaps_rollup"))
-    return {"kib": sum(int(words[1]) for words in fields if words[0] in ("Private_Dirty:", "Private_Clean:"))}
+    task = sim.task_class(sandbox.load_program(request["simulation"]))()
+    done = sim.rollout(sim.instantiate(task, 0))
+    assert done.episode.outcome == "success"
+    return {"pages": resource.getrusage(resource.RUSAGE_SELF).ru_minflt}
 """
 EMPTY = "def inside(request):\n    return {}\n"
 
@@ -161,11 +166,13 @@ def run_tests(sandbox: Sandbox) -> None:
         raise RuntimeError(report.text())
 
 
-def private_mib() -> float:
-    """Memory that a worker shares with nobody after its tests have run, MiB."""
+def worker_mib() -> float:
+    """Memory that a worker takes for itself while it instantiates and solves a task: every page it touched, MiB."""
     with open_sandbox(Config()) as sandbox:
-        found = sandbox.call("private", {}).value
-    return 0.0 if found is None else found["kib"] / 1024
+        result = sandbox.call("rollout_alone", {"simulation": SIMULATION})
+    if result.value is None:
+        raise RuntimeError(result.error)
+    return float(result.value["pages"] * resource.getpagesize() / (1 << 20))
 
 
 def measure(repeats: int) -> list[Figure]:
@@ -175,7 +182,7 @@ def measure(repeats: int) -> list[Figure]:
         (folder / "task_code.py").write_text(SIMULATION, "utf-8")
         (folder / "test_task_code.py").write_text(TESTS, "utf-8")
         (folder / "tools").mkdir()
-        (folder / "tools" / "private.py").write_text(PRIVATE, "utf-8")
+        (folder / "tools" / "rollout_alone.py").write_text(ROLLOUT, "utf-8")
         (folder / "tools" / "empty.py").write_text(EMPTY, "utf-8")
         content.add_overlay(folder)
         rounds = [(cold(folder), in_process(folder), per_call(run_tests, 5)) for _ in range(repeats)]
@@ -183,7 +190,7 @@ def measure(repeats: int) -> list[Figure]:
         whole, plain, warm = (1000 * statistics.median(column) for column in zip(*rounds, strict=True))
         empty = statistics.median(per_call(lambda sandbox: sandbox.call("empty", {}), 20) for _ in range(repeats))
         start = statistics.median(start_seconds() for _ in range(repeats))
-        memory = statistics.median(private_mib() for _ in range(repeats))
+        memory = statistics.median(worker_mib() for _ in range(repeats))
     return [
         Figure(name="overhead of a warm call / of a cold one", value=statistics.median(ratios), target=1 / 8, unit=""),
         Figure(name="cold python -m unittest", value=whole, target=None, unit="ms"),

@@ -1,6 +1,5 @@
 """The forked process of one call: takes the request, gives up every right it can, runs the tool, reports."""
 
-import ctypes
 import faulthandler
 import fcntl
 import importlib
@@ -15,10 +14,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from grs_agents import content
-from grs_agents.sandbox import channel
+from grs_agents.sandbox import channel, kernel
 from grs_agents.sandbox.call import Limits
 from grs_agents.sandbox.caught import Caught
-from grs_agents.sandbox.hardening import HardeningError, harden, prepare
+from grs_agents.sandbox.hardening import HardeningError, file_rules, harden, prepare
 from grs_agents.sandbox.resources import Allowance, limit
 from grs_agents.sandbox.settings import Settings
 from grs_agents.sandbox.wire import FrameReader
@@ -37,26 +36,33 @@ def warm(settings: Settings) -> None:
         prepare()
 
 
-def serve(frames: int, trace: int, output: int, scratch: Path, limits: Limits, settings: Settings) -> NoReturn:
+def rules(settings: Settings, scratch: Path) -> int | None:
+    """In the zygote: what the children that work in ``scratch`` may do with files, as ``harden`` takes it."""
+    return file_rules(settings.readable, (scratch, Path(os.devnull))) if settings.layers else None
+
+
+def serve(
+    frames: int, trace: int, output: int, scratch: Path, limits: Limits, settings: Settings, rules: int | None
+) -> NoReturn:
     """Serve one request in this freshly forked process and end it."""
     with suppress(BaseException):
         zygote = os.getppid()
-        _arrange(frames, trace, output)
+        rules = _arrange(frames, trace, output, rules)
         _die_with(zygote)
         _settle(scratch)
         frame = _receive()
         if frame is not None:
             channel.connect(_FRAMES, frame.pop("key"))
-            _serve(frame, scratch, limits, settings)
+            _serve(frame, limits, settings, rules)
     os._exit(0)
 
 
-def _serve(frame: dict[str, Any], scratch: Path, limits: Limits, settings: Settings) -> None:
+def _serve(frame: dict[str, Any], limits: Limits, settings: Settings, rules: int | None) -> None:
     with Caught() as caught:
         for folder in frame["overlays"]:
             content.add_overlay(Path(folder))
         inside = _inside(frame)
-        _confine(scratch, limits, settings)
+        _confine(limits, settings, rules)
         _explain_death()
         channel.send({"kind": "ready"})
         _answer(inside, frame.pop("request"))
@@ -70,18 +76,21 @@ def _inside(frame: dict[str, Any]) -> Callable[[dict[str, Any]], object]:
     return content.load_module("tools", frame["tool"]).inside
 
 
-def _arrange(frames: int, trace: int, output: int) -> None:
-    """Keep the four descriptors that this process needs under fixed numbers, and close everything of the zygote's."""
-    kept = [os.dup(os.open(os.devnull, os.O_RDONLY)), output, output, frames, trace]
+def _arrange(frames: int, trace: int, output: int, rules: int | None) -> int | None:
+    """Keep the descriptors that this process needs, and close everything of the zygote's; the new one of ``rules``."""
+    kept = [os.open(os.devnull, os.O_RDONLY), output, output, frames, trace]
+    if rules is not None:
+        kept.append(rules)
     high = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, _DESCRIPTORS) for descriptor in kept]
     for number, descriptor in enumerate(high):
         os.dup2(descriptor, number)
-    os.closerange(_TRACE + 1, max(high) + 1 + _DESCRIPTORS)
+    os.closerange(len(high), max(high) + 1 + _DESCRIPTORS)
+    return None if rules is None else len(high) - 1
 
 
 def _die_with(zygote: int) -> None:
     """Have the kernel kill this process when the zygote ends."""
-    ctypes.CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    kernel.prctl(_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != zygote:  # it ended before the kernel was asked
         os._exit(0)
 
@@ -99,7 +108,7 @@ def _settle(scratch: Path) -> None:
     os.chdir(scratch)
 
 
-def _confine(scratch: Path, limits: Limits, settings: Settings) -> None:
+def _confine(limits: Limits, settings: Settings, rules: int | None) -> None:
     """Give up every right that the tool does not need.
 
     Raises:
@@ -115,8 +124,9 @@ def _confine(scratch: Path, limits: Limits, settings: Settings) -> None:
     if not settings.layers:
         limit(allowance, alone=False)
         return
-    process = Path(f"/proc/{os.getpid()}")
-    layers = harden((*settings.readable, process), (scratch, Path("/dev/null")), allowance)
+    layers = harden(rules, allowance)
+    if rules is not None:
+        os.close(rules)
     missing = [name for name in _PROMISED if not any(layer.startswith(name) for layer in layers)]
     if missing:
         raise HardeningError(f"this kernel has no {' and no '.join(missing)}", "see `grs doctor`")

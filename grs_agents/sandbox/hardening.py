@@ -20,15 +20,24 @@ def prepare() -> None:
         privileges.drop_bounding_set()
 
 
-def harden(readable: Sequence[Path], writable: Sequence[Path], allowance: Allowance) -> tuple[str, ...]:
+def file_rules(readable: Sequence[Path], writable: Sequence[Path]) -> int | None:
+    """What ``harden`` leaves of the files, made ahead of a fork; None if this kernel has no Landlock.
+
+    Args:
+        readable: files and folders that may be read; nothing may be executed.
+        writable: files and folders that may be changed too.
+    """
+    return landlock.rules(readable, writable) if landlock.abi() else None
+
+
+def harden(rules: int | None, allowance: Allowance) -> tuple[str, ...]:
     """Confine the present process to a few files, harmless system calls and bounded resources, for ever.
 
     What the kernel lacks is left out: the caller compares the answer with what it demands. Descriptors that are open
     stay open. The process can start threads afterwards, but no process.
 
     Args:
-        readable: files and folders that may be read; nothing may be executed.
-        writable: files and folders that may be changed too.
+        rules: of ``file_rules``.
         allowance: what may be used up.
 
     Returns:
@@ -49,8 +58,8 @@ def harden(readable: Sequence[Path], writable: Sequence[Path], allowance: Allowa
     if resources.limit(allowance, alone):
         layers.append("thread limit")
     version = landlock.abi()
-    if version:
-        landlock.restrict_files(readable, writable)
+    if rules is not None:
+        landlock.restrict_files(rules)
         layers.append(f"landlock {version}")
     if "seccomp" not in lacks:
         seccomp.install(version)

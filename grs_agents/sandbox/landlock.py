@@ -73,30 +73,36 @@ def why_not() -> str:
     return ""
 
 
-def restrict_files(readable: Sequence[Path], writable: Sequence[Path]) -> None:
-    """Take from this thread, and all it will start, every right on files but those given here, for ever.
+def rules(readable: Sequence[Path], writable: Sequence[Path]) -> int:
+    """A descriptor of the rights that ``restrict_files`` leaves; a forked process inherits it.
 
     Nothing may be executed, no device, socket or pipe be made. Version 4 also denies TCP, version 6 signals to
-    processes outside and sockets of the abstract name space. The thread must have given up new privileges.
+    processes outside and sockets of the abstract name space.
 
     Args:
         readable: files that may be read, and folders with all that is in them. An absent path is left out.
         writable: files that may be written too; in folders, files, folders and links may be made and removed.
 
     Raises:
-        OSError: the kernel has no Landlock, or the process may still gain privileges.
+        OSError: the kernel has no Landlock.
     """
     version = abi()
     handled = _handled(version)
     ruleset = _ruleset(version, handled)
-    try:
-        for paths, rights in ((readable, _READ), (writable, _WRITE)):
-            for path in paths:
-                with suppress(*_ABSENT):
-                    _allow(ruleset, path, rights & handled)
-        kernel.call("landlock_restrict_self", ruleset, 0)
-    finally:
-        os.close(ruleset)
+    for paths, rights in ((readable, _READ), (writable, _WRITE)):
+        for path in paths:
+            with suppress(*_ABSENT):
+                _allow(ruleset, path, rights & handled)
+    return ruleset
+
+
+def restrict_files(ruleset: int) -> None:
+    """Take from this thread, and all it will start, every right on files but those of ``rules``, for ever.
+
+    Raises:
+        OSError: the kernel has no Landlock, or the process may still gain privileges.
+    """
+    kernel.call("landlock_restrict_self", ruleset, 0)
 
 
 def _handled(version: int) -> Access:

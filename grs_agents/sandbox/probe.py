@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from grs_agents.sandbox import allowlist
 from grs_agents.sandbox.call import Limits
 from grs_agents.sandbox.caught import Caught
 from grs_agents.sandbox.exchange import exchange
@@ -35,7 +36,11 @@ def attack(zygote: Zygote, slot: int) -> None:
     if result is None or result.value is None:
         why = "it ended" if result is None else f"{result.outcome}: {result.error.strip().splitlines()[-1]}"
         raise SandboxError(f"the probe of the sandbox did not run ({why})", "see `grs doctor`")
-    escaped = [*result.value["escaped"], *(["changed a file outside"] if changed else [])]
+    allowed = {"read a file outside"} if allowlist.covered(secret, zygote.readable) else set[str]()
+    escaped = [
+        *(name for name in result.value["escaped"] if name not in allowed),
+        *(["changed a file outside"] if changed else []),
+    ]
     if escaped:
         raise SandboxError(f"a worker {', '.join(escaped)}", "see `grs doctor`")
 

@@ -68,6 +68,7 @@ class Zygote:
             layers=backend != "none",
             readable=(*allowlist.system_paths(), *allowlist.kernel_paths(), *self.readable),
             scratch=backends.SCRATCH if sized else self._scratch.path,
+            slots=slots,
             scratch_is_sized=sized,
             scratch_bytes=limits.scratch_mib << 20,
         )

@@ -17,6 +17,7 @@ class Settings(Frozen):
         layers: whether children harden themselves with Landlock, seccomp and without privileges.
         readable: files and folders that children may read.
         scratch: folder with one scratch folder for each slot, named by its number.
+        slots: how many calls may run at once.
         scratch_is_sized: whether each of these is a file system of its own, of ``scratch_bytes``.
         scratch_bytes: the size of such a file system.
     """
@@ -26,5 +27,6 @@ class Settings(Frozen):
     layers: bool = True
     readable: tuple[Path, ...] = ()
     scratch: Path
+    slots: int = 1
     scratch_is_sized: bool = False
     scratch_bytes: int = 0

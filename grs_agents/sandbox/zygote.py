@@ -21,7 +21,7 @@ from typing import Any, cast
 
 from grs_agents.sandbox import child, usage
 from grs_agents.sandbox.call import Limits
-from grs_agents.sandbox.scratch import remove_folder
+from grs_agents.sandbox.scratch import empty_folder
 from grs_agents.sandbox.settings import EXPLAIN, Settings
 
 WATCH_SECONDS = 0.05
@@ -73,6 +73,8 @@ class _Zygote:
         self._selector = selectors.DefaultSelector()
         self._selector.register(host, selectors.EVENT_READ)
         self._pause = WATCH_SECONDS
+        scratch = [settings.scratch / str(slot) for slot in range(settings.slots)]
+        self._rules = [child.rules(settings, folder) for folder in scratch]
 
     def serve(self) -> None:
         """Fork, watch and reap until the host's end of the pair closes."""
@@ -96,11 +98,12 @@ class _Zygote:
             return False
         order = cast(dict[str, Any], json.loads(data))
         limits = Limits.model_validate(order["limits"])
-        scratch = self._settings.scratch / str(int(order["slot"]))
+        slot = int(order["slot"])
+        scratch = self._settings.scratch / str(slot)
         frames, trace, output, control = descriptors
         pid = os.fork()
         if pid == 0:
-            child.serve(frames, trace, output, scratch, limits, self._settings)
+            child.serve(frames, trace, output, scratch, limits, self._settings, self._rules[slot])
         for descriptor in (frames, trace, output):
             os.close(descriptor)
         running = _Running(pid, os.pidfd_open(pid), socket.socket(fileno=control), scratch, limits)
@@ -162,7 +165,5 @@ class _Zygote:
 
 def _empty(folder: Path) -> bool:
     """Delete what is in ``folder``; whether it is empty now."""
-    remove_folder(folder)  # where the folder itself is a mount, its removal fails and its content is gone all the same
-    with suppress(OSError):
-        folder.mkdir(mode=0o700)
+    empty_folder(folder)
     return not any(folder.iterdir())

@@ -51,7 +51,7 @@ def confined(user: str, scratch: Path) -> Confined:
 
 
 def test_the_layers_that_hold(user: str, scratch: Path) -> None:
-    layers = forked(lambda: list(hardening.harden(PYTHON, [scratch], Allowance()))).value
+    layers = forked(lambda: list(hardening.harden(hardening.file_rules(PYTHON, [scratch]), Allowance()))).value
     assert layers == ["no capabilities", "limits", "thread limit", f"landlock {landlock.abi()}", "seccomp"]
 
 
@@ -61,7 +61,7 @@ def test_several_threads_are_refused_before_anything_is_given_up() -> None:
     def harden_with_a_second_thread() -> None:
         threading.Thread(target=end.wait, daemon=True).start()
         try:
-            hardening.harden(PYTHON, [], Allowance())
+            hardening.harden(hardening.file_rules(PYTHON, []), Allowance())
         finally:
             assert kernel.prctl(39) == 0  # no_new_privs
             assert Path("/etc/passwd").read_bytes()
@@ -160,6 +160,8 @@ def test_modules_are_imported() -> None:
 
 
 def test_temporary_files_work(confined: Confined, scratch: Path) -> None:
+    importlib.import_module("mmap")  # numpy imports it late, and nobody cannot read an interpreter in root's home
+
     def use() -> list[object]:
         tempfile.tempdir = str(scratch)
         with tempfile.TemporaryDirectory() as folder:
@@ -213,7 +215,7 @@ model = mujoco.MjModel.from_xml_string(sys.argv[1])
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
 if sys.argv[2]:
-    hardening.harden([Path(path) for path in sys.argv[3:]], [], Allowance())
+    hardening.harden(hardening.file_rules([Path(path) for path in sys.argv[3:]], []), Allowance())
 with mujoco.Renderer(model, 48, 64) as renderer:
     renderer.update_scene(data)
     print(renderer.render().max())
@@ -253,7 +255,7 @@ def test_an_older_landlock_is_told_and_made_up_for(monkeypatch: pytest.MonkeyPat
 def test_what_a_kernel_lacks_is_left_out_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(landlock, "abi", lambda: 0)
     monkeypatch.setattr(seccomp, "why_not", lambda: "no filters")
-    layers = forked(lambda: list(hardening.harden([], [], Allowance()))).value
+    layers = forked(lambda: list(hardening.harden(hardening.file_rules([], []), Allowance()))).value
     assert layers == ["no capabilities", "limits", "thread limit"]
     monkeypatch.setattr(kernel, "machine", lambda: None)
     assert hardening.missing() == {"landlock": landlock.why_not(), "seccomp": "no filters"}
@@ -263,7 +265,7 @@ def test_what_a_kernel_lacks_is_left_out_and_told(monkeypatch: pytest.MonkeyPatc
 def test_preparing_ahead_of_a_fork_changes_nothing_but_the_cost() -> None:
     def prepare_and_harden() -> list[object]:
         hardening.prepare()
-        layers = hardening.harden(PYTHON, [], Allowance())
+        layers = hardening.harden(hardening.file_rules(PYTHON, []), Allowance())
         return [len(layers), kernel.prctl(39)]
 
     assert forked(prepare_and_harden).value == [5, 1]

@@ -50,7 +50,7 @@ Restricted = Callable[[Callable[[], object]], Got]
 @pytest.fixture
 def restricted(library: Path, scratch: Path) -> Restricted:
     def run(check: Callable[[], object]) -> Got:
-        return without_new_privileges(lambda: landlock.restrict_files([library], [scratch]), check)
+        return without_new_privileges(lambda: landlock.restrict_files(landlock.rules([library], [scratch])), check)
 
     return run
 
@@ -163,14 +163,17 @@ def test_a_file_is_named_on_its_own(library: Path, tmp_path: Path) -> None:
                 denied.append(error.errno)
         return [(library / "inner" / "text").read_text(), own.read_text(), *denied]
 
-    got = without_new_privileges(lambda: landlock.restrict_files([library / "inner" / "text"], [own]), check)
+    got = without_new_privileges(
+        lambda: landlock.restrict_files(landlock.rules([library / "inner" / "text"], [own])), check
+    )
     assert got.value == ["known", "after", errno.EACCES, errno.EACCES, errno.EACCES]
 
 
 def test_an_absent_path_is_left_out(library: Path) -> None:
     paths = [library / "none", library / "inner" / "text" / "none", library]
     got = without_new_privileges(
-        lambda: landlock.restrict_files(paths, [library / "none"]), (library / "inner" / "text").read_text
+        lambda: landlock.restrict_files(landlock.rules(paths, [library / "none"])),
+        (library / "inner" / "text").read_text,
     )
     assert got.value == "known"
 
@@ -178,7 +181,7 @@ def test_an_absent_path_is_left_out(library: Path) -> None:
 def test_it_needs_a_process_that_gains_no_privileges() -> None:
     def confine() -> None:
         become(USERS[-1])
-        landlock.restrict_files([], [])
+        landlock.restrict_files(landlock.rules([], []))
 
     assert forked(confine).errno == errno.EPERM
 
@@ -200,7 +203,9 @@ def test_a_device_takes_no_control(library: Path) -> None:
         descriptor = os.open(terminals, os.O_RDWR | os.O_NOCTTY)
         return struct.unpack("I", fcntl.ioctl(descriptor, 0x80045430, bytes(4)))[0]
 
-    got = without_new_privileges(lambda: landlock.restrict_files([library], [terminals]), number_of_terminal)
+    got = without_new_privileges(
+        lambda: landlock.restrict_files(landlock.rules([library], [terminals])), number_of_terminal
+    )
     assert got.error == "PermissionError"
 
 
@@ -236,7 +241,7 @@ def test_an_older_version_is_asked_for_its_rights_alone(
 
     def confine_and_tell() -> list[int]:
         kernel.call = spy
-        landlock.restrict_files([library], [])
+        landlock.restrict_files(landlock.rules([library], []))
         return asked
 
     got = without_new_privileges(lambda: None, confine_and_tell)

@@ -74,7 +74,7 @@ def test_objects_are_those_on_the_table_at_once() -> None:
         for number in range(3):
             env.add_object(CUBE, spot(number))
     for _ in range(2):
-        with pytest.raises(ObjectLimitError, match="4 objects.*3 are the most"):
+        with pytest.raises(ObjectLimitError, match=r"4 objects.*3 are the most"):
             env.add_object(CUBE, spot(4))
     assert len(env.objects) == 3
     assert isinstance(sim.reached(), ObjectLimitError)
