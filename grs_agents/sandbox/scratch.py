@@ -46,7 +46,14 @@ def sweep() -> None:
 
 
 def remove_folder(folder: Path) -> None:
-    """Delete ``folder``, folders without permissions and nested thousands deep included; links are not followed.
+    """Delete ``folder`` and all that is in it."""
+    empty_folder(folder)
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def empty_folder(folder: Path) -> None:
+    """Delete all that is in ``folder``, folders without permissions and nested thousands deep too; links stay unread.
 
     Inner folders are moved up before they are emptied, so that no path grows too long and nothing recurses.
     """
@@ -61,8 +68,6 @@ def remove_folder(folder: Path) -> None:
         if current != folder:
             with suppress(OSError):
                 current.rmdir()
-    with suppress(OSError):
-        folder.rmdir()
 
 
 def _empty(entry: "os.DirEntry[str]", current: Path, folder: Path, waiting: list[Path]) -> None:

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from grs_agents.config import Limits
 from grs_agents.errors import InputError
 from grs_agents.library import Library, resolve, stems
+from grs_agents.sim import allowance
 from grs_agents.sim.arms import DEFAULT
 from grs_agents.sim.instance import LARGEST_VALUE
 
@@ -34,9 +36,18 @@ _defaults = _Defaults()
 _filled: dict[str, Filling] = {}
 
 
-def configure(library: Library | None = None, seed: int = 0, robot: str = DEFAULT) -> None:
-    """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none."""
+def configure(
+    library: Library | None = None, seed: int = 0, robot: str = DEFAULT, limits: Limits | None = None
+) -> None:
+    """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none.
+
+    Args:
+        library, seed, robot: those to use.
+        limits: what all environments of this process may cost together from now on; None leaves that as it is.
+    """
     _defaults.library, _defaults.seed, _defaults.robot = library, seed, robot
+    if limits is not None:
+        allowance.grant(limits)
 
 
 def default_library() -> Library:

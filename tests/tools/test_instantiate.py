@@ -77,9 +77,9 @@ def test_forged_instances_are_refused_by_the_host(name: str, context: ToolContex
     forged = (
         "\nimport json\nfrom grs_agents import sim\n"
         "class Forged:\n"
-        "    def model_dump(self, mode):\n"
+        "    def model_dump_json(self):\n"
         "        base = {'task': 'T', 'seed': 0, 'max_steps': 3, 'timestep': 0.002, 'objects': [], 'goals': []}\n"
-        f"        return base | json.loads({'{' + FORGED[name] + '}'!r})\n"
+        f"        return json.dumps(base | json.loads({'{' + FORGED[name] + '}'!r}))\n"
         "sim.instantiate = lambda task, seed, library: Forged()\n"
     )
     result = draw(context, simulation + forged, (0,))
