@@ -3,7 +3,7 @@
 from grs_agents.config import Config
 from grs_agents.sandbox import Limits, Sandbox
 
-PRELOAD = ("grs_agents.sim", "grs_agents.toolkit")
+PRELOAD = ("grs_agents.sim", "grs_agents.toolkit", "unittest", "numpy.testing")
 TOOLS = ("run_tests", "instantiate", "rollout", "render")
 """What the sandbox imports before it sees generated code."""
 
@@ -16,4 +16,5 @@ def open_sandbox(config: Config) -> Sandbox:
         backend=config.sandbox,
         workers=config.workers,
         limits=Limits(**config.limits.model_dump()),
+        image=config.docker_image,
     )

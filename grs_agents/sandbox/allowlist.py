@@ -8,6 +8,7 @@ import grs_agents
 from grs_agents import content
 
 _PROGRAMS = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin")
+_PROGRAMS_OF_MACOS = ("/System/Library", "/Library/Frameworks", "/opt/homebrew/opt", "/opt/homebrew/Cellar")
 _SETTINGS = ("/etc/ld.so.cache", "/etc/localtime", "/etc/alternatives")
 _DEVICES = ("/dev/zero", "/dev/urandom", "/dev/random")
 _FACTS = ("/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/sys/devices/system/cpu")
@@ -17,7 +18,8 @@ _PACKAGES = ("site-packages", "dist-packages")
 
 def system_paths() -> tuple[Path, ...]:
     """What every dynamically linked program reads."""
-    return tuple(path for path in map(Path, (*_PROGRAMS, *_SETTINGS)) if path.exists())
+    programs = (*_PROGRAMS, *_PROGRAMS_OF_MACOS) if sys.platform == "darwin" else _PROGRAMS
+    return tuple(path for path in map(Path, (*programs, *_SETTINGS)) if path.exists())
 
 
 def kernel_paths() -> tuple[Path, ...]:

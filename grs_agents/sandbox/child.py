@@ -3,10 +3,12 @@
 import faulthandler
 import fcntl
 import importlib
+import math
 import os
 import signal
 import sys
 import tempfile
+import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -25,11 +27,14 @@ from grs_agents.sandbox.wire import FrameReader
 _DESCRIPTORS = 128
 _FRAMES, _TRACE = 3, 4
 _PDEATHSIG = 1
+_GRACE_SECONDS = 60
 _PROMISED = ("landlock", "no capabilities", "seccomp")
 
 
 def warm(settings: Settings) -> None:
-    """In the zygote: do what each child would otherwise do again, tools to import among it."""
+    """Before there is an order: import what the settings name, and do what each child would otherwise do again."""
+    for name in settings.preload:
+        importlib.import_module(name)
     for name in settings.tools:
         content.load_module("tools", name)
     if settings.layers:
@@ -37,34 +42,34 @@ def warm(settings: Settings) -> None:
 
 
 def rules(settings: Settings, scratch: Path) -> int | None:
-    """In the zygote: what the children that work in ``scratch`` may do with files, as ``harden`` takes it."""
+    """What a process that works in ``scratch`` may do with files, as ``harden`` takes it; forked ones inherit it."""
     return file_rules(settings.readable, (scratch, Path(os.devnull))) if settings.layers else None
 
 
 def serve(
     frames: int, trace: int, output: int, scratch: Path, limits: Limits, settings: Settings, rules: int | None
 ) -> NoReturn:
-    """Serve one request in this freshly forked process and end it."""
+    """Serve one request in this process, which was forked or started for it alone, and end it."""
     with suppress(BaseException):
-        zygote = os.getppid()
+        zygote, before = os.getppid(), time.process_time()
         rules = _arrange(frames, trace, output, rules)
-        _die_with(zygote)
+        _die_with(zygote, limits)
         _settle(scratch)
         frame = _receive()
         if frame is not None:
             channel.connect(_FRAMES, frame.pop("key"))
-            _serve(frame, limits, settings, rules)
+            _serve(frame, limits, settings, rules, before)
     os._exit(0)
 
 
-def _serve(frame: dict[str, Any], limits: Limits, settings: Settings, rules: int | None) -> None:
+def _serve(frame: dict[str, Any], limits: Limits, settings: Settings, rules: int | None, before: float) -> None:
     with Caught() as caught:
         for folder in frame["overlays"]:
             content.add_overlay(Path(folder))
         inside = _inside(frame)
         _confine(limits, settings, rules)
         _explain_death()
-        channel.send({"kind": "ready"})
+        channel.send({"kind": "ready", "cpu_seconds": before})
         _answer(inside, frame.pop("request"))
     if caught.error is not None:
         channel.send({"kind": "broken", "error": f"{type(caught.error).__name__}: {caught.error}"})
@@ -88,8 +93,11 @@ def _arrange(frames: int, trace: int, output: int, rules: int | None) -> int | N
     return None if rules is None else len(high) - 1
 
 
-def _die_with(zygote: int) -> None:
+def _die_with(zygote: int, limits: Limits) -> None:
     """Have the kernel kill this process when the zygote ends."""
+    if sys.platform != "linux":  # no other kernel takes such an order: at least nothing stays for good
+        signal.alarm(math.ceil(limits.wall_seconds) + _GRACE_SECONDS)
+        return
     kernel.prctl(_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != zygote:  # it ended before the kernel was asked
         os._exit(0)
@@ -98,11 +106,11 @@ def _die_with(zygote: int) -> None:
 def _settle(scratch: Path) -> None:
     """A session, signals, a working folder and an environment of its own."""
     os.setsid()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    signal.set_wakeup_fd(-1)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
         signal.signal(number, signal.SIG_DFL)
     with suppress(OSError):  # where memory runs out altogether, this process goes first
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
-    os.environ.pop("PWD", None)  # bubblewrap's
     os.environ.update(HOME=str(scratch), TMPDIR=str(scratch))
     tempfile.tempdir = None
     os.chdir(scratch)
@@ -119,7 +127,7 @@ def _confine(limits: Limits, settings: Settings, rules: int | None) -> None:
         memory_mib=limits.memory_mib,
         file_mib=limits.scratch_mib,
         descriptors=_DESCRIPTORS,
-        threads=limits.threads,
+        threads=limits.threads + settings.threads_elsewhere,
     )
     if not settings.layers:
         limit(allowance, alone=False)

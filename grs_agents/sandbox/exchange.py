@@ -9,7 +9,7 @@ from typing import Any
 from grs_agents.sandbox import wire
 from grs_agents.sandbox.backends import LAYERS
 from grs_agents.sandbox.call import CallResult, Limits
-from grs_agents.sandbox.process import END_SECONDS, START_SECONDS, SandboxError, Zygote
+from grs_agents.sandbox.process import DOCTOR, END_SECONDS, START_SECONDS, SandboxError, Zygote
 from grs_agents.sandbox.streams import Ending, Exit, Streams
 
 
@@ -25,17 +25,17 @@ def exchange(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -
     frames, frames_end = socket.socketpair()
     trace, trace_end = os.pipe()
     output, output_end = os.pipe()
-    control, control_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    control, control_end = socket.socketpair()
     streams = Streams(frames, trace, output, control)
     try:
         try:
-            forked = zygote.fork(slot, limits, (frames_end.fileno(), trace_end, output_end, control_end.fileno()))
+            ordered = zygote.order(slot, limits, (frames_end.fileno(), trace_end, output_end, control_end.fileno()))
         finally:
             frames_end.close()
             control_end.close()
             os.close(trace_end)
             os.close(output_end)
-        if not forked or not _send(frames, wire.encode(streams.keyed(frame))):
+        if not ordered or not _send(frames, wire.encode(streams.keyed(frame))):
             return None
         if not _await_ready(streams):
             return None
@@ -69,7 +69,7 @@ def _await_ready(streams: Streams) -> bool:
     if ended is None:
         return False
     why = ready[2] if ready else f"it ended with wait status {ended.status}"
-    raise SandboxError(f"the worker could not be made ready: {why}", "see `grs doctor`")
+    raise SandboxError(f"the worker could not be made ready: {why}", DOCTOR)
 
 
 def _result(

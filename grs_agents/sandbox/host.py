@@ -10,10 +10,10 @@ from typing import Any
 
 from grs_agents import content
 from grs_agents.sandbox import allowlist, probe, wire
-from grs_agents.sandbox.backends import LAYERS, REMEDIES, Backend, Choice, absent, candidates
+from grs_agents.sandbox.backends import DEFAULT_IMAGE, LAYERS, REMEDIES, Backend, Choice, absent, candidates
 from grs_agents.sandbox.call import CallResult, Limits
 from grs_agents.sandbox.exchange import exchange
-from grs_agents.sandbox.process import SandboxError, Zygote
+from grs_agents.sandbox.process import DOCTOR, Plan, SandboxError, Zygote
 from grs_agents.sandbox.scratch import sweep
 
 
@@ -28,6 +28,7 @@ class Sandbox:
         workers: how many calls may run at once; more wait for their turn.
         limits: what a call may cost unless it says otherwise. The size of scratch folders is fixed by these.
         readable: files and folders that workers may read, beside what they need to run.
+        image: that containers are made from; their programs and libraries are this machine's.
 
     Safe to share between threads. Use it as a context manager, or ``close`` it.
     """
@@ -41,14 +42,16 @@ class Sandbox:
         workers: int = 1,
         limits: Limits | None = None,
         readable: Sequence[Path] = (),
+        image: str = DEFAULT_IMAGE,
     ) -> None:
         self._preload, self._tools = tuple(preload), tuple(tools)
         self._limits = limits or Limits()
         self._workers = workers
         self._readable = tuple(readable)
+        self._image = image
         self._choice: Choice = backend
         self._candidates = list(candidates(backend))
-        self._failures: dict[Backend, str] = {}
+        self._failures: dict[Backend, SandboxError] = {}
         self._proven: Backend | None = None
         self._zygote: Zygote | None = None
         self._lock = threading.Lock()
@@ -155,10 +158,12 @@ class Sandbox:
             SandboxError: none is left.
         """
         for backend in list(self._candidates):
-            if why := absent(backend):
-                self._give_up(backend, SandboxError(why, REMEDIES.get(backend, "")))
+            if reasons := absent(backend):
+                why, remedies = zip(*reasons, strict=True)
+                self._give_up(backend, SandboxError("; ".join(why), ", and ".join(dict.fromkeys(remedies))))
                 continue
-            zygote = Zygote(backend, self._preload, self._tools, self._limits, self._workers, self._readable)
+            plan = Plan(self._preload, self._tools, self._limits, self._workers, self._readable, self._image)
+            zygote = Zygote(backend, plan)
             weakref.finalize(self, zygote.close)
             return zygote
         raise self._refusal()
@@ -171,14 +176,18 @@ class Sandbox:
         """
         if self._proven is not None:
             raise error
-        self._failures[backend] = error.message
+        self._failures[backend] = error
         self._candidates.remove(backend)
 
     def _refusal(self) -> SandboxError:
-        found = "; ".join(f"{backend}: {why}" for backend, why in self._failures.items())
-        remedies = [REMEDIES[backend] for backend in self._failures if backend in REMEDIES]
+        """Why each candidate is out, and how to get what is missing."""
+        found = "; ".join(f"{backend}: {error.message}" for backend, error in self._failures.items())
+        remedies = [
+            REMEDIES.get(backend, "") if error.remedy == DOCTOR else error.remedy
+            for backend, error in self._failures.items()
+        ]
         self._candidates = list(candidates(self._choice))  # what is missing may be installed meanwhile
-        remedy = ", or ".join([*remedies, "accept the risk with --unsafe-no-sandbox"])
+        remedy = ", or ".join([*filter(None, dict.fromkeys(remedies)), "accept the risk with --unsafe-no-sandbox"])
         return SandboxError(f"nothing separates generated code from this machine ({found})", remedy)
 
     def _discard(self) -> None:

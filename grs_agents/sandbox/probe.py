@@ -4,15 +4,17 @@ import ctypes
 import os
 import signal
 import socket
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from grs_agents.sandbox import allowlist
 from grs_agents.sandbox.call import Limits
 from grs_agents.sandbox.caught import Caught
 from grs_agents.sandbox.exchange import exchange
-from grs_agents.sandbox.process import SandboxError, Zygote
+from grs_agents.sandbox.process import DOCTOR, SandboxError, Zygote
 
 _LIMITS = Limits(wall_seconds=20, cpu_seconds=10, memory_mib=256)
 
@@ -34,10 +36,14 @@ def attack(zygote: Zygote, slot: int) -> None:
         changed = secret.read_text("ascii") != "canary" or len(list(Path(folder).iterdir())) != 1
     if result is None or result.value is None:
         why = "it ended" if result is None else f"{result.outcome}: {result.error.strip().splitlines()[-1]}"
-        raise SandboxError(f"the probe of the sandbox did not run ({why})", "see `grs doctor`")
-    escaped = [*result.value["escaped"], *(["changed a file outside"] if changed else [])]
+        raise SandboxError(f"the probe of the sandbox did not run ({why})", DOCTOR)
+    allowed = {"read a file outside"} if allowlist.covered(secret, zygote.readable) else set[str]()
+    escaped = [
+        *(name for name in result.value["escaped"] if name not in allowed),
+        *(["changed a file outside"] if changed else []),
+    ]
     if escaped:
-        raise SandboxError(f"a worker {', '.join(escaped)}", "see `grs doctor`")
+        raise SandboxError(f"a worker {', '.join(escaped)}", DOCTOR)
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:
@@ -48,17 +54,21 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         "read a file outside": secret.read_bytes,
         "wrote a file outside": lambda: secret.write_text("changed", "ascii"),
         "made a file outside": lambda: (secret.parent / "more").write_text("", "ascii"),
-        "opened a socket": lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM),
+        "sent a datagram": lambda: socket.socket(type=socket.SOCK_DGRAM).sendto(b"", ("127.0.0.1", port)),
         "connected": lambda: socket.create_connection(("127.0.0.1", port), 1),
         "could signal its host": lambda: os.kill(host, 0),
         "could signal its parent": lambda: os.kill(os.getppid(), 0),
         "forked": lambda: _forked(os.fork),
         "forked through ctypes": lambda: _forked(lambda: _checked(libc.fork())),
         "could run a program": _execute,
-        "made a namespace": lambda: _checked(libc.unshare(0x10000000)),
-        "read its parent's environment": Path(f"/proc/{os.getppid()}/environ").read_bytes,
-        "became traced": lambda: _checked(libc.ptrace(0, 0, 0, 0)),
     }
+    if sys.platform == "linux":  # where macOS allows what its sandbox makes harmless, or has no such thing
+        attempts |= {
+            "opened a socket": lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM),
+            "made a namespace": lambda: _checked(libc.unshare(0x10000000)),
+            "read its parent's environment": Path(f"/proc/{os.getppid()}/environ").read_bytes,
+            "became traced": lambda: _checked(libc.ptrace(0, 0, 0, 0)),
+        }
     return {"escaped": [name for name, action in attempts.items() if _succeeds(action)]}
 
 
@@ -69,7 +79,9 @@ def _succeeds(action: Callable[[], object]) -> bool:
 
 
 def _execute() -> None:
-    """Ask for a program that does not exist: the kernel may say so only to those who may run programs."""
+    """Ask for a program that does not exist: Linux may say so only to those who may run programs."""
+    if sys.platform != "linux":
+        os.execv("/usr/bin/true", ["true"])  # where this succeeds, nobody is left to report, which is noticed as well
     try:
         os.execv("/nonexistent", ["nonexistent"])
     except FileNotFoundError:

@@ -27,7 +27,7 @@ class Exit:
 
     Attributes:
         status: its wait status.
-        cpu_seconds: the processor time it took.
+        cpu_seconds: the processor time of its call, without that of its imports.
         stopped: the limit that the zygote saw broken, or the empty string.
         empty: whether its scratch folder could be emptied.
     """
@@ -55,6 +55,7 @@ class Streams:
         self._frames, self._control = frames, control
         self._kept = {"output": bytearray(), "trace": bytearray()}
         self._total = 0
+        self._cpu_before = 0.0
         self._names = {"frames": frames.fileno(), "trace": trace, "output": output, "control": control.fileno()}
         self._selector = selectors.DefaultSelector()
         for name, descriptor in self._names.items():
@@ -110,6 +111,7 @@ class Streams:
     def _interpret(self, frame: dict[str, Any], until_ready: bool) -> Ending | None:
         kind, value = frame.get("kind"), frame.get("value", frame.get("event"))
         if until_ready:
+            self._cpu_before = float(frame.get("cpu_seconds", 0.0))
             return ("ok", None, "") if kind == "ready" else ("error", None, str(frame.get("error", frame))[:1000])
         if kind == "event" and isinstance(value, dict):
             self.events.append(cast(dict[str, Any], value))
@@ -128,7 +130,8 @@ class Streams:
             data = self._control.recv(1 << 16)
         self._selector.unregister(self._names["control"])
         if data:
-            self.exit = Exit(**json.loads(data))
+            told = json.loads(data)
+            self.exit = Exit(**{**told, "cpu_seconds": told["cpu_seconds"] - self._cpu_before})
 
     def _read(self, name: str) -> bytes:
         if not self._open(name):

@@ -66,6 +66,7 @@ class Budget:
         Raises:
             SimulationBudgetError: there are not so many left, and from now on none.
         """
+        _spend_for_the_call(steps)
         self.left -= steps
         if self.left < 0:
             raise _note(
@@ -73,15 +74,19 @@ class Budget:
                     f"the environment used up its {self.limit} simulated steps", "reset less often or do less in a step"
                 )
             )
-        if _call.steps_left is not None:
-            _call.steps_left -= steps
-            if _call.steps_left < 0:
-                raise _note(
-                    SimulationBudgetError(
-                        f"the call used up its {_call.limits.simulated_steps} simulated steps",
-                        "simulate less in all tests or seeds together, or raise limits.simulated_steps",
-                    )
-                )
+
+
+def _spend_for_the_call(steps: int) -> None:
+    if _call.steps_left is None:
+        return
+    _call.steps_left -= steps
+    if _call.steps_left < 0:
+        raise _note(
+            SimulationBudgetError(
+                f"the call used up its {_call.limits.simulated_steps} simulated steps",
+                "simulate less in all tests or seeds together, or raise limits.simulated_steps",
+            )
+        )
 
 
 def check_objects(count: int) -> None:

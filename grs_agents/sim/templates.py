@@ -6,6 +6,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents.config import Limits
 from grs_agents.errors import InputError
@@ -90,6 +91,8 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     defaults = library.template_defaults(base)
     if not defaults:
         return base
+    for row in replace.values():
+        _array(row)
     values = resolve({**before, **_positive(replace, defaults)}, defaults)[0]
     _check_lengths(base, values)
     library.filled(base, values)
@@ -136,8 +139,20 @@ def _positive(replace: Mapping[str, Any], defaults: Values) -> dict[str, Any]:
 
 
 def _has_negative(values: Any) -> bool:
-    numbers = np.atleast_1d(np.asarray(values))
+    numbers = np.atleast_1d(_array(values))
     return numbers.dtype.kind in "if" and bool((numbers < 0).any())
+
+
+def _array(values: Any) -> npt.NDArray[Any]:
+    """A row of a template's values.
+
+    Raises:
+        InputError: it is no row: lists of several lengths inside it.
+    """
+    try:
+        return np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"template values {str(values)[:80]} are no row of numbers", "give (x, y, z)") from error
 
 
 def listed(values: Values) -> str:

@@ -160,6 +160,8 @@ def test_modules_are_imported() -> None:
 
 
 def test_temporary_files_work(confined: Confined, scratch: Path) -> None:
+    importlib.import_module("mmap")  # numpy imports it late, and nobody cannot read an interpreter in root's home
+
     def use() -> list[object]:
         tempfile.tempdir = str(scratch)
         with tempfile.TemporaryDirectory() as folder:
