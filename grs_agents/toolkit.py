@@ -100,7 +100,7 @@ def open_library(roots: Sequence[str]) -> Library:
 
 def readable(library_roots: Sequence[str], robot: str) -> tuple[Path, ...]:
     """The folders that a simulation with these assets and this arm reads, beside the shipped ones."""
-    arm = (Path(robot).parent,) if robot.endswith(".xml") else ()
+    arm = (Path(robot).parent,) if Path(robot).suffix else ()
     return (*(Path(root) for root in library_roots), *arm)
 
 

@@ -33,8 +33,3 @@ class Limits(Frozen):
     simulated_steps: int = Field(default=500_000, ge=1, le=1_000_000_000)
     objects: int = Field(default=200, ge=1, le=200)
     mesh_vertices: int = Field(default=200_000, ge=1, le=100_000_000)
-
-    @property
-    def file_mib(self) -> int:
-        """The largest file that can be written: no single one may outgrow the scratch folder."""
-        return self.scratch_mib

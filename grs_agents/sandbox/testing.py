@@ -27,7 +27,10 @@ _WORST: tuple[tuple[frozenset[CaseOutcome], ReportOutcome], ...] = (
     (frozenset({"exited"}), "exited"),
 )
 """What a report is called after, first come first served; other failures make it ``failed``."""
-_LEAVES = re.compile(r"\b(_exit|exit|quit|abort)\s*\(")
+_TRACES: dict[CaseOutcome, re.Pattern[str]] = {
+    "exited": re.compile(r"\b(_exit|exit|quit|abort)\s*\("),
+    "forged": re.compile(r"\b(channel|wire|progress|write)\b"),
+}
 _BOUNDS = {"message": 1000, "traceback": 8000, "output": 4000}
 
 
@@ -163,7 +166,7 @@ def _load_failure(each: EachResult, sources: dict[str, str]) -> TestReport | Non
         outcome=_ending(call),
         message=f"before any test: {_last_line(call.error)}",
         traceback=at.text if at else call.error,
-        raised_in=at.raised_in if at else _leaver(call, sources),
+        raised_in=at.raised_in if at else _culprit(call, sources),
     )
 
 
@@ -178,7 +181,7 @@ def _case(item: str, expected: ExpectedTests, each: EachResult, sources: dict[st
             message=_last_line(call.error),
             traceback=trace.text if trace else "",
             output=call.output[-4000:],
-            raised_in=trace.raised_in if trace else _leaver(call, sources),
+            raised_in=trace.raised_in if trace else _culprit(call, sources),
         )
     if item in each.untimely:
         message = "a result was reported for it while it was not running"
@@ -242,12 +245,13 @@ def _found(call: CallResult) -> list[str]:
             return []
 
 
-def _leaver(call: CallResult, sources: dict[str, str]) -> RaisedIn | None:
-    """Which program ended the process, as far as their sources tell: there is no traceback of that."""
-    if _stopped_as(call) == "exited":
-        if _LEAVES.search(sources[TESTS_FILE]):
+def _culprit(call: CallResult, sources: dict[str, str]) -> RaisedIn | None:
+    """Which program ended the process or wrote to the pipe, as far as their sources tell: that leaves no traceback."""
+    pattern = _TRACES.get(_stopped_as(call))
+    if pattern is not None:
+        if pattern.search(sources[TESTS_FILE]):
             return "tests"
-        if _LEAVES.search(sources[SIMULATION_FILE]):
+        if pattern.search(sources[SIMULATION_FILE]):
             return "simulation"
     return None
 

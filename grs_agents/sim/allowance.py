@@ -30,6 +30,9 @@ class _Call:
 
 
 _call = _Call()
+_REMEMBERED: Final = 512
+_vertices: dict[int, tuple[ObjectModel, int]] = {}
+"""How many vertices the last few hundred models have, by identity: they never change."""
 
 
 def grant(limits: Limits) -> None:
@@ -66,6 +69,7 @@ class Budget:
         Raises:
             SimulationBudgetError: there are not so many left, and from now on none.
         """
+        _spend_for_the_call(steps)
         self.left -= steps
         if self.left < 0:
             raise _note(
@@ -73,15 +77,19 @@ class Budget:
                     f"the environment used up its {self.limit} simulated steps", "reset less often or do less in a step"
                 )
             )
-        if _call.steps_left is not None:
-            _call.steps_left -= steps
-            if _call.steps_left < 0:
-                raise _note(
-                    SimulationBudgetError(
-                        f"the call used up its {_call.limits.simulated_steps} simulated steps",
-                        "simulate less in all tests or seeds together, or raise limits.simulated_steps",
-                    )
-                )
+
+
+def _spend_for_the_call(steps: int) -> None:
+    if _call.steps_left is None:
+        return
+    _call.steps_left -= steps
+    if _call.steps_left < 0:
+        raise _note(
+            SimulationBudgetError(
+                f"the call used up its {_call.limits.simulated_steps} simulated steps",
+                "simulate less in all tests or seeds together, or raise limits.simulated_steps",
+            )
+        )
 
 
 def check_objects(count: int) -> None:
@@ -101,8 +109,7 @@ def with_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
     Raises:
         VertexLimitError: they may not.
     """
-    meshes = [shape.mesh or "" for shape in (*shapes.colliders, *shapes.visuals) if shape.kind == "mesh"]
-    count += sum(len(read_vertices(library.mesh_path(mesh))) for mesh in meshes)
+    count += _vertices_of(shapes, library)
     most = _call.limits.mesh_vertices
     if count > most:
         raise _note(
@@ -111,6 +118,17 @@ def with_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
             )
         )
     return count
+
+
+def _vertices_of(shapes: ObjectModel, library: Library) -> int:
+    known = _vertices.get(id(shapes))
+    if known is None:
+        meshes = [shape.mesh or "" for shape in (*shapes.colliders, *shapes.visuals) if shape.kind == "mesh"]
+        if len(_vertices) >= _REMEMBERED:
+            _vertices.clear()
+        known = (shapes, sum(len(read_vertices(library.mesh_path(mesh))) for mesh in meshes))
+        _vertices[id(shapes)] = known
+    return known[1]
 
 
 def _note(error: SimulationError) -> SimulationError:

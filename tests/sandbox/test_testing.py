@@ -89,20 +89,24 @@ def test_hang_in_a_test_costs_that_test(check: Check) -> None:
     assert "while True: pass" in report.text()
 
 
+REST = "    def test_b(self): self.fail()\n    def test_c(self): self.fail()\n"
+
+
 @pytest.mark.parametrize(
     "tests",
     [
-        HEAD
-        + "    def setUp(self): task_code.spin()\n    def test_a(self): self.fail()\n    def test_b(self): self.fail()",
-        HEAD + "    def test_a(self): task_code.reset()\n    def test_b(self): self.fail()\n",
+        HEAD + "    def setUp(self): task_code.spin()\n    def test_a(self): self.fail()\n" + REST,
+        HEAD + "    def setUp(self): task_code.reset()\n    def test_a(self): self.fail()\n" + REST,
+        HEAD + "    def test_a(self): task_code.reset()\n" + REST,
     ],
-    ids=["setUp", "reset"],
+    ids=["setUp", "reset in setUp", "reset"],
 )
 def test_hang_in_set_up_costs_one_limit(tests: str, check: Check) -> None:
     report = check(tests, "def spin():\n    while True: pass\ndef reset(): spin()", limits=SHORT)
-    assert outcomes(report) == {"test_a": "timeout", "test_b": "not_run"}
+    assert outcomes(report) == {"test_a": "timeout", "test_b": "not_run", "test_c": "not_run"}
     assert report.cases[0].raised_in == "simulation"
     assert report.seconds < 2 * SHORT.wall_seconds
+    assert "(not_run: " in report.text()
 
 
 def test_second_hang_is_the_last(check: Check) -> None:
@@ -167,6 +171,9 @@ START = "    def test_a(self):\n"
 LIE = (
     START + "        from grs_agents.sandbox import progress\n"
     "        progress({**dict(item='TestX.test_a', phase='end'), **dict(%s)})\n"
+)
+WRITES = (
+    "        for pipe in range(3, 10):\n            try: os.write(pipe, b'x' * 100)\n            except OSError: pass\n"
 )
 HONEST = "    def test_b(self): self.assertTrue(1)\n"
 DISHONEST = {
@@ -267,6 +274,16 @@ DISHONEST = {
     ),
     "malformed verdict": (
         LIE % "outcome=[], x=1" + "        os._exit(0); self.fail()\n", "forged", "forged"
+    ),
+    "a verdict past the harness": (START + WRITES + "        self.assertTrue(1)\n" + HONEST, "forged", "forged"),
+    "a frame of its own making": (
+        START + "        from grs_agents.sandbox import wire\n"
+        "        data = wire.encode({'kind': 'result', 'value': {}})\n"
+        + WRITES.replace("b'x' * 100", "data") + "        self.assertTrue(1)\n", "forged", "forged",
+    ),
+    "another key": (
+        START + "        from grs_agents.sandbox import channel, wire\n        channel.connect(3, wire.new_key())\n"
+        "        self.assertTrue(1)\n", "forged", "forged",
     ),
     "added later": (
         GOOD + "TestX.test_more = TestX.test_a\n",
