@@ -191,6 +191,12 @@ def test_configuration_offers_every_backend() -> None:
     assert get_args(Config.model_fields["sandbox"].annotation) == get_args(Choice)
 
 
+@pytest.mark.parametrize("image", ["", "--privileged", "a b", "a\nb"])
+def test_an_image_is_a_name_and_no_option(image: str) -> None:
+    with pytest.raises(ValueError, match="docker_image"):
+        Config(docker_image=image)
+
+
 ELSEWHERE = """
 import multiprocessing, os, socket, subprocess, sys, tempfile
 from pydantic import BaseModel
