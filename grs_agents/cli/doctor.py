@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 from dataclasses import asdict, dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 from rich.console import Console
 from rich.table import Table
@@ -16,7 +16,7 @@ from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions
 from grs_agents.run.isolation import open_sandbox
-from grs_agents.sandbox import REMEDIES, Choice, Limits, SandboxError
+from grs_agents.sandbox import REMEDIES, Backend, Choice, Limits, SandboxError, candidates
 from grs_agents.toolkit import ToolContext, load_tool
 
 GL_BACKENDS = {"egl": "libegl1", "osmesa": "libosmesa6"}
@@ -61,12 +61,16 @@ def diagnose(as_json: bool) -> int:
 
 
 def _sandboxes() -> list[Diagnosis]:
-    """Attack from inside each backend, and run an endless program in it; one that holds is enough."""
-    found = [_sandbox(backend) for backend in get_args(Choice) if backend not in ("auto", "none")]
-    if not any(one.state == "works" for one in found):
-        remedy = f"one of the above, or accept the risk with {UNSAFE}"
-        found.append(Diagnosis("sandbox", "broken", "nothing separates generated code from this machine", remedy))
-    return found
+    """What ``sandbox = "auto"`` comes to, then each backend of this system: attacked, and given an endless program."""
+    container: tuple[Backend, ...] = ("docker",) if sys.platform == "linux" else ()
+    asked = (*candidates("auto"), *container)
+    found = {backend: _sandbox(backend) for backend in asked}
+    best = next((one for backend, one in found.items() if one.state == "works" and backend != "docker"), None)
+    if best is not None:
+        return [Diagnosis("sandbox", "works", f"auto takes {best.detail.split(':')[0]}"), *found.values()]
+    remedy = f"{' or '.join(REMEDIES[backend] for backend in asked)}, or accept the risk with {UNSAFE}"
+    broken = Diagnosis("sandbox", "broken", "nothing separates generated code from this machine", remedy)
+    return [broken, *found.values()]
 
 
 def _sandbox(backend: Choice) -> Diagnosis:

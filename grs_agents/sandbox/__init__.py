@@ -4,7 +4,7 @@ The room knows nothing of simulations: its callers name the tools, what a worker
 the hooks that a test run calls.
 """
 
-from grs_agents.sandbox.backends import REMEDIES, Backend, Choice
+from grs_agents.sandbox.backends import REMEDIES, Backend, Choice, candidates
 from grs_agents.sandbox.call import CallOutcome, CallResult, Limits
 from grs_agents.sandbox.caught import Caught
 from grs_agents.sandbox.channel import progress
@@ -36,6 +36,7 @@ __all__ = [
     "TestRun",
     "Trace",
     "call_each",
+    "candidates",
     "describe",
     "expected_tests",
     "from_stack",
