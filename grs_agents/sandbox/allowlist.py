@@ -34,9 +34,13 @@ def runtime_paths() -> tuple[Path, ...]:
     """
     package = Path(grs_agents.__file__).parent
     packages = [Path(entry) for entry in sys.path if Path(entry).name in _PACKAGES]
-    shipped = [content.content_root() / kind for kind in _CONTENT]
-    paths = [Path(sys.prefix), Path(sys.base_prefix), *packages, package, *shipped, *content.roots()[:-1]]
+    paths = [Path(sys.prefix), Path(sys.base_prefix), *packages, package, *content_paths(content.roots())]
     return outermost(path for path in paths if path.exists() and path not in (Path("/"), Path.home()))
+
+
+def content_paths(roots: Iterable[Path]) -> tuple[Path, ...]:
+    """The folders below each content root that workers load from; what else lies beside them is nobody's affair."""
+    return tuple(root / kind for root in roots for kind in _CONTENT if (root / kind).is_dir())
 
 
 def outermost(paths: Iterable[Path]) -> tuple[Path, ...]:

@@ -132,7 +132,7 @@ def _confine(limits: Limits, settings: Settings, rules: int | None) -> None:
     if not settings.layers:
         limit(allowance, alone=False)
         return
-    layers = harden(rules, allowance)
+    layers = harden(rules, allowance, visible=not settings.scratch_is_sized)
     if rules is not None:
         os.close(rules)
     missing = [name for name in _PROMISED if not any(layer.startswith(name) for layer in layers)]

@@ -30,7 +30,7 @@ def file_rules(readable: Sequence[Path], writable: Sequence[Path]) -> int | None
     return landlock.rules(readable, writable) if landlock.abi() else None
 
 
-def harden(rules: int | None, allowance: Allowance) -> tuple[str, ...]:
+def harden(rules: int | None, allowance: Allowance, visible: bool = False) -> tuple[str, ...]:
     """Confine the present process to a few files, harmless system calls and bounded resources, for ever.
 
     What the kernel lacks is left out: the caller compares the answer with what it demands. Descriptors that are open
@@ -39,6 +39,7 @@ def harden(rules: int | None, allowance: Allowance) -> tuple[str, ...]:
     Args:
         rules: of ``file_rules``.
         allowance: what may be used up.
+        visible: whether processes of the same user outside may see its open files and memory.
 
     Returns:
         The layers that hold, e.g. ``("no capabilities", "limits", "thread limit", "landlock 7", "seccomp")``.
@@ -54,7 +55,7 @@ def harden(rules: int | None, allowance: Allowance) -> tuple[str, ...]:
     alone = privileges.leave_roots_count()
     privileges.gain_no_more()
     privileges.drop_capabilities()
-    privileges.hide()
+    privileges.hide(not visible)
     if resources.limit(allowance, alone):
         layers.append("thread limit")
     version = landlock.abi()

@@ -88,14 +88,14 @@ class Sandbox:
             ValueError: the request is not plain JSON (NaN, infinity).
         """
         content.path("tools", tool)
-        overlays = [str(root) for root in reversed(content.roots()[:-1])]
-        frame = {"tool": tool, "module": None, "request": request, "overlays": overlays}
+        overlays = [root for root in reversed(content.roots()[:-1]) if allowlist.content_paths([root])]
+        frame = {"tool": tool, "module": None, "request": request, "overlays": [str(root) for root in overlays]}
         wire.encode(frame)
         limits = limits or self._limits
         slot = self._slots.get()
         try:
             for retried in (False, True):
-                with self._borrowed(slot, (*readable, *map(Path, overlays))) as zygote:
+                with self._borrowed(slot, (*readable, *allowlist.content_paths(overlays))) as zygote:
                     result = exchange(zygote, slot, frame, limits)
                     zygote.lost |= result is None
                 if result is not None:

@@ -43,9 +43,9 @@ def drop_bounding_set() -> None:
             capability += 1
 
 
-def hide() -> None:
-    """Leave no core file, and let no process of the same user trace this one or read its memory."""
-    kernel.prctl(_SET_DUMPABLE, 0)
+def hide(hidden: bool = True) -> None:
+    """Let no process of the same user trace this one, read its memory or see its open files; or let them again."""
+    kernel.prctl(_SET_DUMPABLE, int(not hidden))
 
 
 def leave_roots_count() -> bool:

@@ -20,7 +20,7 @@ from grs_agents.sandbox.scratch import Scratch
 from grs_agents.sandbox.settings import ENVIRONMENT, Settings
 
 START_SECONDS = 60.0
-END_SECONDS = 5.0
+END_SECONDS = 15.0
 DOCTOR = "see `grs doctor`"
 """The remedy where only a look at the whole machine can tell more."""
 _LOOK_SECONDS = 0.1

@@ -5,10 +5,10 @@ import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
-from uuid import uuid4
 
 _PREFIX = "grs-scratch-"
 _SETTLED_SECONDS = 60.0
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
 
 
 class Scratch:
@@ -56,34 +56,54 @@ def _lock(descriptor: int) -> None:
 
 
 def remove_folder(folder: Path) -> None:
-    """Delete ``folder`` and all that is in it."""
-    empty_folder(folder)
+    """Delete ``folder`` and all that is in it, as far as the system lets us."""
     with suppress(OSError):
+        folder.chmod(0o700)
+        empty_folder(folder)
         folder.rmdir()
 
 
 def empty_folder(folder: Path) -> None:
     """Delete all that is in ``folder``, folders without permissions and nested thousands deep too; links stay unread.
 
-    Inner folders are moved up before they are emptied, so that no path grows too long and nothing recurses.
+    Folders are opened relative to their parents and left through ``..``, so that no path grows too long and nothing
+    recurses. Nothing else may be at work in there.
     """
-    waiting = [folder]
-    while waiting:
-        current = waiting.pop()
-        with suppress(OSError):
-            current.chmod(0o700)
-            for entry in list(os.scandir(current)):
+    here = os.open(folder, _FOLDER)
+    way = [("", _clear(here))]
+    try:
+        while len(way) > 1 or way[-1][1]:
+            name, folders = way[-1]
+            inner = folders.pop() if folders else ".."
+            if inner != "..":
                 with suppress(OSError):
-                    _empty(entry, current, folder, waiting)
-        if current != folder:
+                    os.chmod(inner, 0o700, dir_fd=here)
+                    here = _move(here, inner)
+                    way.append((inner, _clear(here)))
+                continue
+            here = _move(here, inner)
+            way.pop()
             with suppress(OSError):
-                current.rmdir()
+                os.rmdir(name, dir_fd=here)
+    finally:
+        os.close(here)
 
 
-def _empty(entry: "os.DirEntry[str]", current: Path, folder: Path, waiting: list[Path]) -> None:
-    path = Path(entry.path)
-    if not entry.is_dir(follow_symlinks=False):
-        path.unlink()
-        return
-    path.chmod(0o700)
-    waiting.append(path if current == folder else path.rename(folder / uuid4().hex))
+def _move(here: int, name: str) -> int:
+    """Open the folder ``name`` of the descriptor ``here``, which is closed."""
+    there = os.open(name, _FOLDER, dir_fd=here)
+    os.close(here)
+    return there
+
+
+def _clear(descriptor: int) -> list[str]:
+    """Delete the entries of one folder but for its folders; their names."""
+    os.fchmod(descriptor, 0o700)
+    folders: list[str] = []
+    for entry in list(os.scandir(descriptor)):
+        if entry.is_dir(follow_symlinks=False):
+            folders.append(entry.name)
+            continue
+        with suppress(OSError):
+            os.unlink(entry.name, dir_fd=descriptor)
+    return folders

@@ -94,6 +94,8 @@ _SET_PIPE_SIZE, _PIPE_SIZE = 1031, 1 << 16
 _PROPERTIES = {2, 3, 7, 15, 16, 21, 23, 25, 27, 30, 39, 42, 51, 52, 64, 0x4155_5856, 0x5356_4D41}
 """What prctl may be asked: to name a thread or a mapping, and to read what does no harm."""
 _TRUNCATE = 0x200
+_NAMELESS = 0o20000000
+"""``O_TMPFILE`` without the bit that it shares with ``O_DIRECTORY``."""
 _ANY_PID = 0xFFFF_FFFF
 """Stands for the process's id until that is known; no process has it."""
 _SET_FILTER, _GET_ACTION_AVAILABLE, _ALL_THREADS = 1, 2, 1
@@ -139,8 +141,7 @@ def policy(machine: kernel.Machine, pid: int, landlock_abi: int) -> Node:
     answers: dict[str, Node] = dict.fromkeys(ALLOWED.split(), ALLOW)
     answers |= dict.fromkeys(DENIED.split(), DENY)
     answers |= _by_arguments(pid)
-    if landlock_abi < 3:
-        answers |= _without_truncation()
+    answers |= _opening(truncation=landlock_abi >= 3)
     return Load(ARCHITECTURE, equal(_ARCHITECTURES[machine], Load(NUMBER, _by_number(machine, answers)), KILL))
 
 
@@ -183,8 +184,17 @@ def _null(index: int) -> Node:
     return argument(index, equal(0, upper_half(index, equal(0, ALLOW, DENY)), DENY))
 
 
-def _without_truncation() -> dict[str, Node]:
-    """Deny what shortens a file that is open for reading alone (access mode 0, or 3: neither)."""
-    reading = any_bit(_TRUNCATE, DENY, ALLOW)
-    flags = any_bit(1, any_bit(2, reading, ALLOW), any_bit(2, ALLOW, reading))
-    return {"truncate": DENY, "open": argument(1, flags), "openat": argument(2, flags)}
+def _opening(truncation: bool) -> dict[str, Node]:
+    """Deny files without a name, which nothing outside can count.
+
+    Args:
+        truncation: whether Landlock guards it; if not, deny what shortens a file that is open for reading alone
+            (access mode 0, or 3: neither).
+    """
+    flags: Node = ALLOW
+    if not truncation:
+        reading = any_bit(_TRUNCATE, DENY, ALLOW)
+        flags = any_bit(1, any_bit(2, reading, ALLOW), any_bit(2, ALLOW, reading))
+    flags = any_bit(_NAMELESS, DENY, flags)
+    answers: dict[str, Node] = {"open": argument(1, flags), "openat": argument(2, flags)}
+    return answers if truncation else {**answers, "truncate": DENY}

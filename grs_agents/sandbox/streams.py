@@ -29,13 +29,11 @@ class Exit:
         status: its wait status.
         cpu_seconds: the processor time of its call, without that of its imports.
         stopped: the limit that the zygote saw broken, or the empty string.
-        empty: whether its scratch folder could be emptied.
     """
 
     status: int
     cpu_seconds: float
     stopped: str
-    empty: bool
 
 
 class Streams:

@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import stat
 import struct
 import sys
 from contextlib import suppress
@@ -9,6 +10,8 @@ from pathlib import Path
 
 ENTRY_BYTES = 4096
 """What a file or folder costs beside its content; it bounds how many there can be."""
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
+_TRIES = 3
 _TASK_INFO, _TASK_INFO_BYTES = 4, 96
 _TASK_MEMORY, _TASK_THREADS = 8, 84
 """Of macOS's ``proc_pidinfo``: a kind of facts, their size, and where memory (u64) and threads (i32) are in them."""
@@ -18,52 +21,55 @@ def scratch_bytes(folder: Path, most: int) -> int:
     """The bytes that the entries below ``folder`` take; counting stops once they exceed ``most``.
 
     Folders are opened relative to their parents and left through ``..``, so that no path is ever too long, and links
-    are not followed. The code in the sandbox may move things meanwhile: then the count is off, not the process.
+    are not followed. Nothing is changed. A folder that cannot be looked into, or that is moved about whenever it is
+    looked at, counts as too much.
     """
-    total = 0
-    here = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    waiting: list[list[str]] = []
+    for _ in range(_TRIES):
+        total = _walk(folder, most)
+        if total is not None:
+            return total
+    return most + 1
+
+
+def _walk(folder: Path, most: int) -> int | None:
+    """One attempt at counting; None if a folder moved or went away while it was looked into."""
+    here = os.open(folder, _FOLDER)
     try:
-        total += _files(here, folders := [])
-        waiting.append(folders)
-        while waiting and total <= most:
-            if not waiting[-1]:
-                waiting.pop()
-                here = _move(here, "..") if waiting else here
+        total, names = _entries(here)
+        way = [(_identity(here), names)]
+        while total <= most:
+            name = way[-1][1].pop() if way[-1][1] else ".."
+            if name == ".." and len(way) == 1:
+                break
+            there = os.open(name, _FOLDER, dir_fd=here)
+            os.close(here)
+            here = there
+            if name == "..":
+                way.pop()
+                if _identity(here) != way[-1][0]:  # the way up leads elsewhere, perhaps out of the scratch folder
+                    return None
                 continue
-            with suppress(OSError):
-                here = _move(here, waiting[-1].pop())
-                total += _files(here, folders := [])
-                waiting.append(folders)
-    except OSError:  # the way back up is gone: only code that hides something moves its own folders about
+            taken, names = _entries(here)
+            way.append((_identity(here), names))
+            total += taken
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError:  # made so that it cannot be opened
         return most + 1
     finally:
         os.close(here)
     return total
 
 
-def _move(here: int, name: str) -> int:
-    """Open the folder ``name`` beside the descriptor ``here``, which is closed."""
-    if not hasattr(os, "O_PATH"):
-        with suppress(OSError, NotImplementedError):
-            os.chmod(name, 0o700, dir_fd=here, follow_symlinks=False)
-        there = os.open(name, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=here)
-        os.close(here)
-        return there
-    handle = os.open(name, os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=here)
-    try:
-        with suppress(OSError):  # through the handle: the name may be a link to anywhere by now
-            Path(f"/proc/self/fd/{handle}").chmod(0o700)
-        there = os.open(f"/proc/self/fd/{handle}", os.O_RDONLY | os.O_DIRECTORY)
-    finally:
-        os.close(handle)
-    os.close(here)
-    return there
+def _identity(descriptor: int) -> tuple[int, int]:
+    facts = os.fstat(descriptor)
+    return facts.st_dev, facts.st_ino
 
 
-def _files(descriptor: int, folders: list[str]) -> int:
-    """The bytes of the entries of one folder; the names of its folders go to ``folders``."""
+def _entries(descriptor: int) -> tuple[int, list[str]]:
+    """The bytes of the entries of one folder, and the names of its folders."""
     total = 0
+    folders: list[str] = []
     with os.scandir(descriptor) as entries:
         for entry in entries:
             total += ENTRY_BYTES
@@ -72,6 +78,18 @@ def _files(descriptor: int, folders: list[str]) -> int:
                 continue
             with suppress(OSError):
                 total += entry.stat(follow_symlinks=False).st_blocks * 512
+    return total, folders
+
+
+def unlinked_bytes(pid: int) -> int:
+    """The bytes of files that have no name any more and that the process ``pid`` holds open; 0 where unknown."""
+    total = 0
+    with suppress(OSError), os.scandir(f"/proc/{pid}/fd") as entries:
+        for entry in entries:
+            with suppress(OSError):
+                facts = entry.stat()  # of the open file, which the entry is a link to
+                if stat.S_ISREG(facts.st_mode) and facts.st_nlink == 0:
+                    total += facts.st_blocks * 512
     return total
 
 

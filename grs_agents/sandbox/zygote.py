@@ -122,19 +122,21 @@ class _Zygote:
         os.kill(running.pid, signal.SIGKILL)
 
     def _reap(self, running: _Running) -> None:
-        """If the child has ended, take its status, empty its scratch folder and tell the host."""
+        """If the child has ended, tell the host how, and empty its scratch folder."""
         pid, status, used = os.wait4(running.pid, os.WNOHANG)
         if pid == 0:
             return
         stopped = running.stopped or ("scratch_limit" if self._holds_too_much(running) else "")
-        empty = _empty(running.scratch)
         self._running.remove(running)
         with suppress(KeyError):
             self._selector.unregister(running.control)
-        report = {"status": status, "cpu_seconds": used.ru_utime + used.ru_stime, "stopped": stopped, "empty": empty}
+        report = {"status": status, "cpu_seconds": used.ru_utime + used.ru_stime, "stopped": stopped}
         with suppress(OSError):
             running.control.send(json.dumps(report).encode())
         running.control.close()
+        empty_folder(running.scratch)  # before the next order, since this process does one thing at a time
+        if any(running.scratch.iterdir()):
+            raise OSError(f"{running.scratch} cannot be emptied, so nothing may work in it again")
 
     def _watch(self) -> None:
         """Kill what holds more threads, memory or scratch than it may; look less often where looking takes long."""
@@ -155,7 +157,8 @@ class _Zygote:
         most = running.limits.scratch_mib << 20
         if self._settings.scratch_is_sized:
             return usage.file_system_bytes(running.scratch) >= min(most, self._settings.scratch_bytes)
-        return usage.scratch_bytes(running.scratch, most) >= most
+        unlinked = usage.unlinked_bytes(running.pid)
+        return unlinked + usage.scratch_bytes(running.scratch, most) >= most
 
     def _end_all(self) -> None:
         self._children.end()
@@ -163,10 +166,5 @@ class _Zygote:
             os.kill(running.pid, signal.SIGKILL)
         for running in self._running:
             os.waitpid(running.pid, 0)
-            _empty(running.scratch)
-
-
-def _empty(folder: Path) -> bool:
-    """Delete what is in ``folder``; whether it is empty now."""
-    empty_folder(folder)
-    return not any(folder.iterdir())
+            with suppress(OSError):
+                empty_folder(running.scratch)

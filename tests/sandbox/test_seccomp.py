@@ -39,7 +39,7 @@ PROGRAMS = {
 
 BY_ARGUMENTS = {
     *("clone", "kill", "tkill", "tgkill", "rt_sigqueueinfo", "rt_tgsigqueueinfo"),
-    *("prlimit64", "fallocate", "ioctl", "fcntl", "prctl"),
+    *("prlimit64", "fallocate", "ioctl", "fcntl", "prctl", "openat", "open"),
 }
 
 DANGEROUS = """
@@ -115,6 +115,8 @@ CASES = [
     ("prlimit64", (0, 7, 0x1_0000_0000, 0), EPERM),  # an address whose lower half is 0
     ("fallocate", (3, 0, 0, 4096), ALLOW),
     ("fallocate", (3, 1, 0, 4096), EPERM),
+    ("openat", (3, 0, os.O_RDWR | os.O_CREAT | os.O_DIRECTORY), ALLOW),
+    ("openat", (3, 0, os.O_RDWR | os.O_TMPFILE), EPERM),
     ("ioctl", (0, 0x5401), ALLOW),
     ("ioctl", (0, 0x541B), ALLOW),
     *[("ioctl", (0, command), EPERM) for command in (0x5412, 0x541C, 0x8901, 0x8902, 0x8910, 0x40086602, 0x540E)],

@@ -23,7 +23,7 @@ value = {"got": open("secret").read() == secret and sorted(os.listdir("."))}
 LOOK = """
 import contextlib, os, time
 from pathlib import Path
-found, me = [], os.getpid()
+found, me, own = [], os.getpid(), os.fstat(1)
 end = time.monotonic() + 0.5
 while time.monotonic() < end and not found:
     for slot in range(4):
@@ -40,7 +40,9 @@ while time.monotonic() < end and not found:
             continue
         for name in ("environ", "mem", "maps", "fd/1", "cwd/secret", "root/etc/hostname"):
             with contextlib.suppress(OSError):
-                found.append(str(os.open(f"/proc/{pid}/{name}", os.O_RDONLY)))
+                opened = os.open(f"/proc/{pid}/{name}", os.O_RDONLY)
+                if os.fstat(opened) != own:  # a thread of this process that is just ending has a number too
+                    found.append(f"/proc/{pid}/{name}")
         if pid > 1:
             with contextlib.suppress(OSError):
                 os.kill(pid, 0)
