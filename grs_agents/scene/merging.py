@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from grs_agents.scene.brinks import Brinks
 from grs_agents.scene.frame import Array
 from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, within
 
@@ -15,6 +16,8 @@ LEVEL = 0.02
 """Rims within this height (m) of each other are one rim."""
 RIM_GAP = 0.05
 """Ends of one rim are nearer than this (m)."""
+WITHIN = 0.5
+"""What has this share of its points over the footprint of another lies in it or on it: it is not its near wall."""
 NARROW = 0.022
 """What is thinner than this (m) may be a wall, a handle or a fragment."""
 CAP = 0.045
@@ -86,6 +89,8 @@ class Merger:
         self.parts = {label: part for label, part in measured.items() if part is not None}
         table = points[(labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < 0.015)]
         self.table = table[::5]
+        self.brinks = Brinks(labels, points[..., 2])
+        self.columns = {label: int((labels == label).any(axis=0).sum()) for label in self.parts}
         self.refused: set[tuple[int, int]] = set()
 
     def run(self) -> Labels:
@@ -94,7 +99,10 @@ class Merger:
             small, big = pair
             self.labels[self.labels == small] = big
             del self.parts[small]
-            whole = part_of(self.points[self.labels == big])
+            self.brinks.rename(small, big)
+            mask = self.labels == big
+            self.columns[big] = int(mask.any(axis=0).sum())
+            whole = part_of(self.points[mask])
             if whole is not None:
                 self.parts[big] = whole
             self.refused = {known for known in self.refused if big not in known}
@@ -109,7 +117,7 @@ class Merger:
                 if big == small or not larger or (small, big) in self.refused:
                     continue
                 distance = gap(self.parts[small], self.parts[big])
-                if distance < RIM_GAP and self._belongs(small, big, distance):
+                if self._belongs(small, big, distance):
                     found.append((distance, big))
                 else:
                     self.refused.add((small, big))
@@ -119,8 +127,8 @@ class Merger:
 
     def _belongs(self, small: int, big: int, distance: float) -> bool:
         one, other = self.parts[small], self.parts[big]
-        if abs(one.top - other.top) < LEVEL and self._open(one, other):
-            return True  # two walls, or a wall and an inside, with one rim
+        if abs(one.top - other.top) < LEVEL and self._one_rim(small, big, distance):
+            return True  # two walls, or a wall and an inside
         if distance > TOUCHING:
             return False
         share = covered(one, other)
@@ -137,6 +145,18 @@ class Merger:
     def _open(self, one: Part, other: Part) -> bool:
         """Whether two parts together are a hollow thing, open at the top."""
         return is_open(np.concatenate([one.cloud, other.cloud]), self.table)
+
+    def _one_rim(self, small: int, big: int, distance: float) -> bool:
+        """Whether two parts whose tops are level are walls, or a wall and the inside, of one hollow thing."""
+        one, other = self.parts[small], self.parts[big]
+        width, top = min(self.columns[small], self.columns[big]), min(one.top, other.top)
+        for near, far in ((small, big), (big, small)):
+            if not self.brinks.span(near, far, width) or covered(self.parts[near], self.parts[far]) > WITHIN:
+                continue
+            if self.brinks.closes(near, far, top) or (distance < RIM_GAP and self._open(one, other)):
+                return True
+        whole = is_open(one.cloud, self.table) and is_open(other.cloud, self.table)
+        return distance < TOUCHING and not whole and self._open(one, other)
 
     def _carried(self, small: int) -> bool:
         one = self.parts[small]

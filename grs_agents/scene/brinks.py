@@ -1,0 +1,70 @@
+"""Where one part is seen over the upper edge of another: the inside of a hollow thing, or a thing behind a thing.
+
+Along the edge of a hollow thing what is seen lies deep in the middle and comes up to the rim at both ends, where the
+near wall meets the far one. A thing behind a thing stays as deep, or goes on down beside it."""
+
+import numpy as np
+
+from grs_agents.scene.frame import Array
+from grs_agents.scene.geometry import DEEP, Labels
+
+VEILED = 40
+"""At most this many pixels of the floor or without depth lie between an edge and what is seen over it."""
+END = 0.2
+"""This share of an edge's columns is its end."""
+RISEN = 0.5
+"""At both ends of a rim the inside comes up to at least this share of its height."""
+SPAN = 0.5
+"""The edge spans at least this share of the narrower part's columns."""
+FEWEST = 8
+"""An edge of fewer columns says nothing."""
+
+
+class Brinks:
+    """The upper edges of the parts of an (H, W) label image, and how deep lies what is seen over them.
+
+    Args:
+        labels: (H, W), 0 where no part is.
+        heights: (H, W) metres above the table.
+    """
+
+    def __init__(self, labels: Labels, heights: Array) -> None:
+        rows, columns = np.nonzero((labels[1:] != labels[:-1]) & (labels[1:] > 0))
+        far, at = np.zeros(len(rows), np.int32), rows
+        for step in range(VEILED):
+            beyond = np.maximum(rows - step, 0)
+            first = (far == 0) & (labels[beyond, columns] > 0)
+            far[first], at = labels[beyond, columns][first], np.where(first, beyond, at)
+        seen = far > 0
+        self.columns, self.far = columns[seen], far[seen]
+        self.near = labels[rows[seen] + 1, self.columns]
+        self.heights = np.fmin(heights[rows[seen] + 1, self.columns], heights[at[seen], self.columns])
+
+    def rename(self, old: int, new: int) -> None:
+        """Part ``old`` has become a piece of ``new``."""
+        self.near[self.near == old] = new
+        self.far[self.far == old] = new
+
+    def span(self, near: int, far: int, width: int) -> bool:
+        """Whether ``far`` is seen over most of the edge of ``near``; the narrower of them is ``width`` columns wide.
+
+        What stands in a hollow thing has its far wall behind it, and a whole hollow thing its own inside: these are
+        no edges of a wall.
+        """
+        count = self._count(near, far)
+        other = max(self._count(far, near), self._count(near, near))
+        return count >= max(SPAN * width, FEWEST) and other <= SPAN * count
+
+    def _count(self, near: int, far: int) -> int:
+        return int(((self.near == near) & (self.far == far)).sum())
+
+    def closes(self, near: int, far: int, top: float) -> bool:
+        """Whether what is seen of ``far`` over ``near`` comes up at both ends to about ``top``, their height (m)."""
+        pairs = (self.near == near) & (self.far == far) & np.isfinite(self.heights)
+        columns, heights = self.columns[pairs], self.heights[pairs]
+        if len(columns) < FEWEST:
+            return False
+        first, last = np.quantile(columns, (END, 1 - END))
+        middle = float(np.percentile(heights[(columns >= first) & (columns <= last)], 10))
+        ends = min(float(heights[columns <= first].max()), float(heights[columns >= last].max()))
+        return ends > max(RISEN * top, middle + DEEP)
