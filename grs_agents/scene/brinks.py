@@ -4,6 +4,7 @@ Along the edge of a hollow thing what is seen lies deep in the middle and comes 
 near wall meets the far one. A thing behind a thing stays as deep, or goes on down beside it."""
 
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents.scene.frame import Array
 from grs_agents.scene.geometry import DEEP, Labels
@@ -51,12 +52,13 @@ class Brinks:
         What stands in a hollow thing has its far wall behind it, and a whole hollow thing its own inside: these are
         no edges of a wall.
         """
-        count = self._count(near, far)
-        other = max(self._count(far, near), self._count(near, near))
-        return count >= max(SPAN * width, FEWEST) and other <= SPAN * count
+        columns = self._columns(near, far)
+        own = np.isin(columns, self._columns(near, near)).sum()
+        other = max(int(own), len(self._columns(far, near)))
+        return len(columns) >= max(SPAN * width, FEWEST) and other <= SPAN * len(columns)
 
-    def _count(self, near: int, far: int) -> int:
-        return int(((self.near == near) & (self.far == far)).sum())
+    def _columns(self, near: int, far: int) -> npt.NDArray[np.int64]:
+        return self.columns[(self.near == near) & (self.far == far)]
 
     def closes(self, near: int, far: int, top: float) -> bool:
         """Whether what is seen of ``far`` over ``near`` comes up at both ends to about ``top``, their height (m)."""

@@ -155,8 +155,7 @@ class Merger:
                 continue
             if self.brinks.closes(near, far, top) or (distance < RIM_GAP and self._open(one, other)):
                 return True
-        whole = is_open(one.cloud, self.table) and is_open(other.cloud, self.table)
-        return distance < TOUCHING and not whole and self._open(one, other)
+        return distance < TOUCHING and self._open(one, other)
 
     def _carried(self, small: int) -> bool:
         one = self.parts[small]

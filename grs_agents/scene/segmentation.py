@@ -9,6 +9,7 @@ from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
 from grs_agents.scene.hidden import join_hidden
 from grs_agents.scene.merging import merge_parts
 from grs_agents.scene.patches import patches
+from grs_agents.scene.scales import reduced, restored
 from grs_agents.scene.table import robot_points
 from grs_agents.scene.types import TableFrame
 
@@ -24,6 +25,12 @@ FLATTEST = 0.012
 
 def segment(frame: RGBDFrame, table: TableFrame) -> Labels:
     """(H, W) labels: 0 for table and background, 1..N for the segments."""
+    small, factor = reduced(frame)
+    labels = _segmented(small, table)
+    return labels if factor == 1 else restored(labels, small, frame, factor)
+
+
+def _segmented(frame: RGBDFrame, table: TableFrame) -> Labels:
     smooth = smoothed(frame)
     points = robot_points(smooth, table)
     above = foreground(points, smooth.depth)
