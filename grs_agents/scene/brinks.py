@@ -9,8 +9,6 @@ import numpy.typing as npt
 from grs_agents.scene.frame import Array
 from grs_agents.scene.geometry import DEEP, Labels
 
-VEILED = 40
-"""At most this many pixels of the floor or without depth lie between an edge and what is seen over it."""
 END = 0.2
 """This share of an edge's columns is its end."""
 RISEN = 0.5
@@ -22,7 +20,7 @@ FEWEST = 8
 
 
 class Brinks:
-    """The upper edges of the parts of an (H, W) label image, and how deep lies what is seen over them.
+    """The upper edges of the parts of an (H, W) label image, and how deep lies the next part that is seen over them.
 
     Args:
         labels: (H, W), 0 where no part is.
@@ -31,15 +29,12 @@ class Brinks:
 
     def __init__(self, labels: Labels, heights: Array) -> None:
         rows, columns = np.nonzero((labels[1:] != labels[:-1]) & (labels[1:] > 0))
-        far, at = np.zeros(len(rows), np.int32), rows
-        for step in range(VEILED):
-            beyond = np.maximum(rows - step, 0)
-            first = (far == 0) & (labels[beyond, columns] > 0)
-            far[first], at = labels[beyond, columns][first], np.where(first, beyond, at)
-        seen = far > 0
-        self.columns, self.far = columns[seen], far[seen]
-        self.near = labels[rows[seen] + 1, self.columns]
-        self.heights = np.fmin(heights[rows[seen] + 1, self.columns], heights[at[seen], self.columns])
+        numbers = np.arange(len(labels))[:, None]
+        at = np.maximum.accumulate(np.where(labels > 0, numbers, -1), axis=0)[rows, columns]
+        seen = at >= 0
+        rows, at, self.columns = rows[seen] + 1, at[seen], columns[seen]
+        self.near, self.far = labels[rows, self.columns], labels[at, self.columns]
+        self.heights = np.fmin(heights[rows, self.columns], heights[at, self.columns])
 
     def rename(self, old: int, new: int) -> None:
         """Part ``old`` has become a piece of ``new``."""

@@ -150,12 +150,15 @@ class Merger:
         """Whether two parts whose tops are level are walls, or a wall and the inside, of one hollow thing."""
         one, other = self.parts[small], self.parts[big]
         width, top = min(self.columns[small], self.columns[big]), min(one.top, other.top)
-        for near, far in ((small, big), (big, small)):
-            if not self.brinks.span(near, far, width) or covered(self.parts[near], self.parts[far]) > WITHIN:
-                continue
-            if self.brinks.closes(near, far, top) or (distance < RIM_GAP and self._open(one, other)):
-                return True
-        return distance < TOUCHING and self._open(one, other)
+        walls = [
+            (near, far)
+            for near, far in ((small, big), (big, small))
+            if self.brinks.span(near, far, width) and covered(self.parts[near], self.parts[far]) < WITHIN
+        ]
+        if any(self.brinks.closes(near, far, top) for near, far in walls):
+            return True
+        beside = bool(walls) or distance < TOUCHING or covered(one, other, TOUCHING) > WITHIN
+        return beside and distance < RIM_GAP and self._open(one, other)
 
     def _carried(self, small: int) -> bool:
         one = self.parts[small]
