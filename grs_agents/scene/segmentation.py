@@ -15,8 +15,8 @@ from grs_agents.scene.types import TableFrame
 
 SMALLEST = 0.0004
 """The least share of the picture that an object covers."""
-BROKEN = 15
-"""Gaps in a rim narrower than this (pixels) do not open it."""
+FLOOR = 0.015
+"""The floor of a hollow thing lies within this height (m) of the table."""
 VEIL = 2.0
 """A veil between two surfaces is this many times as deep as the side of a square of its pixels."""
 FLATTEST = 0.012
@@ -66,17 +66,16 @@ def _is_veil(depth: Depth, focal: float, small: int) -> bool:
 def _filled(labels: Labels, points: Array) -> Labels:
     """Give the table seen inside a hollow thing to it: that is its floor."""
     result = labels.copy()
-    low = (labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < 0.015)
+    low = (labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < FLOOR)
     for label in range(1, int(labels.max()) + 1):
         mask = labels == label
+        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        whole = cv2.fillConvexPoly(np.zeros_like(mask, np.uint8), cv2.convexHull(np.concatenate(outlines)), 1)
+        rows, columns = np.nonzero(low & (whole > 0))
+        floor = points[rows, columns]
         cloud = points[mask][::3]
         cloud = cloud[np.isfinite(cloud[:, 2])]
-        if len(cloud) < 3 or not is_open(cloud, np.zeros((0, 3))):
-            continue
-        closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((BROKEN, BROKEN), np.uint8))
-        outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        whole = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)
-        rows, columns = np.nonzero(low & (whole > 0))
-        floor = inside_hull(points[rows, columns, :2], hull_of(cloud), -0.005)
-        result[rows[floor], columns[floor]] = label
+        if len(cloud) >= 3 and is_open(cloud, floor[::3]):
+            inside = inside_hull(floor[:, :2], hull_of(cloud), -0.005)
+            result[rows[inside], columns[inside]] = label
     return result
