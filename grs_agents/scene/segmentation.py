@@ -33,7 +33,7 @@ def segment(frame: RGBDFrame, table: TableFrame) -> Labels:
 def _segmented(frame: RGBDFrame, table: TableFrame) -> Labels:
     smooth = smoothed(frame)
     points = robot_points(smooth, table)
-    above = foreground(points, smooth.depth)
+    above = foreground(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
     labels = merge_parts(patches(smooth, above), points)
     smallest = int(SMALLEST * above.size)
     areas = np.bincount(labels.ravel())
