@@ -20,6 +20,8 @@ WITHIN = 0.5
 """What has this share of its points over the footprint of another lies in it or on it: it is not its near wall."""
 NARROW = 0.022
 """What is thinner than this (m) may be a wall, a handle or a fragment."""
+FIN = (0.025, 0.065)
+"""What is thinner and shorter than this (m) and sticks out of something higher is its tab, lip or fin."""
 CAP = 0.045
 """What is smaller than this (m) across, on top of something larger, is its cap."""
 CARRIED = 0.02
@@ -135,10 +137,11 @@ class Merger:
         if share > 0.7 and one.top < other.top + 0.008 and (one.count < 0.1 * other.count or self._open(one, other)):
             return True  # inside it
         minor = one.count < 0.4 * other.count
-        if minor and share > 0.5 and one.length < CAP and one.bottom > other.top - 0.03:
-            return True  # a cap
+        ridge = one.width < FIN[0] and one.length < 0.1 and one.count < 0.2 * other.count
+        if minor and share > 0.5 and (one.length < CAP or ridge) and one.bottom > other.top - 0.03:
+            return True  # a cap, or a ridge
         tiny = one.length < NARROW or one.count < 0.02 * other.count
-        fin = one.width < NARROW and one.length < 0.05 and one.count < 0.2 * other.count and one.top < other.top
+        fin = one.width < FIN[0] and one.length < FIN[1] and one.count < 0.2 * other.count and one.top < other.top
         hangs = one.bottom > CARRIED and one.width < 2 * NARROW and one.length < 0.12 and not self._carried(small)
         return minor and (tiny or fin or hangs)
 

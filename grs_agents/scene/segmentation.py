@@ -19,8 +19,10 @@ FLOOR = 0.015
 """The floor of a hollow thing lies within this height (m) of the table."""
 VEIL = 2.0
 """A veil between two surfaces is this many times as deep as the side of a square of its pixels."""
-FLATTEST = 0.012
-"""What is lower than this (m) is no object."""
+FLATTEST = (0.007, 0.012)
+"""What is lower than this (m), from a good sensor and from a bad one, is no object."""
+DEVIATIONS = 5.0
+"""It is so many standard deviations of the table's points."""
 
 
 def segment(frame: RGBDFrame, table: TableFrame) -> Labels:
@@ -36,12 +38,13 @@ def _segmented(frame: RGBDFrame, table: TableFrame) -> Labels:
     above = foreground(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
     labels = merge_parts(patches(smooth, above), points)
     smallest = int(SMALLEST * above.size)
+    flattest = float(np.clip(DEVIATIONS * table.residual, *FLATTEST))
     areas = np.bincount(labels.ravel())
     kept = [
         label
         for label in range(1, len(areas))
         if areas[label] >= smallest
-        and not _is_ghost(points[labels == label], 4 * smallest)
+        and not _is_ghost(points[labels == label], 4 * smallest, flattest)
         and not _is_veil(smooth.depth[labels == label], frame.camera.fx, 4 * smallest)
     ]
     numbers = np.zeros(len(areas), np.int32)
@@ -49,10 +52,10 @@ def _segmented(frame: RGBDFrame, table: TableFrame) -> Labels:
     return _filled(join_hidden(numbers[labels], smooth, points), points)
 
 
-def _is_ghost(cloud: Array, small: int) -> bool:
+def _is_ghost(cloud: Array, small: int, flattest: float) -> bool:
     """Whether a segment is a bump of the sensor's noise on the table."""
     top = float(np.nanpercentile(cloud[:, 2], 95))
-    return top < FLATTEST or (top < 2 * FLATTEST and len(cloud) < small)
+    return top < flattest or (top < 2 * flattest and len(cloud) < small)
 
 
 def _is_veil(depth: Depth, focal: float, small: int) -> bool:
