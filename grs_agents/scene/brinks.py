@@ -13,6 +13,8 @@ END = 0.2
 """This share of an edge's columns is its end."""
 RISEN = 0.5
 """At both ends of a rim the inside comes up to at least this share of its height."""
+CLOSED = 0.6
+"""And there the sides are nearer to each other than this share of the rim's width."""
 SPAN = 0.5
 """The edge spans at least this share of the narrower part's columns."""
 FEWEST = 8
@@ -24,17 +26,17 @@ class Brinks:
 
     Args:
         labels: (H, W), 0 where no part is.
-        heights: (H, W) metres above the table.
+        points: (H, W, 3) in the robot frame, metres.
     """
 
-    def __init__(self, labels: Labels, heights: Array) -> None:
+    def __init__(self, labels: Labels, points: Array) -> None:
         rows, columns = np.nonzero((labels[1:] != labels[:-1]) & (labels[1:] > 0))
         numbers = np.arange(len(labels))[:, None]
         at = np.maximum.accumulate(np.where(labels > 0, numbers, -1), axis=0)[rows, columns]
         seen = at >= 0
         rows, at, self.columns = rows[seen] + 1, at[seen], columns[seen]
         self.near, self.far = labels[rows, self.columns], labels[at, self.columns]
-        self.heights = np.fmin(heights[rows, self.columns], heights[at, self.columns])
+        self.edges, self.seen = points[rows, self.columns], points[at, self.columns]
 
     def rename(self, old: int, new: int) -> None:
         """Part ``old`` has become a piece of ``new``."""
@@ -57,11 +59,18 @@ class Brinks:
 
     def closes(self, near: int, far: int, top: float) -> bool:
         """Whether what is seen of ``far`` over ``near`` comes up at both ends to about ``top``, their height (m)."""
-        pairs = (self.near == near) & (self.far == far) & np.isfinite(self.heights)
-        columns, heights = self.columns[pairs], self.heights[pairs]
-        if len(columns) < FEWEST:
+        pairs = np.flatnonzero((self.near == near) & (self.far == far))
+        pairs = pairs[np.argsort(self.columns[pairs], kind="stable")]
+        edges, seen = self.edges[pairs], self.seen[pairs]
+        known = np.isfinite(edges[:, 2]) & np.isfinite(seen[:, 2])
+        edges, seen = edges[known], seen[known]
+        if len(edges) < FEWEST:
             return False
-        first, last = np.quantile(columns, (END, 1 - END))
-        middle = float(np.percentile(heights[(columns >= first) & (columns <= last)], 10))
-        ends = min(float(heights[columns <= first].max()), float(heights[columns >= last].max()))
-        return ends > max(RISEN * top, middle + DEEP)
+        heights = np.minimum(edges[:, 2], seen[:, 2])
+        apart = np.linalg.norm(edges - seen, axis=1)
+        end = max(1, round(END * len(edges)))
+        middle = float(np.percentile(heights[end:-end], 10))
+        risen = min(float(heights[:end].max()), float(heights[-end:].max()))
+        farthest = max(float(apart[:end].min()), float(apart[-end:].min()))
+        width = float(np.linalg.norm(edges[0] - edges[-1]))
+        return risen > max(RISEN * top, middle + DEEP) and farthest < CLOSED * width

@@ -91,7 +91,7 @@ class Merger:
         self.parts = {label: part for label, part in measured.items() if part is not None}
         table = points[(labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < 0.015)]
         self.table = table[::5]
-        self.brinks = Brinks(labels, points[..., 2])
+        self.brinks = Brinks(labels, points)
         self.columns = {label: int((labels == label).any(axis=0).sum()) for label in self.parts}
         self.refused: set[tuple[int, int]] = set()
 

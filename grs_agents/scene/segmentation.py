@@ -9,6 +9,7 @@ from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
 from grs_agents.scene.hidden import join_hidden
 from grs_agents.scene.merging import merge_parts
 from grs_agents.scene.patches import patches
+from grs_agents.scene.reaching import reaches_in
 from grs_agents.scene.scales import reduced, restored
 from grs_agents.scene.table import robot_points
 from grs_agents.scene.types import TableFrame
@@ -46,6 +47,7 @@ def _segmented(frame: RGBDFrame, table: TableFrame) -> Labels:
         if areas[label] >= smallest
         and not _is_ghost(points[labels == label], 4 * smallest, flattest)
         and not _is_veil(smooth.depth[labels == label], frame.camera.fx, 4 * smallest)
+        and not reaches_in(labels == label, points)
     ]
     numbers = np.zeros(len(areas), np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
