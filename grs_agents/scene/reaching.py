@@ -1,4 +1,4 @@
-"""Arms, hands and lamps: what comes in from above, or from beyond the picture high over the table, is no object on it."""
+"""Arms, hands, lamps: what comes in from above, or from beyond the picture high over the table, is no object."""
 
 import numpy as np
 

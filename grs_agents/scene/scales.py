@@ -1,4 +1,4 @@
-"""Large photos: segmented at a working size, then each pixel of the full size chooses between the segments around it."""
+"""Large photos: segmented at a working size, then each pixel of the full size chooses between segments around it."""
 
 import cv2
 import numpy as np
@@ -54,14 +54,13 @@ def restored(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int) ->
     Where the cells around a pixel belong to different segments it takes the one of the cell that is most like it in
     place, depth and colour.
     """
-    height, width = frame.depth.shape
-    rows = np.minimum(np.arange(height) // factor, labels.shape[0] - 1)
-    columns = np.minimum(np.arange(width) // factor, labels.shape[1] - 1)
+    camera = frame.camera
+    rows = np.minimum(np.arange(camera.height, dtype=np.int64) // factor, labels.shape[0] - 1)
+    columns = np.minimum(np.arange(camera.width, dtype=np.int64) // factor, labels.shape[1] - 1)
     full = labels[rows[:, None], columns[None]]
-    around = np.ones((3, 3), np.uint8)
-    values = labels.astype(np.float32)
-    mixed = cv2.dilate(values, around) != cv2.erode(values, around)
-    down, across = np.nonzero(mixed[rows[:, None], columns[None]])
+    around, values = np.ones((3, 3), np.uint8), labels.astype(np.float32)
+    spread: Array = np.asarray(cv2.dilate(values, around) - cv2.erode(values, around), np.float64)
+    down, across = np.nonzero(spread[rows[:, None], columns[None]])
     full[down, across] = _most_like(labels, small, frame, factor, down, across)
     return full
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from grs_agents.scene.foreground import Depth, foreground, smoothed
-from grs_agents.scene.frame import Array, RGBDFrame
+from grs_agents.scene.frame import Array, Mask, RGBDFrame
 from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
 from grs_agents.scene.hidden import join_hidden
 from grs_agents.scene.merging import merge_parts
@@ -73,9 +73,9 @@ def _filled(labels: Labels, points: Array) -> Labels:
     result = labels.copy()
     low = (labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < FLOOR)
     for label in range(1, int(labels.max()) + 1):
-        mask = labels == label
+        mask: Mask = labels == label
         outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        whole = cv2.fillConvexPoly(np.zeros_like(mask, np.uint8), cv2.convexHull(np.concatenate(outlines)), 1)
+        whole = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), cv2.convexHull(np.concatenate(outlines)), 1)
         rows, columns = np.nonzero(low & (whole > 0))
         floor = points[rows, columns]
         cloud = points[mask][::3]
