@@ -1,18 +1,25 @@
 """Filled URDF templates, kept by name in this process; and the library that programs see when they name none."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, TypeVar, cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
+from grs_agents.config import Limits
 from grs_agents.errors import InputError
 from grs_agents.library import Library, resolve, stems
+from grs_agents.sim import allowance
 from grs_agents.sim.arms import DEFAULT
 from grs_agents.sim.instance import LARGEST_VALUE
 
 Values = Mapping[str, tuple[float | str, ...]]
+Result = TypeVar("Result")
+_REMEMBERED = 512
 
 
 @dataclass(frozen=True)
@@ -32,11 +39,21 @@ class _Defaults:
 
 _defaults = _Defaults()
 _filled: dict[str, Filling] = {}
+_known: WeakKeyDictionary[Library, dict[tuple[str, str, str], Any]] = WeakKeyDictionary()
 
 
-def configure(library: Library | None = None, seed: int = 0, robot: str = DEFAULT) -> None:
-    """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none."""
+def configure(
+    library: Library | None = None, seed: int = 0, robot: str = DEFAULT, limits: Limits | None = None
+) -> None:
+    """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none.
+
+    Args:
+        library, seed, robot: those to use.
+        limits: what all environments of this process may cost together from now on; None leaves that as it is.
+    """
     _defaults.library, _defaults.seed, _defaults.robot = library, seed, robot
+    if limits is not None:
+        allowance.grant(limits)
 
 
 def default_library() -> Library:
@@ -58,12 +75,40 @@ def default_robot() -> str:
 
 def asset_name(name: str, library: Library) -> str:
     """The library's name for a URDF that may be written with folders in front, as in ``assets_root + name``."""
-    parts = PurePosixPath(str(name).replace("\\", "/")).parts
-    for start in range(len(parts)):
-        candidate = "/".join(parts[start:])
+    for candidate in _tails(str(name)):
         if candidate in library or candidate in _filled:
             return candidate
     return str(name)
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _tails(path: str) -> tuple[str, ...]:
+    """A path, then without its first folder, and so on."""
+    parts = PurePosixPath(path.replace("\\", "/")).parts
+    return tuple("/".join(parts[start:]) for start in range(len(parts)))
+
+
+def remembered(
+    library: Library, what: str, template: str, values: Mapping[str, Any], make: Callable[[], Result]
+) -> Result:
+    """What ``make`` makes of a template of a library and values for it; made anew only if it was not lately."""
+    if not all(_is_exact(value) for value in values.values()):
+        return make()
+    key, known = (what, template, repr(dict(values))), _known.setdefault(library, {})
+    if key not in known:
+        made = make()
+        if len(known) >= _REMEMBERED:
+            known.clear()
+        known[key] = made
+    found: Result = known[key]
+    return found
+
+
+def _is_exact(value: Any) -> bool:
+    """Whether ``repr`` tells a value from any other: numbers and words, not arrays, which it rounds."""
+    if isinstance(value, list | tuple):
+        return all(isinstance(part, float | int | str) for part in cast(Sequence[Any], value))
+    return isinstance(value, float | int | str)
 
 
 def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
@@ -79,12 +124,22 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     defaults = library.template_defaults(base)
     if not defaults:
         return base
+    for row in replace.values():
+        _array(row)
     values = resolve({**before, **_positive(replace, defaults)}, defaults)[0]
     _check_lengths(base, values)
     library.filled(base, values)
     name = f"{base}#{sorted(values.items())}"
     _filled[name] = Filling(base, values)
     return name
+
+
+def fill_noting(library: Library, template: str, replace: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
+    """As ``fill``, and what ``unsure`` says of it."""
+    return remembered(
+        library, "name", template, replace,
+        lambda: (fill(library, template, replace), tuple(unsure(library, template, replace))),
+    )  # fmt: skip
 
 
 def _check_lengths(template: str, values: Values) -> None:
@@ -125,8 +180,20 @@ def _positive(replace: Mapping[str, Any], defaults: Values) -> dict[str, Any]:
 
 
 def _has_negative(values: Any) -> bool:
-    numbers = np.atleast_1d(np.asarray(values))
+    numbers = np.atleast_1d(_array(values))
     return numbers.dtype.kind in "if" and bool((numbers < 0).any())
+
+
+def _array(values: Any) -> npt.NDArray[Any]:
+    """A row of a template's values.
+
+    Raises:
+        InputError: it is no row: lists of several lengths inside it.
+    """
+    try:
+        return np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"template values {str(values)[:80]} are no row of numbers", "give (x, y, z)") from error
 
 
 def listed(values: Values) -> str:

@@ -1,0 +1,137 @@
+"""Every attack is made on every backend that this machine has; the outside world is looked at after each."""
+
+import platform
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from grs_agents import content
+from grs_agents.sandbox import CallResult, Limits, Sandbox
+from grs_agents.sandbox.backends import Choice, absent
+from tests.sandbox.attacks import kit
+from tests.sandbox.attacks.world import Canaries
+
+collect_ignore_glob = [] if sys.platform == "linux" else ["test_*.py"]
+"""They speak to the kernel by numbers that are Linux's alone."""
+BACKENDS: tuple[Choice, ...] = ("bubblewrap", "landlock")
+BOUNDS = Limits(wall_seconds=20, cpu_seconds=10, memory_mib=256, scratch_mib=64, output_mib=1, threads=16)
+KIT = "tests.sandbox.attacks.kit"
+PROLOGUE = f"""
+import sys, types
+for name in ("tests", "tests.sandbox", "tests.sandbox.attacks", {KIT!r}, "program"):
+    sys.modules[name] = types.ModuleType(name)
+for name, source in (({KIT!r}, request["kit"]), ("program", request["program"])):
+    exec(compile(source, name + ".py", "exec"), sys.modules[name].__dict__)
+kit, program = sys.modules[{KIT!r}], sys.modules["program"]
+kit.libc.prctl(15, request["world"]["token"].encode(), 0, 0, 0)
+attack = getattr(program, request["attack"])
+arguments = [request["world"]]
+if request["case"] is not None:
+    arguments.append(attack.cases[request["case"]])
+value = {{"got": kit.answer(attack.run, *arguments)}}
+"""
+
+
+@dataclass(frozen=True)
+class Door:
+    """A sandbox, and how many descriptors its host has open between calls."""
+
+    backend: Choice
+    sandbox: Sandbox
+    descriptors: list[int]
+
+    def execute(self, code: str, request: dict[str, Any] | None = None, **limits: float) -> CallResult:
+        """Run a snippet; what it leaves in ``value`` is the result."""
+        return self.sandbox.call("execute", {**(request or {}), "code": code}, bounds(**limits))
+
+
+def bounds(**limits: float) -> Limits:
+    """Small limits, and these."""
+    return BOUNDS.model_copy(update=limits)
+
+
+def open_descriptors() -> int:
+    """How many there are in this process."""
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+@pytest.fixture(scope="session")
+def temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Where the host makes temporary folders meanwhile, so that those it leaves are seen."""
+    folder, before = tmp_path_factory.mktemp("temporary"), tempfile.tempdir
+    tempfile.tempdir = str(folder)
+    yield folder
+    tempfile.tempdir = before
+
+
+@pytest.fixture(scope="session")
+def canaries(tmp_path_factory: pytest.TempPathFactory, temporary_folder: Path, tool_folder: Path) -> Iterator[Canaries]:
+    """What an attack might touch."""
+    folder = tmp_path_factory.mktemp("canaries")
+    watched = Canaries(folder, temporary_folder, tool_folder)
+    yield watched
+    watched.close()
+
+
+@pytest.fixture(scope="session", params=BACKENDS)
+def door(request: pytest.FixtureRequest, canaries: Canaries, tool_folder: Path) -> Iterator[Door]:
+    """A sandbox of each backend, started where the canaries are around."""
+    if why := absent(request.param):
+        pytest.skip(why)
+    with Sandbox(preload=("grs_agents.sim",), backend=request.param, limits=BOUNDS) as sandbox:
+        ready = Door(request.param, sandbox, [])
+        with pytest.MonkeyPatch.context() as patch:  # started now, so that a test sees only what it opened itself
+            patch.setattr(content, "_overlays", [tool_folder])
+            assert ready.execute("value = {'got': 1}").value == {"got": 1}
+        ready.descriptors.append(open_descriptors())
+        yield ready
+
+
+@pytest.fixture
+def watched(door: Door, canaries: Canaries) -> Iterator[Canaries]:
+    """The canaries, which must be as before when the test ends."""
+    canaries.harm()
+    descriptors = max(open_descriptors(), *door.descriptors)  # fewer if the last call ended the sandbox's process
+    yield canaries
+    assert not canaries.harm()
+    assert open_descriptors() <= descriptors
+
+
+Make = Callable[[ModuleType, str, str | None], str]
+
+
+@pytest.fixture
+def make(door: Door, watched: Canaries) -> Make:
+    """Make an attack; what it got, in a word."""
+
+    def attack(program: ModuleType, name: str, case: str | None) -> str:
+        facts: kit.Attack = getattr(program, name)
+        if facts.machine not in (None, platform.machine()):
+            pytest.skip(f"machine code for {facts.machine}")
+        if facts.promised_by not in (None, door.backend):
+            pytest.skip(f"{facts.promised_by} alone promises it")
+        sources = {
+            "kit": Path(str(kit.__file__)).read_text("utf-8"),
+            "program": Path(str(program.__file__)).read_text("utf-8"),
+        }
+        asked = {**sources, "attack": name, "case": case, "world": watched.world}
+        result = door.execute(PROLOGUE, asked, **facts.limits)
+        assert not result.retried, "it ended the process that forks the workers"
+        assert watched.secret not in repr(result), "it read a secret"
+        return in_a_word(result)
+
+    return attack
+
+
+def in_a_word(result: CallResult) -> str:
+    """What came of a call: its loot, or how it ended."""
+    if result.outcome == "ok" and result.value is not None:
+        return str(result.value["got"])
+    signal_name = next((word.rstrip(".,:;)") for word in result.error.split() if word.startswith("SIG")), "")
+    return f"{result.outcome} by {signal_name}" if result.outcome == "crashed" and signal_name else result.outcome

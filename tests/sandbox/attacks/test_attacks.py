@@ -1,0 +1,43 @@
+"""Hostile programs get what they are told, and the world outside is as it was."""
+
+import pkgutil
+from importlib import import_module
+from types import ModuleType
+
+import pytest
+
+from tests.sandbox.attacks import programs
+from tests.sandbox.attacks.conftest import Door, Make
+from tests.sandbox.attacks.kit import Attack
+
+PROGRAMS = {
+    info.name: import_module(f"{programs.__name__}.{info.name}") for info in pkgutil.iter_modules(programs.__path__)
+}
+
+
+def attacks(program: ModuleType) -> dict[str, Attack]:
+    """The attacks in a program, by their names."""
+    return {name: thing for name, thing in vars(program).items() if isinstance(thing, Attack)}
+
+
+ATTACKS = [
+    pytest.param(program, name, case, id=f"{room}-{name}" + (f"-{case}" if case else ""))
+    for room, program in PROGRAMS.items()
+    for name, attack in attacks(program).items()
+    for case in (attack.cases or [None])
+]
+
+
+def test_there_are_attacks_enough() -> None:
+    assert sum(len(attacks(program)) for program in PROGRAMS.values()) >= 45
+
+
+@pytest.mark.parametrize(("program", "name", "case"), ATTACKS)
+def test_attack(program: ModuleType, name: str, case: str | None, make: Make) -> None:
+    got, answers = make(program, name, case), attacks(program)[name].answers
+    assert got in answers
+
+
+def test_the_worker_is_as_good_as_before(door: Door) -> None:
+    result = door.execute("print('hello'); value = {'got': 1 + 1}")
+    assert (result.outcome, result.value, result.output) == ("ok", {"got": 2}, "hello\n")
