@@ -56,7 +56,11 @@ def inside_hull(points: Array, hull: Array, margin: float) -> Mask:
     normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / lengths[:, None]
     normals *= np.where(((hull - hull.mean(axis=0)) * normals).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     offsets = (hull * normals).sum(axis=1)
-    return np.asarray((points @ normals.T - offsets <= margin).all(axis=1), np.bool_)
+    inside = np.ones(len(points), np.bool_)
+    x, y = np.ascontiguousarray(points.T)
+    for normal, offset in zip(normals, offsets + margin, strict=True):  # many times as fast as comparing rows
+        inside &= normal[0] * x + normal[1] * y <= offset
+    return inside
 
 
 def is_open(cloud: Array, table: Array) -> bool:
