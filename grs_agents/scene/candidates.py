@@ -12,7 +12,7 @@ from grs_agents.errors import InputError
 from grs_agents.scene.completion import ROUND, ellipse_of, view_of
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
 from grs_agents.scene.geometry import THINNEST, Labels, hull_of, inside_hull, is_open, rectangle_of, within
-from grs_agents.scene.table import as_matrix, robot_points
+from grs_agents.scene.table import as_matrix, robot_points_at
 from grs_agents.scene.types import Aabb, Candidate, Solid, TableFrame, UprightBox
 
 LARGEST = 0.5
@@ -31,8 +31,7 @@ def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[
     Raises:
         InputError: nothing stands on the table, or one thing fills it.
     """
-    points = robot_points(frame, table)
-    clouds = {label: _cloud(points, labels == label) for label in range(1, int(labels.max()) + 1)}
+    clouds = _clouds(frame, table, labels)
     supports = {
         label: (hull_of(cloud[::5]), float(np.percentile(cloud[::5, 2], 95)))
         for label, cloud in clouds.items()
@@ -59,9 +58,14 @@ def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[
     return tuple(found)
 
 
-def _cloud(points: Array, mask: Mask) -> Array:
-    cloud = points[mask]
-    return cloud[np.isfinite(cloud[:, 2])]
+def _clouds(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, Array]:
+    """The (N, 3) measured points of each label from 1, row by row, robot frame."""
+    rows, columns = np.nonzero((labels > 0) & (frame.depth > 0))
+    owner = labels[rows, columns]
+    order = np.argsort(owner, kind="stable")
+    points = robot_points_at(frame, table, rows[order], columns[order])
+    ends = np.cumsum(np.bincount(owner, minlength=int(labels.max()) + 1))
+    return {label: points[ends[label - 1] : ends[label]] for label in range(1, len(ends))}
 
 
 def _measure(
@@ -135,10 +139,10 @@ def _bottom(cloud: Array, others: Sequence[tuple[Array, float]]) -> float:
 
 def _crop(frame: RGBDFrame, mask: Mask, margin: float = 0.15) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
     """The segment's rectangle with a margin; what does not belong to it is dimmed."""
-    rows, columns = np.nonzero(mask)
-    pad = int(margin * max(np.ptp(rows), np.ptp(columns))) + 4
-    top, bottom = max(0, rows.min() - pad), min(mask.shape[0], rows.max() + pad + 1)
-    left, right = max(0, columns.min() - pad), min(mask.shape[1], columns.max() + pad + 1)
+    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    pad = int(margin * (max(width, height) - 1)) + 4
+    bottom, right = top + height + pad, left + width + pad
+    top, left = max(0, top - pad), max(0, left - pad)
     crop = frame.rgb[top:bottom, left:right].copy()
     outside = ~mask[top:bottom, left:right]
     crop[outside] = (crop[outside] * 0.35).astype(np.uint8)

@@ -37,12 +37,13 @@ def jumps(depth: Depth) -> tuple[Mask, Mask]:
     return below, right
 
 
-def foreground(points: Array, depth: Depth) -> Mask:
+def foreground(points: Array, depth: Depth, eye: Array) -> Mask:
     """(H, W) pixels that are above the table and over it, or stand on it.
 
     Args:
         points: (H, W, 3) in the robot frame, NaN where unknown.
         depth: (H, W) metres.
+        eye: (3,) where the camera is, robot frame.
     """
     height = points[..., 2]
     bound = tolerance(depth.astype(np.float64))
@@ -55,8 +56,19 @@ def foreground(points: Array, depth: Depth) -> Mask:
     above = cv2.morphologyEx(above.astype(np.uint8), cv2.MORPH_OPEN, CROSS).astype(np.bool_)
     rows, columns = np.nonzero(above)
     inside = np.zeros(depth.shape, np.bool_)
-    inside[rows, columns] = inside_hull(points[rows, columns, :2], hull, margin=0.02)
+    inside[rows, columns] = _over(points[rows, columns], hull, eye)
     return _standing(above, inside, depth)
+
+
+def _over(points: Array, hull: Array, eye: Array) -> Mask:
+    """Which of (N, 3) points are over the table, or near it and hide it from the camera's ``eye``.
+
+    The near part of the table may be out of the picture, below the things that stand on it.
+    """
+    over = inside_hull(points[:, :2], hull, margin=0.02)
+    share = points[:, 2:] / np.minimum(points[:, 2:] - eye[2], -1e-6)
+    hidden = points[:, :2] - share * (points[:, :2] - eye[:2])
+    return over | inside_hull(points[:, :2], hull, HIDDEN) & inside_hull(hidden, hull, 0.0)
 
 
 def _standing(above: Mask, inside: Mask, depth: Depth) -> Mask:

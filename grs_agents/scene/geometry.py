@@ -16,6 +16,8 @@ RIM = 0.015
 """A rim is this high and wide (m)."""
 DEEP = 0.015
 """The floor of a hollow thing lies at least this (m) below its rim."""
+SHALLOW = 0.35
+"""And less than this share of its inside is as high as its rim."""
 SURROUNDED = 0.6
 """The rim of a hollow thing encloses at least this share of its footprint."""
 
@@ -54,7 +56,11 @@ def inside_hull(points: Array, hull: Array, margin: float) -> Mask:
     normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / lengths[:, None]
     normals *= np.where(((hull - hull.mean(axis=0)) * normals).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     offsets = (hull * normals).sum(axis=1)
-    return np.asarray((points @ normals.T - offsets <= margin).all(axis=1), np.bool_)
+    inside = np.ones(len(points), np.bool_)
+    x, y = np.ascontiguousarray(points.T)
+    for normal, offset in zip(normals, offsets + margin, strict=True):  # many times as fast as comparing rows
+        inside &= normal[0] * x + normal[1] * y <= offset
+    return inside
 
 
 def is_open(cloud: Array, table: Array) -> bool:
@@ -75,7 +81,7 @@ def is_open(cloud: Array, table: Array) -> bool:
     near = table[within(table[:, :2], hull.min(axis=0), hull.max(axis=0))]
     points = np.concatenate([cloud, near])
     inner = points[inside_hull(points[:, :2], hull, -min(RIM, 0.15 * area**0.5))]
-    return float((inner[:, 2] > top - DEEP).sum()) < 0.25 * len(inner) or len(inner) < 10
+    return float((inner[:, 2] > top - DEEP).sum()) < SHALLOW * len(inner) or len(inner) < 10
 
 
 def turns(yaws: Array) -> Array:

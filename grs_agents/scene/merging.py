@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from grs_agents.scene.brinks import Brinks
 from grs_agents.scene.frame import Array
 from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, within
 
@@ -15,8 +16,12 @@ LEVEL = 0.02
 """Rims within this height (m) of each other are one rim."""
 RIM_GAP = 0.05
 """Ends of one rim are nearer than this (m)."""
+WITHIN = 0.5
+"""What has this share of its points over the footprint of another lies in it or on it: it is not its near wall."""
 NARROW = 0.022
 """What is thinner than this (m) may be a wall, a handle or a fragment."""
+FIN = (0.025, 0.065)
+"""What is thinner and shorter than this (m) and sticks out of something higher is its tab, lip or fin."""
 CAP = 0.045
 """What is smaller than this (m) across, on top of something larger, is its cap."""
 CARRIED = 0.02
@@ -86,6 +91,8 @@ class Merger:
         self.parts = {label: part for label, part in measured.items() if part is not None}
         table = points[(labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < 0.015)]
         self.table = table[::5]
+        self.brinks = Brinks(labels, points)
+        self.columns = {label: int((labels == label).any(axis=0).sum()) for label in self.parts}
         self.refused: set[tuple[int, int]] = set()
 
     def run(self) -> Labels:
@@ -94,7 +101,10 @@ class Merger:
             small, big = pair
             self.labels[self.labels == small] = big
             del self.parts[small]
-            whole = part_of(self.points[self.labels == big])
+            self.brinks.rename(small, big)
+            mask = self.labels == big
+            self.columns[big] = int(mask.any(axis=0).sum())
+            whole = part_of(self.points[mask])
             if whole is not None:
                 self.parts[big] = whole
             self.refused = {known for known in self.refused if big not in known}
@@ -109,7 +119,7 @@ class Merger:
                 if big == small or not larger or (small, big) in self.refused:
                     continue
                 distance = gap(self.parts[small], self.parts[big])
-                if distance < RIM_GAP and self._belongs(small, big, distance):
+                if self._belongs(small, big, distance):
                     found.append((distance, big))
                 else:
                     self.refused.add((small, big))
@@ -119,24 +129,39 @@ class Merger:
 
     def _belongs(self, small: int, big: int, distance: float) -> bool:
         one, other = self.parts[small], self.parts[big]
-        if abs(one.top - other.top) < LEVEL and self._open(one, other):
-            return True  # two walls, or a wall and an inside, with one rim
+        if abs(one.top - other.top) < LEVEL and self._one_rim(small, big, distance):
+            return True  # two walls, or a wall and an inside
         if distance > TOUCHING:
             return False
         share = covered(one, other)
         if share > 0.7 and one.top < other.top + 0.008 and (one.count < 0.1 * other.count or self._open(one, other)):
             return True  # inside it
         minor = one.count < 0.4 * other.count
-        if minor and share > 0.5 and one.length < CAP and one.bottom > other.top - 0.03:
-            return True  # a cap
+        ridge = one.width < FIN[0] and one.length < 0.1 and one.count < 0.2 * other.count
+        if minor and share > 0.5 and (one.length < CAP or ridge) and one.bottom > other.top - 0.03:
+            return True  # a cap, or a ridge
         tiny = one.length < NARROW or one.count < 0.02 * other.count
-        fin = one.width < NARROW and one.length < 0.05 and one.count < 0.2 * other.count and one.top < other.top
+        fin = one.width < FIN[0] and one.length < FIN[1] and one.count < 0.2 * other.count and one.top < other.top
         hangs = one.bottom > CARRIED and one.width < 2 * NARROW and one.length < 0.12 and not self._carried(small)
         return minor and (tiny or fin or hangs)
 
     def _open(self, one: Part, other: Part) -> bool:
         """Whether two parts together are a hollow thing, open at the top."""
         return is_open(np.concatenate([one.cloud, other.cloud]), self.table)
+
+    def _one_rim(self, small: int, big: int, distance: float) -> bool:
+        """Whether two parts whose tops are level are walls, or a wall and the inside, of one hollow thing."""
+        one, other = self.parts[small], self.parts[big]
+        width, top = min(self.columns[small], self.columns[big]), min(one.top, other.top)
+        walls = [
+            (near, far)
+            for near, far in ((small, big), (big, small))
+            if self.brinks.span(near, far, width) and covered(self.parts[near], self.parts[far]) < WITHIN
+        ]
+        if any(self.brinks.closes(near, far, top) for near, far in walls):
+            return True
+        beside = bool(walls) or distance < TOUCHING or covered(one, other, TOUCHING) > WITHIN
+        return beside and distance < RIM_GAP and self._open(one, other)
 
     def _carried(self, small: int) -> bool:
         one = self.parts[small]

@@ -4,48 +4,60 @@ import cv2
 import numpy as np
 
 from grs_agents.scene.foreground import Depth, foreground, smoothed
-from grs_agents.scene.frame import Array, RGBDFrame
+from grs_agents.scene.frame import Array, Mask, RGBDFrame
 from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
 from grs_agents.scene.hidden import join_hidden
 from grs_agents.scene.merging import merge_parts
 from grs_agents.scene.patches import patches
+from grs_agents.scene.reaching import reaches_in
+from grs_agents.scene.scales import reduced, restored
 from grs_agents.scene.table import robot_points
 from grs_agents.scene.types import TableFrame
 
 SMALLEST = 0.0004
 """The least share of the picture that an object covers."""
-BROKEN = 15
-"""Gaps in a rim narrower than this (pixels) do not open it."""
+FLOOR = 0.015
+"""The floor of a hollow thing lies within this height (m) of the table."""
 VEIL = 2.0
 """A veil between two surfaces is this many times as deep as the side of a square of its pixels."""
-FLATTEST = 0.012
-"""What is lower than this (m) is no object."""
+FLATTEST = (0.007, 0.012)
+"""What is lower than this (m), from a good sensor and from a bad one, is no object."""
+DEVIATIONS = 5.0
+"""It is so many standard deviations of the table's points."""
 
 
 def segment(frame: RGBDFrame, table: TableFrame) -> Labels:
     """(H, W) labels: 0 for table and background, 1..N for the segments."""
+    small, factor = reduced(frame)
+    labels = _segmented(small, table)
+    return labels if factor == 1 else restored(labels, small, frame, factor)
+
+
+def _segmented(frame: RGBDFrame, table: TableFrame) -> Labels:
     smooth = smoothed(frame)
     points = robot_points(smooth, table)
-    above = foreground(points, smooth.depth)
+    above = foreground(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
     labels = merge_parts(patches(smooth, above), points)
     smallest = int(SMALLEST * above.size)
+    flattest = float(np.clip(DEVIATIONS * table.residual, *FLATTEST))
     areas = np.bincount(labels.ravel())
     kept = [
         label
         for label in range(1, len(areas))
         if areas[label] >= smallest
-        and not _is_ghost(points[labels == label], 4 * smallest)
+        and not _is_ghost(points[labels == label], 4 * smallest, flattest)
         and not _is_veil(smooth.depth[labels == label], frame.camera.fx, 4 * smallest)
+        and not reaches_in(labels == label, points)
     ]
     numbers = np.zeros(len(areas), np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
     return _filled(join_hidden(numbers[labels], smooth, points), points)
 
 
-def _is_ghost(cloud: Array, small: int) -> bool:
+def _is_ghost(cloud: Array, small: int, flattest: float) -> bool:
     """Whether a segment is a bump of the sensor's noise on the table."""
     top = float(np.nanpercentile(cloud[:, 2], 95))
-    return top < FLATTEST or (top < 2 * FLATTEST and len(cloud) < small)
+    return top < flattest or (top < 2 * flattest and len(cloud) < small)
 
 
 def _is_veil(depth: Depth, focal: float, small: int) -> bool:
@@ -59,17 +71,16 @@ def _is_veil(depth: Depth, focal: float, small: int) -> bool:
 def _filled(labels: Labels, points: Array) -> Labels:
     """Give the table seen inside a hollow thing to it: that is its floor."""
     result = labels.copy()
-    low = (labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < 0.015)
+    low = (labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < FLOOR)
     for label in range(1, int(labels.max()) + 1):
-        mask = labels == label
+        mask: Mask = labels == label
+        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        whole = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), cv2.convexHull(np.concatenate(outlines)), 1)
+        rows, columns = np.nonzero(low & (whole > 0))
+        floor = points[rows, columns]
         cloud = points[mask][::3]
         cloud = cloud[np.isfinite(cloud[:, 2])]
-        if len(cloud) < 3 or not is_open(cloud, np.zeros((0, 3))):
-            continue
-        closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((BROKEN, BROKEN), np.uint8))
-        outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        whole = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)
-        rows, columns = np.nonzero(low & (whole > 0))
-        floor = inside_hull(points[rows, columns, :2], hull_of(cloud), -0.005)
-        result[rows[floor], columns[floor]] = label
+        if len(cloud) >= 3 and is_open(cloud, floor[::3]):
+            inside = inside_hull(floor[:, :2], hull_of(cloud), -0.005)
+            result[rows[inside], columns[inside]] = label
     return result

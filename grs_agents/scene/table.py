@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.scene.frame import Array, RGBDFrame
 from grs_agents.scene.types import TableFrame
 
+Index = npt.NDArray[np.intp]
 SAMPLES = 12_000
 ROUNDS = 400
 LEAST_SHARE = 0.12
@@ -49,8 +51,9 @@ def find_table(frame: RGBDFrame, rng: np.random.Generator) -> TableFrame:
     Raises:
         InputError: no plane that the camera looks down on holds enough of the pixels.
     """
-    points = frame.points()[frame.depth > 0]
-    sample = points[rng.choice(len(points), size=min(SAMPLES, len(points)), replace=False)]
+    rows, columns = np.nonzero(frame.depth > 0)
+    picked = rng.choice(len(rows), size=min(SAMPLES, len(rows)), replace=False)
+    sample = _points_at(frame, rows[picked], columns[picked])
     given = None if frame.camera.T_robot_cam is None else np.asarray(frame.camera.T_robot_cam, dtype=np.float64)
     up = None if given is None else given[:3, :3].T @ np.array([0.0, 0.0, 1.0])
     plane = _support_plane(sample, up, rng)
@@ -147,6 +150,18 @@ def _calibrated(plane: Plane, given: Array) -> TableFrame:
 def as_matrix(transform: Array) -> tuple[tuple[float, ...], ...]:
     """A 4x4 array as nested tuples of floats."""
     return tuple(tuple(float(value) for value in row) for row in transform)
+
+
+def _points_at(frame: RGBDFrame, rows: Index, columns: Index) -> Array:
+    """(N, 3) points of N pixels in the camera frame, metres."""
+    camera, z = frame.camera, frame.depth[rows, columns].astype(np.float64)
+    return np.stack([(columns - camera.cx) / camera.fx * z, (rows - camera.cy) / camera.fy * z, z], axis=-1)
+
+
+def robot_points_at(frame: RGBDFrame, table: TableFrame, rows: Index, columns: Index) -> Array:
+    """(N, 3) points of N measured pixels in the robot frame, metres."""
+    transform = np.asarray(table.T_robot_cam)
+    return _points_at(frame, rows, columns) @ transform[:3, :3].T + transform[:3, 3]
 
 
 def robot_points(frame: RGBDFrame, table: TableFrame) -> Array:

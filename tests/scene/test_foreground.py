@@ -10,7 +10,8 @@ from tests.scene.conftest import Rendered, Thing, render
 
 def _foreground(scene: Rendered) -> np.ndarray:
     smooth = smoothed(scene.frame)
-    return foreground(robot_points(smooth, find_table(scene.frame, np.random.default_rng(0))), smooth.depth)
+    table = find_table(scene.frame, np.random.default_rng(0))
+    return foreground(robot_points(smooth, table), smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
 
 
 def test_the_foreground_is_the_things(rendered: Rendered) -> None:

@@ -52,7 +52,8 @@ def test_the_sample_scene_has_its_eleven_objects(sample_scene: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "share"), [("osd_test49", 0.99), ("osd_test51", 0.85), ("osd_test55", 0.85), ("6dof_red_mug", 0.99)]
+    ("name", "share"),
+    [("osd_learn33", 0.99), ("osd_test51", 0.99), ("osd_test55", 0.95), ("osd_test59", 0.95), ("6dof_red_mug", 0.99)],
 )
 def test_real_scenes(real_scenes: Path, name: str, share: float) -> None:
     if not (real_scenes / name).is_dir():
@@ -60,4 +61,4 @@ def test_real_scenes(real_scenes: Path, name: str, share: float) -> None:
     labels = _segment(read_scene(real_scenes / name))
     overlaps = _ious(labels, cv2.imread(str(real_scenes / name / "labels.png"), cv2.IMREAD_UNCHANGED))
     assert np.mean([overlap > 0.5 for overlap in overlaps]) >= share
-    assert labels.max() <= 1.4 * len(overlaps)
+    assert labels.max() <= 1.2 * len(overlaps) + ("6dof" in name)
