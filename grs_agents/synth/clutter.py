@@ -30,7 +30,7 @@ _STACKED: Final = 0.3
 """Share of the things that are put on top of others; another tenth is dropped any way up."""
 _HIGHEST: Final = 0.14
 """Nothing is put on what is higher than this (m)."""
-_SPREAD: Final = (0.17, 0.26)
+_SPREAD: Final = (0.14, 0.24)
 """Radius (m) of the patch of table on which the things begin."""
 
 

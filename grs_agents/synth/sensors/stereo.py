@@ -39,7 +39,7 @@ def stereo(seen: Seen, camera: Camera, rng: np.random.Generator) -> Floats:
     noise = DEVIATION * (1 + plain) * (0.35 * fine + 0.94 * coarse)
     disparity = jittered(matched, 0.5, 1.5, rng) + noise
     measured = product / np.maximum(np.rint(disparity / STEP) * STEP, STEP)
-    lost = unseen_from(exact) | patches(shape, 0.004 + 0.05 * plain + 0.3 * seen.shiny, 4.0, rng)
+    lost = unseen_from(exact) | patches(shape, 0.004 + 0.05 * plain + 0.15 * seen.shiny, 4.0, rng)
     lost |= edges(seen.depth, 0.03) & (rng.random(shape) < 0.25)
     lost |= (seen.cosine < 0.08) | (measured < NEAREST) | (measured > FARTHEST)
     return np.where(lost, 0.0, measured)

@@ -36,7 +36,7 @@ def structured_light(seen: Seen, camera: Camera, rng: np.random.Generator) -> Fl
     measured = product / np.maximum(np.rint(disparity / STEP) * STEP, STEP)
     light = returned(seen) * np.exp(0.3 * smooth_noise(shape, _WINDOW, rng))
     lost = unseen_from(product / seen.depth) | (light < _FAINT) | (seen.cosine < _GRAZING)
-    lost |= seen.shiny & ((seen.cosine > 0.985) | patches(shape, 0.35, 4.0, rng))
+    lost |= seen.shiny & ((seen.cosine > 0.985) | patches(shape, 0.2, 4.0, rng))
     lost |= edges(seen.depth, 0.02) & (rng.random(shape) < 0.5)
     lost |= (measured < NEAREST) | (measured > FARTHEST)
     return np.where(lost, 0.0, measured)
