@@ -10,9 +10,10 @@ class RunState(TypedDict):
     A run begins with ``scene_path`` and ``max_fixes``; the graph's edges see to it that a node finds what it needs.
 
     Attributes:
-        scene_path: the folder of the photo.
+        scene_path: the scene: a folder, a file, or ``bop:`` and an image of a data set.
         max_fixes: how many code and test fixes together.
         frame: the table and the robot frame laid on it, ``TableFrame`` as JSON.
+        notes: what a reader of the scene should know about how it was read.
         image: the scene image that vision agents see; empty for graphs without one.
         candidates: one record for each segmented candidate, with the paths of its mask and crop.
         scene: ``SceneDescription`` as JSON.
@@ -33,6 +34,7 @@ class RunState(TypedDict):
 
     scene_path: str
     max_fixes: int
+    notes: list[str]
     image: str
     frame: dict[str, Any]
     candidates: list[dict[str, Any]]

@@ -27,7 +27,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-SceneFolder = Annotated[Path, typer.Argument(help="A folder with rgb.png, depth.png (uint16) and camera.json.")]
+Scene = Annotated[
+    Path,
+    typer.Argument(
+        help="A folder (photo, depth or point cloud, camera.json), bop:ROOT/SPLIT/SCENE/IMAGE, .npz or photo."
+    ),
+]
 Seeds = Annotated[
     int | None,
     typer.Option("--seeds", help="How many task instances to solve; audit.seeds by default.", min=1, max=100),
@@ -56,7 +61,7 @@ def common(
 
 @app.command()
 def run(
-    scene: SceneFolder,
+    scene: Scene,
     config: ConfigFile = None,
     settings: Settings = None,
     seed: Seed = None,
@@ -73,7 +78,7 @@ def run(
 
 @app.command()
 def scene(
-    scene: SceneFolder,
+    scene: Scene,
     config: ConfigFile = None,
     settings: Settings = None,
     seed: Seed = None,

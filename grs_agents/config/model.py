@@ -50,6 +50,19 @@ class ToolsConfig(Frozen):
     """Which tool file does each exchangeable job."""
 
     segment: str = "segment_rgbd"
+    depth: str = "depth_given"
+
+
+class DepthConfig(Frozen):
+    """What a depth tool is told of a photo without depth.
+
+    Attributes:
+        model: the folder of a model of the user's own.
+        field_of_view: of the photo's width, in degrees, where neither ``camera.json`` nor the photo tells its lens.
+    """
+
+    model: str | None = Field(default=None, max_length=4096)
+    field_of_view: float | None = Field(default=None, ge=5, le=150)
 
 
 class PromptsConfig(Frozen):
@@ -109,6 +122,7 @@ class Config(Frozen):
     reply_retries: int = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
     tools: ToolsConfig = ToolsConfig()
+    depth: DepthConfig = DepthConfig()
     prompts: PromptsConfig = PromptsConfig()
     limits: LimitsConfig = LimitsConfig()
     audit: AuditConfig = AuditConfig()

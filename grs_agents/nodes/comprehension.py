@@ -10,7 +10,10 @@ from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.services import Services, Update, node
 from grs_agents.scene import (
     CandidateRecord,
+    DepthEstimate,
     DroppedCandidate,
+    Estimator,
+    Image,
     SceneDescription,
     SceneObject,
     TableFrame,
@@ -27,7 +30,7 @@ from grs_agents.trace import Note, SceneStage
 @node
 def comprehend(state: RunState, services: Services) -> Update:
     """Find the table and the candidates in the photo, and lay the robot frame."""
-    frame = read_scene(Path(state["scene_path"]))
+    frame = read_scene(Path(state["scene_path"]), _estimator(services), services.config.depth.field_of_view)
     files = save_frame(frame, services.folder)
     camera = frame.camera.model_dump(mode="json")
     services.log.append(SceneStage(stage="frame", summary={"camera": camera}, files=files))
@@ -45,6 +48,7 @@ def comprehend(state: RunState, services: Services) -> Update:
         )
     )
     return {
+        "notes": list(frame.notes),
         "image": files["rgb"],
         "frame": table.model_dump(mode="json"),
         "candidates": [record.model_dump(mode="json") for record in records],
@@ -57,7 +61,8 @@ def match(state: RunState, services: Services) -> Update:
     records = [CandidateRecord.model_validate(one) for one in state["candidates"]]
     described: dict[int, Description] = {}
     table = TableFrame.model_validate(state["frame"])
-    warnings = [table.note] if table.origin == "calibrated" and table.note else []
+    warnings = list(state.get("notes", []))
+    warnings += [table.note] if table.origin == "calibrated" and table.note else []
     for record in records:
         reply = roles.describe(services.agents, _measurements(record), [record.crop, state["image"]])
         if isinstance(reply, NoReply):
@@ -75,6 +80,11 @@ def match(state: RunState, services: Services) -> Update:
             lost.append(DroppedCandidate(id=record.id, reason=reason))
         else:
             objects.append(object_of(found, services, [one.name for one in objects]))
+    warnings += [
+        f"{one.name} at x = {one.position[0]:.2f}, y = {one.position[1]:.2f} m is out of the arm's reach"
+        for one in objects
+        if not one.reachable
+    ]
     for warning in warnings:
         services.log.append(Note(level="warning", text=warning))
     if not objects:
@@ -99,6 +109,16 @@ def match(state: RunState, services: Services) -> Update:
 def hide_image(state: RunState, services: Services) -> Update:
     """Keep the scene image from the authors (ablation ``LLM``)."""
     return {"image": ""}
+
+
+def _estimator(services: Services) -> Estimator:
+    """Asks the configured depth tool, if the scene turns out to have no depth."""
+
+    def estimate(rgb: Image, focal: float | None, photo: str) -> DepthEstimate:
+        config = services.config
+        return services.tool(config.tools.depth, rgb=rgb, focal=focal, photo=photo, model=config.depth.model)
+
+    return estimate
 
 
 def _measurements(record: CandidateRecord) -> dict[str, object]:

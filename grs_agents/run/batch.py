@@ -19,7 +19,7 @@ class Job:
 
     Attributes:
         name: how it is called in tables.
-        scene: the scene folder.
+        scene: the scene: a folder, a file, or ``bop:`` and an image of a data set.
         out: the run folder.
         options: further options of ``grs run``.
     """

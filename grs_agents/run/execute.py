@@ -43,7 +43,7 @@ def execute(order: Order, views: Views) -> tuple[Path, RunRecord, GrsError | Non
         ``failed``).
 
     Raises:
-        InputError: the scene folder does not exist, the run folder cannot be made or resumed, or the configuration
+        InputError: the scene does not exist, the run folder cannot be made or resumed, or the configuration
             names what does not exist.
     """
     folder, record, config = open_run(order)

@@ -7,11 +7,12 @@ from types import ModuleType
 
 from grs_agents import content
 from grs_agents.config import Config, validated
-from grs_agents.errors import ConfigError, InputError
+from grs_agents.errors import ConfigError
 from grs_agents.models import chat_model
 from grs_agents.policies import load_policy
 from grs_agents.run.folder import new_folder, old_folder
 from grs_agents.run.record import EXIT_STATUS, RunRecord, versions
+from grs_agents.scene import check_source, scene_name
 from grs_agents.toolkit import load_tool
 
 GIVEN = frozenset({"scene_path", "max_fixes", "fixes", "history"})
@@ -24,7 +25,7 @@ class Order:
 
     Attributes:
         command: ``run`` or ``scene``.
-        source: the scene folder.
+        source: the scene: a folder, a file, or ``bop:`` and an image of a data set.
         config: the effective configuration.
         out: the run folder, if named.
         resume: go on with the run in ``out``.
@@ -44,7 +45,7 @@ def open_run(order: Order) -> tuple[Path, RunRecord, Config]:
         The folder, the record to write into it (of an ended run: the one that is there), the configuration.
 
     Raises:
-        InputError: there is no scene folder, or the run folder cannot be made or resumed.
+        InputError: there is no such scene, or the run folder cannot be made or resumed.
         ConfigError: the configuration names what does not exist, or a graph that cannot do what was ordered.
     """
     if order.resume:
@@ -56,11 +57,9 @@ def open_run(order: Order) -> tuple[Path, RunRecord, Config]:
         update = {"status": "running", "reason": "", "exit_status": None, "attempts": record.attempts + 1}
         return folder, record.model_copy(update=update), config
     config = order.config
-    if not order.source.is_dir():
-        remedy = "name a folder with rgb.png, depth.png and camera.json"
-        raise InputError(f"scene folder {order.source} does not exist", remedy)
+    check_source(order.source)
     check_names(config, order.command)
-    folder = new_folder(order.source.resolve().name, config.seed, order.out)
+    folder = new_folder(scene_name(order.source), config.seed, order.out)
     record = RunRecord(
         id=folder.resolve().name,
         status="running",

@@ -1,9 +1,17 @@
 """Scene comprehension, as far as geometry goes: frame, table, segments, boxes in the robot frame."""
 
 from grs_agents.scene.candidates import candidates_of, place_asset, place_robot
-from grs_agents.scene.frame import Camera, RGBDFrame
+from grs_agents.scene.frame import Camera, Image, RGBDFrame
 from grs_agents.scene.pictures import annotate, save_candidates, save_frame
-from grs_agents.scene.reader import read_camera, read_scene
+from grs_agents.scene.reading import (
+    DepthEstimate,
+    Estimator,
+    check_source,
+    read_camera,
+    read_masks,
+    read_scene,
+    scene_name,
+)
 from grs_agents.scene.segmentation import segment
 from grs_agents.scene.table import find_table
 from grs_agents.scene.types import (
@@ -23,7 +31,10 @@ __all__ = [
     "Camera",
     "Candidate",
     "CandidateRecord",
+    "DepthEstimate",
     "DroppedCandidate",
+    "Estimator",
+    "Image",
     "RGBDFrame",
     "SceneDescription",
     "SceneObject",
@@ -31,13 +42,16 @@ __all__ = [
     "UprightBox",
     "annotate",
     "candidates_of",
+    "check_source",
     "find_table",
     "place_asset",
     "place_robot",
     "read_camera",
     "read_description",
+    "read_masks",
     "read_scene",
     "save_candidates",
     "save_frame",
+    "scene_name",
     "segment",
 ]

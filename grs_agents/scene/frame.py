@@ -10,6 +10,8 @@ from pydantic import Field, field_validator, model_validator
 
 from grs_agents.base import Frozen
 
+FARTHEST_CAMERA = 10.0
+"""A camera that sees the robot's table is at most this far from the robot, in metres."""
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Matrix = tuple[tuple[float, ...], ...]
@@ -65,6 +67,11 @@ class Camera(Frozen):
         proper = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
         if not proper or not np.allclose(array[3], (0, 0, 0, 1), atol=1e-6):
             raise ValueError("must be a rigid transform: a rotation, a translation in metres, last row 0 0 0 1")
+        distance = float(np.linalg.norm(array[:3, 3]))
+        if distance > FARTHEST_CAMERA:
+            raise ValueError(
+                f"puts the camera {distance:g} m from the robot, more than {FARTHEST_CAMERA:g} m: give it in metres"
+            )
         return matrix
 
 
@@ -76,13 +83,15 @@ class RGBDFrame:
         rgb: (H, W, 3) uint8.
         depth: (H, W) float32 metres along the optical axis, 0 where nothing was measured.
         camera: intrinsics and, if calibrated, pose.
-        source: the folder it came from.
+        source: what it was read from: a folder, a file, or ``bop:`` and an image of a data set.
+        notes: what a reader of the scene should know about how it was read.
     """
 
     rgb: Image
     depth: npt.NDArray[np.float32]
     camera: Camera
     source: Path
+    notes: tuple[str, ...] = ()
 
     def points(self) -> Array:
         """(H, W, 3) points in the camera frame, metres; (0, 0, 0) where there is no depth."""

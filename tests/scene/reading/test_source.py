@@ -46,9 +46,9 @@ def test_a_missing_folder_is_named(tmp_path: Path) -> None:
         read_scene(tmp_path / "nowhere")
 
 
-def test_depth_of_another_size_is_refused_with_both_sizes(scene_folder: Folder) -> None:
-    with pytest.raises(InputError, match=r"depth.png is 16x12 .* 32x24"):
-        read_scene(scene_folder(depth=np.full((12, 16), 800, np.uint16)))
+def test_depth_of_another_shape_is_refused_with_both_sizes(scene_folder: Folder) -> None:
+    with pytest.raises(InputError, match=r"depth.png is 16x16 .* 32x24"):
+        read_scene(scene_folder(depth=np.full((16, 16), 800, np.uint16)))
 
 
 def test_depth_of_eight_bits_is_refused(scene_folder: Folder) -> None:

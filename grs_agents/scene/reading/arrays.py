@@ -1,0 +1,111 @@
+"""Read ``.npy`` and ``.npz``: no pickles, and never more than the header promises and the bounds allow."""
+
+import lzma
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any, cast
+
+import numpy as np
+import numpy.typing as npt
+from numpy.lib import format as npy
+
+from grs_agents.errors import InputError
+from grs_agents.scene.reading.files import read_bytes
+
+Numbers = npt.NDArray[Any]
+MOST_VALUES = 400_000_000
+"""No array has more values, nor needs more bytes than four times as many."""
+MOST_MEMBERS = 64
+MALFORMED = (
+    *(ValueError, SyntaxError, TypeError, OverflowError, EOFError, OSError, MemoryError, LookupError, RuntimeError),
+    *(NotImplementedError, zlib.error, lzma.LZMAError, zipfile.BadZipFile, tokenize.TokenError, struct.error),
+)
+"""What numpy and zipfile raise on torn or forged files."""
+
+
+def read_npy(file: Path) -> Numbers:
+    """One array of numbers.
+
+    Raises:
+        InputError: it cannot be read, holds Python objects or text, or is too large.
+    """
+    data = read_bytes(file)
+    return _array(BytesIO(data), str(file))
+
+
+def read_npz(file: Path, wanted: Mapping[str, str], optional: Mapping[str, str]) -> dict[str, Numbers]:
+    """The arrays of an archive by name; others in it are not looked at.
+
+    Args:
+        file: its path.
+        wanted: names that must be there, each with what it is.
+        optional: names that may be there, likewise.
+
+    Raises:
+        InputError: it is no such archive, a wanted array is missing, or one holds other things than numbers.
+    """
+    data = read_bytes(file, "give a .npz with rgb, depth and K")
+    try:
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            names = [name.removesuffix(".npy") for name in archive.namelist()]
+            if len(names) > MOST_MEMBERS:
+                raise InputError(f"{file} holds {len(names)} arrays, more than {MOST_MEMBERS}", "leave the others out")
+            missing = [f"{name} ({what})" for name, what in wanted.items() if name not in names]
+            if missing:
+                held = ", ".join(name[:40] for name in names) or "nothing"
+                raise InputError(f"{file} holds {held}, but no {', '.join(missing)}", f"add {', '.join(missing)}")
+            found: dict[str, Numbers] = {}
+            for name in [*wanted, *optional]:
+                if name in names:
+                    member = f"{name}.npy" if f"{name}.npy" in archive.namelist() else name
+                    with archive.open(member) as content:
+                        found[name] = _array(content, f"{name} in {file}")
+            return found
+    except InputError:
+        raise
+    except MALFORMED as error:
+        reason = str(error)[:200] or type(error).__name__
+        raise InputError(f"{file} is not a readable .npz: {reason}", "write it with numpy.savez") from error
+
+
+def _array(content: IO[bytes], where: str) -> Numbers:
+    try:
+        version = npy.read_magic(content)
+        read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
+        if read_header is None:
+            raise InputError(f"{where} is of .npy version {version[0]}.{version[1]}", "write it with numpy.save")
+        shape, column_major, kind = read_header(content)
+        values, kinds = _bounded(shape, kind, where)
+        data = content.read(values * kinds.itemsize)
+        if len(data) != values * kinds.itemsize:
+            raise InputError(
+                f"{where} ends after {len(data)} of {values * kinds.itemsize} bytes", "write it again with numpy.save"
+            )
+        array = np.frombuffer(data, kinds).reshape(shape, order="F" if column_major else "C")
+        return cast(Numbers, array.astype(kinds.newbyteorder("=")))
+    except InputError:
+        raise
+    except MALFORMED as error:
+        reason = str(error)[:200] or type(error).__name__
+        raise InputError(f"{where} is not a readable array: {reason}", "write it with numpy.save") from error
+
+
+def _bounded(shape: tuple[int, ...], kind: "np.dtype[Any]", where: str) -> "tuple[int, np.dtype[Any]]":
+    """How many values of which kind the header promises, before any is read."""
+    if kind.kind not in "buif" or kind.itemsize > 8:
+        raise InputError(f"{where} holds values of type {kind}", "write it as integers or floats")
+    values = 1
+    for extent in shape:
+        if extent < 0:
+            raise InputError(f"{where} has the shape {shape}", "write it with numpy.save")
+        values *= extent
+    if values > MOST_VALUES or values * kind.itemsize > 4 * MOST_VALUES:
+        raise InputError(f"{where} has the shape {shape}: more than {MOST_VALUES} values", "give a smaller one")
+    if values == 0:
+        raise InputError(f"{where} has the shape {shape}: it is empty", "write it with its values")
+    return values, kind

@@ -1,0 +1,40 @@
+"""Depth comes with the photo; a photo without it is refused. The default."""
+
+from dataclasses import dataclass
+from typing import NoReturn
+
+from grs_agents.errors import InputError
+from grs_agents.scene import DepthEstimate, Image
+from grs_agents.toolkit import ToolContext
+
+Result = DepthEstimate
+
+
+@dataclass(frozen=True)
+class Request:
+    """A photo without depth.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        focal: its focal length in pixels, if known.
+        photo: what to call it.
+        model: ``depth.model`` of the configuration.
+    """
+
+    rgb: Image
+    focal: float | None
+    photo: str
+    model: str | None
+
+
+def run(request: Request, context: ToolContext) -> NoReturn:
+    """Refuse.
+
+    Raises:
+        InputError: always: this is only asked for a photo that has no depth.
+    """
+    raise InputError(
+        f"{request.photo} has no depth",
+        "add depth.png or a point cloud beside it, with camera.json; or have a model of your own estimate it: "
+        "--set tools.depth=depth_transformers --set depth.model=FOLDER",
+    )

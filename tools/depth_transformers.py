@@ -1,0 +1,104 @@
+"""Estimate the depth of a photo by a metric depth model of your own, through transformers. Nothing is downloaded."""
+
+import importlib
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import ConfigError, InputError
+from grs_agents.scene import Image
+from grs_agents.toolkit import ToolContext
+
+METRIC = ("depth_pro", "glpn", "zoedepth")
+"""Kinds of model that answer in metres; Depth Anything does where ``depth_estimation_type`` says so."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A photo without depth.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        focal: its focal length in pixels, if known.
+        photo: what to call it.
+        model: the folder of the model: ``config.json``, ``preprocessor_config.json`` and ``*.safetensors``.
+    """
+
+    rgb: Image
+    focal: float | None
+    photo: str
+    model: str | None
+
+
+@dataclass(frozen=True)
+class Result:
+    """What the model sees.
+
+    Attributes:
+        depth: (H, W) float32 metres along the optical axis.
+        focal: the focal length in pixels, if the model estimates it.
+    """
+
+    depth: npt.NDArray[np.float32]
+    focal: float | None
+
+
+def run(request: Request, context: ToolContext) -> Result:
+    """Load the model and ask it.
+
+    Raises:
+        ConfigError: ``depth.model`` names no folder with a metric depth model, or transformers is not installed.
+        InputError: the model cannot be loaded or does not answer.
+    """
+    folder = _metric_model(request.model)
+    try:
+        torch, transformers = importlib.import_module("torch"), importlib.import_module("transformers")
+    except ImportError as error:
+        raise ConfigError(
+            f"tool depth_transformers needs {error.name or 'transformers'}", 'pip install "grs-agents[transformers]"'
+        ) from error
+    try:
+        local: dict[str, Any] = {"local_files_only": True, "trust_remote_code": False}
+        processor = transformers.AutoImageProcessor.from_pretrained(str(folder), **local)
+        model = transformers.AutoModelForDepthEstimation.from_pretrained(str(folder), use_safetensors=True, **local)
+        with torch.inference_mode():
+            answer = model.eval()(**processor(images=request.rgb, return_tensors="pt"))
+        size = request.rgb.shape[:2]
+        more = {"source_sizes": [size]} if model.config.model_type == "zoedepth" else {}
+        found = processor.post_process_depth_estimation(answer, target_sizes=[size], **more)[0]
+        depth = np.asarray(found["predicted_depth"].float().numpy(), dtype=np.float32)
+        focal = found.get("focal_length")
+        estimate = None if focal is None else float(focal)
+    except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError, ImportError) as error:
+        said = str(error).strip()
+        raise InputError(
+            f"the depth model {folder} failed on {request.photo}: {said.splitlines()[0][:300] if said else error!r}",
+            "name the folder of a model that transformers loads by AutoModelForDepthEstimation",
+        ) from error
+    return Result(depth, estimate if estimate is not None and math.isfinite(estimate) else None)
+
+
+def _metric_model(name: str | None) -> Path:
+    """The folder of a model that answers in metres."""
+    if name is None:
+        raise ConfigError("tool depth_transformers needs a model", "name its folder: --set depth.model=FOLDER")
+    folder = Path(name)
+    try:
+        config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+        kind, answers = str(config["model_type"]), config.get("depth_estimation_type")
+    except (OSError, ValueError, RecursionError, TypeError, LookupError, AttributeError) as error:
+        raise ConfigError(
+            f"depth.model = {name!r}: no folder of a model with a config.json that transformers wrote ({error})",
+            "name one on this machine; nothing is downloaded",
+        ) from error
+    if kind not in METRIC and answers != "metric":
+        raise ConfigError(
+            f"depth.model = {name!r} is a {kind} model whose answers are not in metres",
+            f"name a metric one: {', '.join(METRIC)}, or depth_anything of depth_estimation_type metric",
+        )
+    return folder

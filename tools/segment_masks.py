@@ -1,0 +1,32 @@
+"""Take the masks that come with the scene: a person's, another program's, or a data set's."""
+
+from dataclasses import dataclass
+
+from grs_agents.scene import Candidate, RGBDFrame, TableFrame, candidates_of, read_masks
+from grs_agents.toolkit import ToolContext
+
+
+@dataclass(frozen=True)
+class Request:
+    """A frame and the table in it."""
+
+    frame: RGBDFrame
+    table: TableFrame
+
+
+@dataclass(frozen=True)
+class Result:
+    """The candidates, in the table's frame."""
+
+    candidates: tuple[Candidate, ...]
+
+
+def run(request: Request, context: ToolContext) -> Result:
+    """Read and measure.
+
+    Raises:
+        InputError: the scene has no masks, or none with enough depth.
+    """
+    rows, columns = request.frame.depth.shape
+    labels = read_masks(request.frame.source, (rows, columns))
+    return Result(candidates_of(request.frame, request.table, labels))
