@@ -14,7 +14,8 @@ from grs_agents.base import Frozen, Quat, Vec3
 from grs_agents.errors import InputError
 from grs_agents.scene.frame import RGBDFrame
 from grs_agents.scene.geometry import Labels
-from grs_agents.scene.reader import read_scene
+from grs_agents.scene.reading import read_masks, read_scene, scene_name
+from grs_agents.scene.reading.bop import is_bop
 from grs_agents.scene.types import Aabb
 
 FEWEST_PIXELS = 100
@@ -93,20 +94,23 @@ class LabelledScene:
         return frozenset(small | hidden)
 
 
-def read_labelled(folder: Path) -> LabelledScene:
-    """Read a scene folder that also holds ``labels.png`` (8 or 16 bit), and perhaps ``truth.json``.
+def read_labelled(source: Path) -> LabelledScene:
+    """Read a scene folder that also holds ``labels.png`` (8 or 16 bit), and perhaps ``truth.json``; or a BOP image.
 
     Raises:
         InputError: the scene or its truth cannot be read, or their sizes differ.
     """
-    frame = read_scene(folder)
-    file = folder / "labels.png"
+    frame = read_scene(source)
+    if is_bop(source):
+        rows, columns = frame.depth.shape
+        return LabelledScene(scene_name(source), frame, read_masks(source, (rows, columns)))
+    file = source / "labels.png"
     image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
     if image is None or image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{file} is no picture of labels", "write one channel of 8 or 16 bits, 0 = background")
     if image.shape != frame.depth.shape:
         raise InputError(f"{file} has shape {image.shape}, the photo {frame.depth.shape}", "give both one size")
-    return LabelledScene(folder.name, frame, image.astype(np.int32), read_truth(folder / "truth.json"))
+    return LabelledScene(scene_name(source), frame, image.astype(np.int32), read_truth(source / "truth.json"))
 
 
 def read_truth(file: Path) -> Truth:
