@@ -24,10 +24,14 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--scenes", action="append", default=[], metavar="DIR", help="scene folders with labels.png, or bop:...; repeat"
     )
-    parser.add_argument("--synthesised", type=int, default=None, metavar="N", help="scenes to make: 10 without --scenes")
+    parser.add_argument(
+        "--synthesised", type=int, default=None, metavar="N", help="scenes to make: 10 without --scenes"
+    )
     parser.add_argument("--objects", type=positive, default=15, help="things in a made scene, four of them distractors")
     parser.add_argument("--seed", type=int, default=0, help="of the made scenes")
-    parser.add_argument("--segment", default=load_config(None).config.tools.segment, metavar="TOOL", help="what segments")
+    parser.add_argument(
+        "--segment", default=load_config(None).config.tools.segment, metavar="TOOL", help="what segments"
+    )
     parser.add_argument("--workers", type=positive, default=2, help="scenes at a time")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args(arguments)

@@ -15,7 +15,8 @@ from grs_agents.run.tables import markdown
 from grs_agents.scene.metrics import total
 
 COLUMNS = ("scene", "sensor", "tilt", "objects", "segments", "IoU", "F1@.5", "F1@.75", "over", "under", "boundary F",
-           "centre mm", "size mm", "position mm", "angle deg", "frame deg", "frame mm", "CPU s", "MiB", "error")  # fmt: skip
+           "centre mm", "size mm", "position mm", "angle deg", "frame deg", "frame mm", "CPU s", "MiB",
+           "error")  # fmt: skip
 """Of the table of scenes. Lengths and angles are medians over its objects."""
 
 

@@ -3,9 +3,14 @@
 from pathlib import Path
 from typing import Any
 
+from pydantic import Field
+
 from grs_agents.base import Frozen
 from grs_agents.scene.metrics import SegmentationScore
 from grs_agents.synth import Recipe
+
+
+Corners = tuple[tuple[float, ...], ...]
 
 
 class ObjectFigures(Frozen):
@@ -107,7 +112,7 @@ class Result(Frozen):
 
     order: Order
     figures: SceneFigures
-    boxes: dict[int, tuple[tuple[float, ...], ...]] = {}
+    boxes: dict[int, Corners] = Field(default_factory=dict[int, Corners])
 
 
 def dumped(result: Result) -> dict[str, Any]:

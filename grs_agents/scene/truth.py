@@ -106,7 +106,7 @@ def read_labelled(source: Path) -> LabelledScene:
         return LabelledScene(scene_name(source), frame, read_masks(source, (rows, columns)))
     file = source / "labels.png"
     image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
-    if image is None or image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
+    if image is None or image.ndim != 2 or image.dtype.name not in ("uint8", "uint16"):
         raise InputError(f"{file} is no picture of labels", "write one channel of 8 or 16 bits, 0 = background")
     if image.shape != frame.depth.shape:
         raise InputError(f"{file} has shape {image.shape}, the photo {frame.depth.shape}", "give both one size")
@@ -138,5 +138,7 @@ def labelled_folders(folder: Path) -> Sequence[Path]:
     """
     found = sorted({file.parent for pattern in ("labels.png", "*/labels.png") for file in folder.glob(pattern)})
     if not found:
-        raise InputError(f"{folder} holds no labelled scene", "name a folder of folders with rgb, depth, camera, labels")
+        raise InputError(
+            f"{folder} holds no labelled scene", "name a folder of folders with rgb, depth, camera, labels"
+        )
     return found

@@ -30,6 +30,8 @@ _STACKED: Final = 0.3
 """Share of the things that are put on top of others; another tenth is dropped any way up."""
 _HIGHEST: Final = 0.14
 """Nothing is put on what is higher than this (m)."""
+_CEILING: Final = 0.8
+"""Nothing is dropped from higher than this (m)."""
 _SPREAD: Final = (0.14, 0.24)
 """Radius (m) of the patch of table on which the things begin."""
 
@@ -59,7 +61,7 @@ def heap(assets: Sequence[str], library: Library, rng: np.random.Generator) -> t
     """
     for _ in range(_ATTEMPTS):
         dropped = _arranged(assets, library, rng)
-        poses = _settled(dropped, library)
+        poses = _settled(dropped, library) if dropped else None
         if poses is not None:
             return tuple(Resting(asset, pose) for asset, pose in zip(assets, poses, strict=True))
     raise SynthesisError(
@@ -68,9 +70,15 @@ def heap(assets: Sequence[str], library: Library, rng: np.random.Generator) -> t
 
 
 def _arranged(assets: Sequence[str], library: Library, rng: np.random.Generator) -> list[InstanceObject]:
-    """Poses in which nothing touches, each thing above what it will rest on; the widest things come first."""
+    """Poses in which nothing touches, each thing above what it will rest on; the widest things come first.
+
+    Returns:
+        None of them where they would be piled up too high.
+    """
     widest = sorted(range(len(assets)), key=lambda index: -float(np.prod(library.asset(assets[index]).size[:2])))
-    spread, placed, items = float(rng.uniform(*_SPREAD)), [], {}
+    spread = float(rng.uniform(*_SPREAD))
+    placed: list[tuple[Floats, Floats, float]] = []
+    items: dict[int, InstanceObject] = {}
     for order, index in enumerate(widest):
         bounds = np.array(library.model(assets[index]).bounds)
         upper = order >= (1 - _STACKED) * len(assets)
@@ -82,6 +90,8 @@ def _arranged(assets: Sequence[str], library: Library, rng: np.random.Generator)
         shift = np.array([x, y, 0.0])
         under = [top for (least, most, top) in placed if _over(low + shift, high + shift, least, most)]
         shift[2] = max(under, default=0.0) + _GAP - low[2]
+        if shift[2] > _CEILING:
+            return []
         placed.append((low + shift, high + shift, float((high + shift)[2])))
         position: Vec3 = (float(shift[0]), float(shift[1]), float(shift[2]))
         items[index] = InstanceObject(id=index, asset=assets[index], pose=(position, turned))

@@ -3,7 +3,7 @@
 import colorsys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ _HERE: Vec3 = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Draft:
-    """A shape before it is an asset: what is seen and what touches, as primitives or convex meshes, around its centre."""
+    """A shape before it is an asset: what is seen and what touches (primitives or convex meshes), around its centre."""
 
     seen: Sequence[Shape | Mesh]
     solid: Sequence[Shape | Mesh]
@@ -89,12 +89,10 @@ def _vase(rng: np.random.Generator) -> Draft:
     """A turned solid with a random profile."""
     height, heights = float(rng.uniform(0.06, 0.17)), np.linspace(0, 1, 7)
     radii = np.interp(heights, np.linspace(0, 1, 4), rng.uniform(0.018, 0.045, 4))
-    mesh = loft(superellipse(count=_ROUND), [(r, r, h * height) for r, h in zip(radii, heights, strict=True)]).centred()
-    parts = [
-        cylinder((low + high) / 2, height / 6, (0.0, 0.0, (index + 0.5) * height / 6 - height / 2))
-        for index, (low, high) in enumerate(zip(radii[:-1], radii[1:], strict=True))
-    ]
-    return Draft([mesh], parts, _extents(mesh), 0.6)
+    rings = [(r, r, (h - 0.5) * height) for r, h in zip(radii.tolist(), heights.tolist(), strict=True)]
+    circle = superellipse(count=_ROUND)
+    mesh = loft(circle, rings)
+    return Draft([mesh], [loft(circle, pair) for pair in pairwise(rings)], _extents(mesh), 0.6)
 
 
 def _cone(rng: np.random.Generator) -> Draft:

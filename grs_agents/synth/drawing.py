@@ -13,12 +13,14 @@ import numpy.typing as npt
 from grs_agents.library.generate.raster import Buffer, barycentric, rasterise
 from grs_agents.library.generate.scene_mesh import Triangles
 from grs_agents.scene import Camera
-from grs_agents.synth.scenery import Light, Scenery, bilinear
+from grs_agents.synth.scenery import Light, Scenery, bilinear, dotted
 
 Floats = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int32]
 Bools = npt.NDArray[np.bool_]
 _FINER = 2
+FARTHEST = 50.0
+"""Depth (m) where the room is open."""
 _GLOSS = 40.0
 
 
@@ -82,7 +84,9 @@ def rays_of(camera: Camera) -> tuple[Floats, Floats]:
     pose = np.asarray(camera.T_robot_cam, np.float64)
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     local = [(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(columns.shape)]
-    return np.stack(local, axis=-1).reshape(-1, 3) @ pose[:3, :3].T, pose[:3, 3]
+    x, y, z = (part.ravel() for part in local)
+    turned = [x * row[0] + y * row[1] + z * row[2] for row in pose[:3, :3]]
+    return np.stack(turned, axis=1), pose[:3, 3]
 
 
 def only(triangles: Triangles, owner: int) -> Triangles:
@@ -111,7 +115,7 @@ def _draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequenc
     albedo[seen], normals[seen] = _surface(triangles, triangle[seen], points[seen])
     labels = np.zeros(len(rays), np.int32)
     labels[seen] = triangles.owner[triangle[seen]]
-    units = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    units = rays / np.sqrt(_products(rays, rays))[:, None]
     mirror = np.isin(labels, list(shiny)) & (labels > 0)
     lit = _lit(triangles, points, normals, scenery.light)
     rgb = _shaded(albedo, normals, units, lit, mirror, scenery.light)
@@ -120,7 +124,7 @@ def _draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequenc
         rgb=rgb.reshape(*shape, 3),
         depth=depth.reshape(shape),
         labels=labels.reshape(shape),
-        cosine=np.abs((units * normals).sum(axis=1)).reshape(shape),
+        cosine=np.abs(_products(units, normals)).reshape(shape),
         albedo=albedo.mean(axis=1).reshape(shape),
         shiny=mirror.reshape(shape),
     )
@@ -128,15 +132,16 @@ def _draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequenc
 
 def _room(scenery: Scenery, rays: Floats, eye: Floats) -> tuple[Floats, Floats, Floats]:
     """Depth (N,), colour (N, 3) and normal (N, 3) of the room along each ray; black and far where it is open."""
-    reaches = np.stack([surface.hit(rays, eye) for surface in scenery.surfaces])
-    nearest, depth = reaches.argmin(axis=0), reaches.min(axis=0)
+    depth, owner = np.full(len(rays), FARTHEST), np.full(len(rays), -1)
+    for number, surface in enumerate(scenery.surfaces):
+        owner[surface.hit(rays, eye, depth)] = number
     albedo, normals = np.zeros((len(rays), 3)), np.tile([0.0, 0.0, 1.0], (len(rays), 1))
     for number, surface in enumerate(scenery.surfaces):
-        mine = np.flatnonzero((nearest == number) & np.isfinite(depth))
+        mine = np.flatnonzero(owner == number)
         if len(mine):
             albedo[mine] = surface.color(eye + rays[mine] * depth[mine, None])
             normals[mine] = surface.normal
-    return np.where(np.isfinite(depth), depth, 50.0), albedo, normals
+    return depth, albedo, normals
 
 
 def _surface(triangles: Triangles, index: npt.NDArray[np.int64], points: Floats) -> tuple[Floats, Floats]:
@@ -165,22 +170,32 @@ def _lit(triangles: Triangles, points: Floats, normals: Floats, light: Light) ->
     scale = (resolution - 20) / float(np.max(high - low))
     buffer = rasterise((turned[:, :, :2] - low[:2]) * scale + 10, turned[:, :, 2], resolution, resolution)
     above = np.where(np.isfinite(buffer.nearness), buffer.nearness, -9.0).astype(np.float32)
-    local = (points + normals * 0.003) @ axes
-    places = (local[:, :2] - low[:2]) * scale + 10
-    total = np.zeros(len(points))
-    for shift in ((0, 0), (2, 0), (-2, 0), (0, 2), (0, -2), (3, 3), (-3, 3), (3, -3), (-3, -3)):
-        column, row = np.clip(np.rint(places + shift).astype(np.int64), 0, resolution - 1).T
-        total += above[row, column] < local[:, 2] + 0.002
-    return total / 9
+    raised = points + normals * 0.003
+    across, along, depth = (dotted(raised, axes[:, axis]) for axis in range(3))
+    columns, rows = (across - low[0]) * scale + 10, (along - low[1]) * scale + 10
+    lit = np.ones(len(points))
+    near = np.flatnonzero((np.abs(columns / resolution - 0.5) < 0.5) & (np.abs(rows / resolution - 0.5) < 0.5))
+    column, row = (np.rint(values[near]).astype(np.int64) for values in (columns, rows))
+    total, level = np.zeros(len(near)), (depth[near] + 0.002).astype(np.float32)
+    for right, down in ((0, 0), (2, 0), (-2, 0), (0, 2), (0, -2), (3, 3), (-3, 3), (3, -3), (-3, -3)):
+        place = np.clip(row + down, 0, resolution - 1) * resolution + np.clip(column + right, 0, resolution - 1)
+        total += above.ravel()[place] < level
+    lit[near] = total / 9
+    return lit
 
 
 def _shaded(albedo: Floats, normals: Floats, units: Floats, lit: Floats, mirror: Bools, light: Light) -> Floats:
     """(N, 3) colours: light from all around and from the lamp, with a highlight where a thing mirrors."""
-    facing = np.where((units * normals).sum(axis=1, keepdims=True) > 0, -normals, normals)
+    facing = np.where((_products(units, normals) > 0)[:, None], -normals, normals)
     around = (0.75 + 0.25 * facing[:, 2])[:, None] * light.sky
-    lamp = np.clip(facing @ light.direction, 0, 1) * lit
+    lamp = np.clip(dotted(facing, light.direction), 0, 1) * lit
     colors = albedo * (around + lamp[:, None] * light.lamp)
     half = light.direction - units
-    half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
-    highlight = np.clip((facing * half).sum(axis=1), 0, 1) ** _GLOSS * lit * np.where(mirror, 0.7, 0.06)
+    middle = _products(facing, half) / np.maximum(np.sqrt(_products(half, half)), 1e-9)
+    highlight = np.clip(middle, 0, 1) ** _GLOSS * lit * np.where(mirror, 0.7, 0.06)
     return np.clip(colors + highlight[:, None] * light.lamp, 0, 1)
+
+
+def _products(some: Floats, others: Floats) -> Floats:
+    """(N,) scalar products of two rows (N, 3) of vectors."""
+    return np.einsum("ij,ij->i", some, others)

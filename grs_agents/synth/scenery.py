@@ -10,6 +10,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 FLOOR = -0.74
 _TEXELS = 512
+_ROW = 4096
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,25 @@ class Surface:
         cross = np.cross(*self.sides)
         return cross / np.linalg.norm(cross)
 
-    def hit(self, rays: Floats, eye: Floats) -> Floats:
-        """(N,) how far along each of the rays (N, 3) from ``eye`` (3,) the surface is; infinite where it is not."""
-        slope = rays @ self.normal
-        reach = ((self.corner - eye) @ self.normal) / np.where(np.abs(slope) < 1e-9, np.nan, slope)
-        inside = ((self._along(eye + reach[:, None] * rays) - 0.5) ** 2 <= 0.25).all(axis=1)
-        return np.where(inside & (reach > 1e-3), reach, np.inf)
+    def hit(self, rays: Floats, eye: Floats, reach: Floats) -> npt.NDArray[np.int64]:
+        """Shorten the rays that the surface stops.
+
+        Args:
+            rays: (N, 3) directions.
+            eye: (3,) where they begin, m.
+            reach: (N,) how far each goes so far; changed in place.
+
+        Returns:
+            The numbers of the rays that it stops.
+        """
+        slope = dotted(rays, self.normal)
+        with np.errstate(divide="ignore"):
+            far = float((self.corner - eye) @ self.normal) / slope
+        near = np.flatnonzero((far > 1e-3) & (far < reach))
+        along = self._along(eye + far[near, None] * rays[near])
+        stopped = near[(np.abs(along[:, 0] - 0.5) <= 0.5) & (np.abs(along[:, 1] - 0.5) <= 0.5)]
+        reach[stopped] = far[stopped]
+        return stopped
 
     def color(self, points: Floats) -> Floats:
         """(N, 3) red, green, blue in 0..1 at points (N, 3) of the surface."""
@@ -48,17 +62,23 @@ class Surface:
 
     def _along(self, points: Floats) -> Floats:
         """(N, 2) where points are along both sides, 0..1."""
-        return (points - self.corner) @ self.sides.T / (self.sides**2).sum(axis=1)
+        offset = points - self.corner
+        return np.stack([dotted(offset, side / float(side @ side)) for side in self.sides], axis=1)
+
+
+def dotted(vectors: Floats, other: Floats) -> Floats:
+    """(N,) scalar products of (N, 3) vectors with one; ten times as fast as a matrix product so narrow."""
+    return vectors[:, 0] * other[0] + vectors[:, 1] * other[1] + vectors[:, 2] * other[2]
 
 
 def bilinear(image: Floats, texels: Floats) -> Floats:
     """(N, C) samples of a picture (T, U, C) that goes on over its edges, at (N, 2) columns and rows."""
-    whole = np.floor(texels)
-    (u, v), (column, row) = (texels - whole).T[:, :, None], whole.astype(np.int64).T
-    left, right, top, bottom = column % image.shape[1], (column + 1) % image.shape[1], row, row + 1
-    top, bottom = top % image.shape[0], bottom % image.shape[0]
-    upper = image[top, left] * (1 - u) + image[top, right] * u
-    return upper * (1 - v) + (image[bottom, left] * (1 - u) + image[bottom, right] * u) * v
+    count, height, width = len(texels), image.shape[0], image.shape[1]
+    places = np.zeros((-(-count // _ROW) * _ROW, 2), np.float32)
+    places[:count] = texels % (width, height)
+    columns, rows = places.T.reshape(2, -1, _ROW)  # OpenCV takes no picture of one long row
+    sampled = cv2.remap(image.astype(np.float32), columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return np.asarray(sampled, np.float64).reshape(-1, image.shape[2])[:count]
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,9 @@ def unseen_from(disparity: Floats, slack: float = 1.5) -> Bools:
         slack: by how much (pixels) the disparity of what is in the way is larger.
     """
     height, width = disparity.shape
-    columns = np.arange(width) - disparity
+    columns = np.arange(width, dtype=np.float64) - disparity
     bins = np.clip(np.rint(columns).astype(np.int64), -width, width - 1) + width
-    rows = np.arange(height)[:, None] * (2 * width)
+    rows = 2 * width * np.arange(height, dtype=np.int64)[:, None]
     nearest = np.full(height * 2 * width, -np.inf)
     np.maximum.at(nearest, (rows + bins).ravel(), disparity.ravel())
     nearest = nearest.reshape(height, 2 * width).astype(np.float32)
@@ -43,7 +43,7 @@ def returned(seen: Seen) -> Floats:
 
     A mirroring thing throws most of it elsewhere, unless it faces the camera.
     """
-    mirrored = np.where(seen.shiny, np.where(seen.cosine > 0.98, 3.0, 0.25), 1.0)
+    mirrored = np.where(seen.shiny, np.where(seen.cosine > 0.98, 6.0, 0.25), 1.0)
     return seen.albedo * seen.cosine * mirrored / np.maximum(seen.depth, 0.2) ** 2
 
 

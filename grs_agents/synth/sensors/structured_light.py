@@ -43,7 +43,7 @@ def structured_light(seen: Seen, camera: Camera, rng: np.random.Generator) -> Fl
 
 
 def _grazing(seen: Seen, product: float) -> Floats:
-    """Further deviation (H, W) of the disparity in pixels where a surface is seen at a grazing angle (Nguyen et al.)."""
+    """Further deviation (H, W) of the disparity, pixels, where a surface is seen at a grazing angle (Nguyen et al.)."""
     angle = np.arccos(np.clip(seen.cosine, 0, 1))
     beyond = np.minimum(1e-4 / np.sqrt(seen.depth) * angle**2 / np.maximum(np.pi / 2 - angle, 0.05) ** 2, 0.02)
     return beyond * product / seen.depth**2
