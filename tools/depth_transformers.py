@@ -53,7 +53,7 @@ def run(request: Request, context: ToolContext) -> Result:
 
     Raises:
         ConfigError: ``depth.model`` names no folder with a metric depth model, or transformers is not installed.
-        InputError: the model cannot be loaded or does not answer.
+        InputError: the model cannot be loaded, lacks weights, or does not answer.
     """
     folder = _metric_model(request.model)
     try:
@@ -63,24 +63,38 @@ def run(request: Request, context: ToolContext) -> Result:
             f"tool depth_transformers needs {error.name or 'transformers'}", 'pip install "grs-agents[transformers]"'
         ) from error
     try:
-        local: dict[str, Any] = {"local_files_only": True, "trust_remote_code": False}
-        processor = transformers.AutoImageProcessor.from_pretrained(str(folder), **local)
-        model = transformers.AutoModelForDepthEstimation.from_pretrained(str(folder), use_safetensors=True, **local)
-        with torch.inference_mode():
-            answer = model.eval()(**processor(images=request.rgb, return_tensors="pt"))
-        size = request.rgb.shape[:2]
-        more = {"source_sizes": [size]} if model.config.model_type == "zoedepth" else {}
-        found = processor.post_process_depth_estimation(answer, target_sizes=[size], **more)[0]
-        depth = np.asarray(found["predicted_depth"].float().numpy(), dtype=np.float32)
-        focal = found.get("focal_length")
-        estimate = None if focal is None else float(focal)
-    except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError, ImportError) as error:
-        said = str(error).strip()
+        return _asked(request, folder, torch, transformers)
+    except InputError:
+        raise
+    except Exception as error:  # whatever its libraries think of a folder or a photo of the user's
+        said = (str(error).strip() or repr(error)).splitlines()[0][:300]
         raise InputError(
-            f"the depth model {folder} failed on {request.photo}: {said.splitlines()[0][:300] if said else error!r}",
+            f"the depth model {folder} failed on {request.photo}: {said}",
             "name the folder of a model that transformers loads by AutoModelForDepthEstimation",
         ) from error
-    return Result(depth, estimate if estimate is not None and math.isfinite(estimate) else None)
+
+
+def _asked(request: Request, folder: Path, torch: Any, transformers: Any) -> Result:
+    transformers.logging.set_verbosity_error()
+    transformers.logging.disable_progress_bar()
+    local: dict[str, Any] = {"local_files_only": True, "trust_remote_code": False}
+    processor = transformers.AutoImageProcessor.from_pretrained(str(folder), **local)
+    model, loading = transformers.AutoModelForDepthEstimation.from_pretrained(
+        str(folder), use_safetensors=True, output_loading_info=True, **local
+    )
+    if loading["missing_keys"]:  # transformers would go on with random ones
+        raise InputError(
+            f"depth.model = {str(folder)!r} lacks {len(loading['missing_keys'])} of its weights",
+            "name a folder with the whole model",
+        )
+    with torch.inference_mode():
+        answer = model.eval()(**processor(images=request.rgb, return_tensors="pt"))
+    size = request.rgb.shape[:2]
+    more = {"source_sizes": [size]} if model.config.model_type == "zoedepth" else {}
+    found = processor.post_process_depth_estimation(answer, target_sizes=[size], **more)[0]
+    depth = np.asarray(found["predicted_depth"].float().numpy(), dtype=np.float32)
+    focal = found.get("focal_length")
+    return Result(depth, None if focal is None or not math.isfinite(float(focal)) else float(focal))
 
 
 def _metric_model(name: str | None) -> Path:

@@ -3,6 +3,7 @@
 import lzma
 import struct
 import tokenize
+import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -79,7 +80,9 @@ def _array(content: IO[bytes], where: str) -> Numbers:
         read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
         if read_header is None:
             raise InputError(f"{where} is of .npy version {version[0]}.{version[1]}", "write it with numpy.save")
-        shape, column_major, kind = read_header(content)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a header that Python 2 wrote
+            shape, column_major, kind = read_header(content)
         values, kinds = _bounded(shape, kind, where)
         data = content.read(values * kinds.itemsize)
         if len(data) != values * kinds.itemsize:

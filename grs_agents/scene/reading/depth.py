@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -91,21 +92,13 @@ def at_size(depth: Depth, width: int, height: int) -> Depth:
     nearest = nearest_at_size(depth, width, height)
     if width <= depth.shape[1]:
         return nearest
-    rows, columns = _places(depth.shape[0], height), _places(depth.shape[1], width)
-    top, left = _below(rows, depth.shape[0]), _below(columns, depth.shape[1])
-    down, across = (rows - top).astype(np.float32)[:, None], (columns - left).astype(np.float32)[None, :]
-    inverse = np.divide(1, depth, out=np.full_like(depth, np.inf), where=depth > 0)
-    # One corner of the four neighbours at a time: a full-size array each, and no more of them than needed.
-    low, high = np.full_like(nearest, np.inf), np.zeros_like(nearest)
-    blend = np.zeros_like(nearest)
-    for row in (0, 1):
-        for column in (0, 1):
-            corner = inverse[np.ix_(top + row, left + column)]
-            low, high = np.minimum(low, corner), np.maximum(high, corner)
-            weight = (down if row else 1 - down) * (across if column else 1 - across)
-            blend += np.where(np.isfinite(corner), corner, 0) * weight
-    one_surface = np.isfinite(high) & (high <= low * (1 + JUMP)) & (nearest > 0)
-    return np.where(one_surface, 1 / np.maximum(blend, np.float32(1e-6)), nearest)
+    inverse = np.divide(1, depth, out=np.zeros_like(depth), where=depth > 0)
+    corners = np.stack([inverse[:-1, :-1], inverse[:-1, 1:], inverse[1:, :-1], inverse[1:, 1:]])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    one_surface = (low > 0) & (high <= low * (1 + JUMP))
+    rows, columns = _below(depth.shape[0], height), _below(depth.shape[1], width)
+    blend = cv2.resize(inverse, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.where(one_surface[np.ix_(rows, columns)], 1 / np.maximum(blend, np.float32(1e-6)), nearest)
 
 
 def nearest_at_size(picture: "npt.NDArray[Scalar]", width: int, height: int) -> "npt.NDArray[Scalar]":
@@ -119,5 +112,6 @@ def _places(old: int, new: int) -> npt.NDArray[np.float64]:
     return np.clip((np.arange(new) + 0.5) * old / new - 0.5, 0, old - 1)
 
 
-def _below(places: npt.NDArray[np.float64], count: int) -> npt.NDArray[np.int64]:
-    return np.minimum(np.floor(places).astype(np.int64), max(count - 2, 0))
+def _below(old: int, new: int) -> npt.NDArray[np.int64]:
+    """The pixel before each of those places; the one after it is in the picture too."""
+    return np.minimum(np.floor(_places(old, new)).astype(np.int64), old - 2)

@@ -55,6 +55,11 @@ def frame_of(recording: Recording, camera: Camera, measured: Measured) -> RGBDFr
         InputError: the sizes belong to different views, the camera to neither picture, or the depth is of no use.
     """
     height, width = measured.units.shape
+    if min(*recording.size, width, height) < SMALLEST:
+        raise InputError(
+            f"{recording.picture.file} is {recording.size[0]}x{recording.size[1]} and its depth {width}x{height}",
+            f"give pictures of at least {SMALLEST} pixels a side",
+        )
     recording = turned(recording, [(camera.width, camera.height), (width, height)])
     size, file = recording.size, recording.picture.file
     if not same_shape(size, (width, height)):
@@ -62,22 +67,24 @@ def frame_of(recording: Recording, camera: Camera, measured: Measured) -> RGBDFr
             f"{measured.where} is {width}x{height} but {file} is {size[0]}x{size[1]}, of another shape",
             "register depth to colour, or crop both to the same view",
         )
-    if min(*size, width, height) < SMALLEST:
-        raise InputError(
-            f"{file} is {size[0]}x{size[1]} and its depth {width}x{height}",
-            f"give pictures of at least {SMALLEST} pixels a side",
-        )
     if (camera.width, camera.height) not in (size, (width, height)):
         raise InputError(
             f"{file} is {size[0]}x{size[1]} but camera.json says {camera.width}x{camera.height}",
             "give the size, and the numbers that belong to it, of the colour or of the depth picture",
         )
-    depth = metres(measured)
+    depth, rgb = metres(measured), recording.picture.rgb
+    target = working_size(*size)
     if size != (width, height):
-        depth = at_size(depth, *size)
-        recording = recording.noting(f"depth of {width}x{height} pixels was brought to {size[0]}x{size[1]}")
-    camera = resized(camera, *size).model_copy(update={"depth_scale": measured.stored_scale})
-    return _of_working_size(RGBDFrame(recording.picture.rgb, depth, camera, recording.source, recording.notes))
+        recording = recording.noting(f"depth of {width}x{height} pixels was brought to {target[0]}x{target[1]}")
+    if target != size:
+        recording = recording.noting(
+            f"the photo of {size[0]}x{size[1]} pixels was made smaller, {target[0]}x{target[1]}"
+        )
+        rgb = smaller(rgb, *target)
+    if target != (width, height):
+        depth = at_size(depth, *target)
+    camera = resized(camera, *target).model_copy(update={"depth_scale": measured.stored_scale})
+    return RGBDFrame(rgb, depth, camera, recording.source, recording.notes)
 
 
 def turned(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
@@ -104,17 +111,10 @@ def turned(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
     return replace(recording, picture=Picture(picture.file, rgb, 1, picture.focal_35mm)) if as_shown else recording
 
 
-def _of_working_size(frame: RGBDFrame) -> RGBDFrame:
-    """The frame itself, or one of at most `MOST_FRAME_PIXELS`."""
-    width, height = frame.camera.width, frame.camera.height
-    if width * height <= MOST_FRAME_PIXELS:
-        return frame
+def working_size(width: int, height: int) -> tuple[int, int]:
+    """The size itself, or one of the same shape with at most `MOST_FRAME_PIXELS`."""
     share = (MOST_FRAME_PIXELS / (width * height)) ** 0.5
-    small = (int(width * share), int(height * share))
-    note = f"the frame of {width}x{height} pixels was made smaller, {small[0]}x{small[1]}"
-    rgb = smaller(frame.rgb, *small)
-    depth = at_size(frame.depth, *small)
-    return RGBDFrame(rgb, depth, resized(frame.camera, *small), frame.source, (*frame.notes, note))
+    return (width, height) if share >= 1 else (int(width * share), int(height * share))
 
 
 def smaller(rgb: Image, width: int, height: int) -> Image:

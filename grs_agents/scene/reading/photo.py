@@ -12,7 +12,7 @@ from grs_agents.errors import InputError
 from grs_agents.scene.frame import Image, RGBDFrame
 from grs_agents.scene.reading.camera import camera_of_focal, focal_of_35mm
 from grs_agents.scene.reading.depth import Measured
-from grs_agents.scene.reading.fit import MOST_FRAME_PIXELS, Recording, frame_of, smaller, turned
+from grs_agents.scene.reading.fit import Recording, frame_of, smaller, turned, working_size
 from grs_agents.scene.reading.picture import Picture
 
 
@@ -51,8 +51,8 @@ def frame_of_photo(recording: Recording, estimate: Estimator, field_of_view: flo
     camera = recording.camera
     recording = turned(recording, [] if camera is None else [(camera.width, camera.height)])
     name = str(recording.picture.file)
-    rgb = _of_working_size(recording.picture.rgb)
-    size = (rgb.shape[1], rgb.shape[0])
+    size = working_size(*recording.size)
+    rgb = recording.picture.rgb if size == recording.size else smaller(recording.picture.rgb, *size)
     focal, told = _focal(recording, size, field_of_view)
     found = estimate(rgb, focal, name)
     depth = np.asarray(found.depth)
@@ -86,9 +86,3 @@ def _focal(recording: Recording, size: tuple[int, int], field_of_view: float | N
     if millimetres is not None:
         return focal_of_35mm(millimetres, size), f"its focal length is EXIF's, {millimetres:g} mm on 35 mm film"
     return None, ""
-
-
-def _of_working_size(rgb: Image) -> Image:
-    height, width = rgb.shape[:2]
-    share = (MOST_FRAME_PIXELS / (width * height)) ** 0.5
-    return rgb if share >= 1 else smaller(rgb, int(width * share), int(height * share))

@@ -118,7 +118,7 @@ def _opened(file: Path) -> Generator[Pillow.Image]:
     known = ", ".join(FORMATS)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Pillow.DecompressionBombWarning)  # the bound below is tighter
+            warnings.simplefilter("ignore")  # of sizes, where the bound below is tighter, and of torn EXIF blocks
             with Pillow.open(BytesIO(data), formats=FORMATS) as image:
                 width, height = image.size
                 if width * height > MOST_PIXELS:

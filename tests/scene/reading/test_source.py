@@ -1,4 +1,4 @@
-"""Scene folders: every bad input is one named error."""
+"""Scenes by their name: every form tells the same, and every bad scene folder is one named error."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.scene import Camera, read_camera, read_scene
+from grs_agents.scene import Camera, check_source, read_camera, read_scene, scene_name
+from tests.scene.reading.conftest import FORMS, Truth
 
 Folder = Callable[..., Path]
 
@@ -22,6 +23,32 @@ def test_a_scene_is_read_in_metres(scene_folder: Folder) -> None:
 
 def test_the_sample_scene_is_calibrated(sample_scene: Path) -> None:
     assert read_scene(sample_scene).camera.T_robot_cam is not None
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_tells_the_same(tmp_path: Path, truth: Truth, form: str) -> None:
+    source = FORMS[form](tmp_path / "data", truth)
+    check_source(source)
+    frame = read_scene(source)
+    assert np.abs(frame.depth - truth.depth).max() < 1e-6
+    assert (frame.rgb == truth.rgb).all()
+    assert (frame.camera.fx, frame.camera.cy, frame.source) == (60.0, 18.5, source)
+    seen = truth.depth > 0
+    assert np.abs(frame.points()[seen] - truth.points[seen]).max() < 1e-5
+
+
+def test_a_scene_has_a_short_name(tmp_path: Path, truth: Truth) -> None:
+    assert scene_name(Path("bop:/data/ycbv/test/000048/12")) == "ycbv-test-000048-12"
+    assert scene_name(FORMS["npz"](tmp_path / "npz", truth)) == "scene"
+    assert scene_name(FORMS["folder"](tmp_path / "kitchen", truth)) == "kitchen"
+
+
+@pytest.mark.parametrize("name", ["cloud.ply", "scene.txt", "nothing"])
+def test_what_is_no_scene_is_refused_before_it_is_read(tmp_path: Path, name: str) -> None:
+    (tmp_path / "cloud.ply").write_bytes(b"")
+    (tmp_path / "scene.txt").write_bytes(b"")
+    with pytest.raises(InputError, match=name):
+        check_source(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["rgb.png", "depth.png", "camera.json"])
@@ -49,6 +76,18 @@ def test_a_missing_folder_is_named(tmp_path: Path) -> None:
 def test_depth_of_another_shape_is_refused_with_both_sizes(scene_folder: Folder) -> None:
     with pytest.raises(InputError, match=r"depth.png is 16x16 .* 32x24"):
         read_scene(scene_folder(depth=np.full((16, 16), 800, np.uint16)))
+
+
+def test_pictures_are_told_apart(scene_folder: Folder) -> None:
+    folder = scene_folder()
+    (folder / "depth.npy").write_bytes(b"")
+    with pytest.raises(InputError, match=r"depth.npy and depth.png"):
+        read_scene(folder)
+
+
+def test_a_translation_in_millimetres_is_noticed(scene_folder: Folder) -> None:
+    with pytest.raises(InputError, match=r"T_robot_cam.* 500 m .*metres"):
+        read_scene(scene_folder(T_robot_cam=[[1, 0, 0, 300.0], [0, 1, 0, 0], [0, 0, 1, 400.0], [0, 0, 0, 1]]))
 
 
 def test_depth_of_eight_bits_is_refused(scene_folder: Folder) -> None:
