@@ -22,8 +22,13 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="grs eval perception", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/eval-perception"), help="where figures go")
     parser.add_argument(
-        "--scenes", action="append", default=[], metavar="DIR", help="scene folders with labels.png, or bop:...; repeat"
+        "--scenes",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="folder of scenes with labels.png, or bop:ROOT/SPLIT; repeat",
     )
+    parser.add_argument("--images", type=positive, default=50, help="of a BOP data set, spread evenly")
     parser.add_argument(
         "--synthesised", type=int, default=None, metavar="N", help="scenes to make: 10 without --scenes"
     )
@@ -38,7 +43,7 @@ def main(arguments: Sequence[str]) -> int:
     count = options.synthesised if options.synthesised is not None else 0 if options.scenes else 10
     made = recipes(count, options.seed, options.objects)
     orders = [
-        *orders_of(options.scenes, options.segment, options.seed),
+        *orders_of(options.scenes, options.segment, options.seed, options.images),
         *synthesised_orders(made, options.out, options.segment, options.seed),
     ]
     return run_orders(orders, options.out, options.workers, options.json)

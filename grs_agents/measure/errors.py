@@ -11,7 +11,7 @@ from grs_agents.library.generate.scene_mesh import gather_posed
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.measure.symmetry import symmetry_of
 from grs_agents.measure.types import FrameFigures, ObjectFigures
-from grs_agents.scene import Aabb, Candidate, find_table, place_asset
+from grs_agents.scene import Aabb, Candidate, TableFrame, find_table, place_asset
 from grs_agents.scene.metrics import MATCHED, overlaps
 from grs_agents.scene.truth import LabelledScene, TrueObject
 
@@ -19,7 +19,11 @@ Floats = npt.NDArray[np.float64]
 
 
 def object_figures(
-    scene: LabelledScene, found: npt.NDArray[np.int32], candidates: Sequence[Candidate], library: Library
+    scene: LabelledScene,
+    found: npt.NDArray[np.int32],
+    candidates: Sequence[Candidate],
+    library: Library,
+    table: TableFrame | None = None,
 ) -> tuple[ObjectFigures, ...]:
     """What became of each object that counts.
 
@@ -28,6 +32,7 @@ def object_figures(
         found: (H, W) numbers of the candidates.
         candidates: measured in the robot frame of the scene's calibration, if it has one.
         library: where the true assets are looked up.
+        table: the frame that the candidates were measured in, for a truth that is given in the camera's.
     """
     common = overlaps(found, scene.labels, scene.ignored())
     partner = {int(common.truths[row]): (int(common.segments[column]), float(common.ious[row, column]))
@@ -41,18 +46,28 @@ def object_figures(
         segment, iou = partner.get(label, (None, 0.0))
         made = ObjectFigures(id=label, asset=one.asset, visible=area / one.whole if one.whole else None,
                              iou=iou, segment=segment)  # fmt: skip
-        if segment is not None and iou >= MATCHED and calibrated:
-            made = made.model_copy(update=_errors(one, by_number[segment], library))
+        if segment is not None and iou >= MATCHED:
+            box = one.box or _box_of(one, library) if calibrated else None
+            if table is not None and label in scene.points:
+                box = _box_around(_moved(scene.points[label], table))
+            made = made.model_copy(update=_box_errors(box, by_number[segment]))
+            if calibrated:
+                made = made.model_copy(update=_pose_errors(one, by_number[segment], library))
         figures.append(made)
     return tuple(figures)
 
 
-def _errors(one: TrueObject, candidate: Candidate, library: Library) -> dict[str, object]:
+def _box_errors(box: Aabb | None, candidate: Candidate) -> dict[str, object]:
+    if box is None:
+        return {}
+    return {
+        "center": float(np.linalg.norm(np.subtract(candidate.box.center, box.center))),
+        "size": float(np.abs(np.subtract(candidate.box.size, box.size)).max()),
+    }
+
+
+def _pose_errors(one: TrueObject, candidate: Candidate, library: Library) -> dict[str, object]:
     found: dict[str, object] = {}
-    box = one.box or _box_of(one, library)
-    if box is not None:
-        found["center"] = float(np.linalg.norm(np.subtract(candidate.box.center, box.center)))
-        found["size"] = float(np.abs(np.subtract(candidate.box.size, box.size)).max())
     rotation = one.rotation
     if one.asset in library and one.position is not None and rotation is not None:
         bounds = np.array(library.model(one.asset).bounds)
@@ -71,9 +86,17 @@ def _box_of(one: TrueObject, library: Library) -> Aabb | None:
     rotation = one.rotation
     if one.asset not in library or one.position is None or rotation is None:
         return None
-    corners = gather_posed([(one.asset, (one.position, rotation))], library).corners.reshape(-1, 3)
-    low, high = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    return _box_around(gather_posed([(one.asset, (one.position, rotation))], library).corners.reshape(-1, 3))
+
+
+def _box_around(points: Floats) -> Aabb:
+    low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     return Aabb(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
+
+
+def _moved(points: Floats, table: TableFrame) -> Floats:
+    pose = np.array(table.T_robot_cam)
+    return points @ pose[:3, :3].T + pose[:3, 3]
 
 
 def frame_figures(scene: LabelledScene, rng: np.random.Generator) -> FrameFigures | None:

@@ -22,7 +22,9 @@ from grs_agents.measure.types import Order, Result, SceneFigures, result_file
 from grs_agents.run.tables import table
 from grs_agents.scene.metrics import SegmentationScore
 from grs_agents.scene.reading import scene_name
+from grs_agents.scene.reading.bop import is_bop
 from grs_agents.scene.truth import labelled_folders
+from grs_agents.scene.truth_bop import bop_sources
 from grs_agents.synth import Recipe
 
 _ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -31,20 +33,22 @@ _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 """What of a row fits a terminal; the rest is in the files."""
 
 
-def orders_of(sources: Sequence[str], tool: str, seed: int) -> list[Order]:
+def orders_of(sources: Sequence[str], tool: str, seed: int, most: int = 50) -> list[Order]:
     """Orders for labelled scenes that are there.
 
     Args:
-        sources: scene folders, folders of scene folders, or ``bop:ROOT/SPLIT/SCENE/IMAGE``.
+        sources: scene folders, folders of scene folders, or ``bop:ROOT/SPLIT``, with a scene, with an image.
         tool: the segment tool.
         seed: of the search for the table.
+        most: how many images of a data set, spread evenly.
 
     Raises:
         InputError: a folder holds no labelled scene.
     """
     found: list[str] = []
     for source in sources:
-        found += [source] if source.startswith("bop:") else [str(folder) for folder in labelled_folders(Path(source))]
+        bop = is_bop(Path(source))
+        found += bop_sources(source, most) if bop else [str(folder) for folder in labelled_folders(Path(source))]
     names = [scene_name(Path(source)) for source in found]
     names = [name if names.count(name) == 1 else f"{index:03d}-{name}" for index, name in enumerate(names)]
     return [_order(name, source, None, tool, seed) for name, source in zip(names, found, strict=True)]

@@ -55,7 +55,12 @@ def _symmetry(data: bytes, count: int) -> Symmetry:
     coarse, fine = _sampled(corners, _COARSE, rng) - middle, _sampled(corners, _FINE, rng) - middle
     bound = _distance(coarse, fine) + _SLACK
 
+    half = np.ptp(corners.reshape(-1, 3), axis=0) / 2
+
     def same(rotation: Floats) -> bool:
+        quarter = bool(np.allclose(np.abs(rotation) % 1, 0))
+        if quarter and np.abs(np.abs(rotation) @ half - half).max() > 2 * _SLACK:
+            return False  # told by its extents alone
         return _distance(coarse @ rotation.T, fine) < bound
 
     turns = [turn for turn in _quarter_turns() if same(turn)]

@@ -9,7 +9,6 @@ from grs_agents.base import Frozen
 from grs_agents.scene.metrics import SegmentationScore
 from grs_agents.synth import Recipe
 
-
 Corners = tuple[tuple[float, ...], ...]
 
 

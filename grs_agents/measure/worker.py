@@ -50,7 +50,7 @@ def measure(order: Order, out: Path) -> Result:
     found = np.zeros(scene.labels.shape, np.int32)
     for one in candidates:
         found[one.mask] = one.id
-    figures = _figures(order, scene, found, candidates, error)
+    figures = _figures(order, scene, found, candidates, table, error)
     figures = figures.model_copy(update={"cpu_seconds": seconds, "peak_mib": peak})
     boxes = {one.id: _corners(one, table) for one in candidates} if table is not None else {}
     result = Result(order=order, figures=figures, boxes=boxes)
@@ -62,7 +62,7 @@ def measure(order: Order, out: Path) -> Result:
 
 def _figures(
     order: Order, scene: LabelledScene, found: "np.ndarray[tuple[int, ...], np.dtype[np.int32]]",
-    candidates: Sequence[Candidate], error: str,
+    candidates: Sequence[Candidate], table: TableFrame | None, error: str,
 ) -> SceneFigures:  # fmt: skip
     frame = None
     try:
@@ -74,7 +74,7 @@ def _figures(
         sensor=scene.truth.sensor,
         tilt=scene.truth.tilt,
         score=score(found, scene.labels, scene.ignored()),
-        objects=object_figures(scene, found, candidates, Library()),
+        objects=object_figures(scene, found, candidates, Library(), table),
         frame=frame,
         width=scene.frame.camera.width,
         height=scene.frame.camera.height,

@@ -1,7 +1,7 @@
 """Scenes of which it is known what stands where: labels for each pixel, and poses and boxes where they are known."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -12,10 +12,11 @@ from pydantic import ValidationError
 
 from grs_agents.base import Frozen, Quat, Vec3
 from grs_agents.errors import InputError
-from grs_agents.scene.frame import RGBDFrame
+from grs_agents.scene.frame import Array, RGBDFrame
 from grs_agents.scene.geometry import Labels
 from grs_agents.scene.reading import read_masks, read_scene, scene_name
 from grs_agents.scene.reading.bop import is_bop
+from grs_agents.scene.truth_bop import bop_objects
 from grs_agents.scene.types import Aabb
 
 FEWEST_PIXELS = 100
@@ -79,12 +80,14 @@ class LabelledScene:
         frame: the photo with depth.
         labels: (H, W), 0 = background.
         truth: of the objects, as far as it is known.
+        points: (N, 3) of the true surface of objects by label, m, camera frame; where poses are given in that frame.
     """
 
     name: str
     frame: RGBDFrame
     labels: Labels
     truth: Truth = field(default_factory=Truth)
+    points: Mapping[int, Array] = field(default_factory=dict[int, Array])
 
     def ignored(self) -> frozenset[int]:
         """Labels of objects of which too little is seen to ask for them."""
@@ -102,8 +105,7 @@ def read_labelled(source: Path) -> LabelledScene:
     """
     frame = read_scene(source)
     if is_bop(source):
-        rows, columns = frame.depth.shape
-        return LabelledScene(scene_name(source), frame, read_masks(source, (rows, columns)))
+        return _bop_scene(source, frame)
     file = source / "labels.png"
     image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
     if image is None or image.ndim != 2 or image.dtype.name not in ("uint8", "uint16"):
@@ -111,6 +113,18 @@ def read_labelled(source: Path) -> LabelledScene:
     if image.shape != frame.depth.shape:
         raise InputError(f"{file} has shape {image.shape}, the photo {frame.depth.shape}", "give both one size")
     return LabelledScene(scene_name(source), frame, image.astype(np.int32), read_truth(source / "truth.json"))
+
+
+def _bop_scene(source: Path, frame: RGBDFrame) -> LabelledScene:
+    rows, columns = frame.depth.shape
+    labels, told = read_masks(source, (rows, columns)), bop_objects(source)
+    if len(told) != labels.max():  # it is not known which mask is whose
+        return LabelledScene(scene_name(source), frame, labels)
+    objects = tuple(
+        TrueObject(id=number, visible=one["visible"], whole=one["whole"]) for number, one in enumerate(told, 1)
+    )
+    points = {number: one["points"] for number, one in enumerate(told, 1) if "points" in one}
+    return LabelledScene(scene_name(source), frame, labels, Truth(objects=objects), points)
 
 
 def read_truth(file: Path) -> Truth:

@@ -17,7 +17,7 @@ from grs_agents.library.generate.built import Built, assemble
 from grs_agents.library.generate.mesh import Mesh, loft, superellipse
 from grs_agents.library.generate.polygon import convex_pieces
 from grs_agents.library.generate.prism import annulus, prism, wedges
-from grs_agents.library.generate.solids import box, cylinder
+from grs_agents.library.generate.solids import box
 from grs_agents.library.shapes import Rgba, quaternion_from_rpy
 
 Floats = npt.NDArray[np.float64]
