@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -33,13 +34,21 @@ _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 """What of a row fits a terminal; the rest is in the files."""
 
 
-def orders_of(sources: Sequence[str], tool: str, seed: int, most: int = 50) -> list[Order]:
+@dataclass(frozen=True)
+class Work:
+    """What is done with each scene: the segment tool, the seed of the search for the table, how often it is timed."""
+
+    tool: str
+    seed: int = 0
+    repeats: int = 1
+
+
+def orders_of(sources: Sequence[str], work: Work, most: int) -> list[Order]:
     """Orders for labelled scenes that are there.
 
     Args:
         sources: scene folders, folders of scene folders, or ``bop:ROOT/SPLIT``, with a scene, with an image.
-        tool: the segment tool.
-        seed: of the search for the table.
+        work: what is done with them.
         most: how many images of a data set, spread evenly.
 
     Raises:
@@ -51,14 +60,14 @@ def orders_of(sources: Sequence[str], tool: str, seed: int, most: int = 50) -> l
         found += bop_sources(source, most) if bop else [str(folder) for folder in labelled_folders(Path(source))]
     names = [scene_name(Path(source)) for source in found]
     names = [name if names.count(name) == 1 else f"{index:03d}-{name}" for index, name in enumerate(names)]
-    return [_order(name, source, None, tool, seed) for name, source in zip(names, found, strict=True)]
+    return [_order(name, source, None, work) for name, source in zip(names, found, strict=True)]
 
 
-def synthesised_orders(wanted: Sequence[Recipe], out: Path, tool: str, seed: int) -> list[Order]:
+def synthesised_orders(wanted: Sequence[Recipe], out: Path, work: Work) -> list[Order]:
     """Orders for scenes that are made below ``out/synthesised`` if they are not there yet."""
     made = _fingerprint(_CODE / "synth", _CODE / "library", content.path("assets", "library"))[:12]
     return [
-        _order(f"synth_{recipe.seed:04d}", str(out / "synthesised" / made / _stem(recipe)), recipe, tool, seed)
+        _order(f"synth_{recipe.seed:04d}", str(out / "synthesised" / made / _stem(recipe)), recipe, work)
         for recipe in wanted
     ]
 
@@ -97,11 +106,18 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
     return 0 if all(not scene.error for scene in scenes) else 1
 
 
-def _order(name: str, source: str, recipe: Recipe | None, tool: str, seed: int) -> Order:
+def _order(name: str, source: str, recipe: Recipe | None, work: Work) -> Order:
     overlays = tuple(str(root) for root in content.roots()[:-1])
-    code = _fingerprint(_CODE / "scene", _CODE / "measure", content.path("tools", tool))
+    code = _fingerprint(_CODE / "scene", _CODE / "measure", content.path("tools", work.tool))
     return Order(
-        name=name, source=source, recipe=recipe, tool=tool, seed=seed, content=overlays, fingerprint=code + _age(source)
+        name=name,
+        source=source,
+        recipe=recipe,
+        tool=work.tool,
+        seed=work.seed,
+        repeats=work.repeats,
+        content=overlays,
+        fingerprint=code + _age(source),
     )
 
 

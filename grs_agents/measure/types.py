@@ -87,6 +87,7 @@ class Order(Frozen):
         recipe: what the folder is synthesised from, if it is not there yet.
         tool: the segment tool.
         seed: of the search for the table.
+        repeats: how often the work is timed; the least time counts.
         content: content folders laid over the shipped ones, the one that wins first.
         fingerprint: of everything else that the figures depend on; a result with another one is measured again.
     """
@@ -96,6 +97,7 @@ class Order(Frozen):
     recipe: Recipe | None = None
     tool: str
     seed: int = 0
+    repeats: int = 1
     content: tuple[str, ...] = ()
     fingerprint: str = ""
 

@@ -7,10 +7,12 @@ import resource
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents import content
 from grs_agents.errors import GrsError
@@ -22,9 +24,19 @@ from grs_agents.sandbox import Limits, Sandbox
 from grs_agents.scene import Candidate, TableFrame, find_table
 from grs_agents.scene.metrics import score
 from grs_agents.scene.truth import LabelledScene, read_labelled
-from grs_agents.toolkit import ToolContext, load_tool
+from grs_agents.toolkit import Tool, ToolContext, load_tool
 
 _MEBIBYTE = 1024 * 1024 if sys.platform == "darwin" else 1024
+
+
+@dataclass(frozen=True)
+class Found:
+    """What perception makes of a scene: table, candidates, or why there are none; and CPU time, s."""
+
+    table: TableFrame | None
+    candidates: Sequence[Candidate]
+    error: str
+    seconds: float
 
 
 def measure(order: Order, out: Path) -> Result:
@@ -37,34 +49,36 @@ def measure(order: Order, out: Path) -> Result:
     tool = load_tool(order.tool)
     context = ToolContext(sandbox=Sandbox(keep_ready=False), library=Library(), limits=Limits())
     cv2.setNumThreads(1)
-    begin, error = time.process_time(), ""
-    table: TableFrame | None = None
-    candidates: Sequence[Candidate] = ()
-    try:
-        table = find_table(scene.frame, np.random.default_rng(order.seed))
-        candidates = tool.run(tool.Request(frame=scene.frame, table=table), context).candidates
-    except GrsError as failure:
-        error = failure.message
-    seconds = time.process_time() - begin
+    found = min((_found(scene, tool, context, order.seed) for _ in range(order.repeats)), key=lambda one: one.seconds)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MEBIBYTE
-    found = np.zeros(scene.labels.shape, np.int32)
-    for one in candidates:
-        found[one.mask] = one.id
-    figures = _figures(order, scene, found, candidates, table, error)
-    figures = figures.model_copy(update={"cpu_seconds": seconds, "peak_mib": peak})
-    boxes = {one.id: _corners(one, table) for one in candidates} if table is not None else {}
+    labels = np.zeros(scene.labels.shape, np.int32)
+    for one in found.candidates:
+        labels[one.mask] = one.id
+    figures = _figures(order, scene, labels, found).model_copy(update={"cpu_seconds": found.seconds, "peak_mib": peak})
+    table = found.table
+    boxes = {one.id: _corners(one, table) for one in found.candidates} if table is not None else {}
     result = Result(order=order, figures=figures, boxes=boxes)
     file = result_file(out, order.name)
-    write_bytes(file.with_suffix(".png"), cv2.imencode(".png", found.astype(np.uint16))[1].tobytes())
+    write_bytes(file.with_suffix(".png"), cv2.imencode(".png", labels.astype(np.uint16))[1].tobytes())
     write_json(file, dumped(result))
     return result
 
 
-def _figures(
-    order: Order, scene: LabelledScene, found: "np.ndarray[tuple[int, ...], np.dtype[np.int32]]",
-    candidates: Sequence[Candidate], table: TableFrame | None, error: str,
-) -> SceneFigures:  # fmt: skip
-    frame = None
+def _found(scene: LabelledScene, tool: Tool, context: ToolContext, seed: int) -> Found:
+    begin = time.process_time()
+    table: TableFrame | None = None
+    candidates: Sequence[Candidate] = ()
+    error = ""
+    try:
+        table = find_table(scene.frame, np.random.default_rng(seed))
+        candidates = tool.run(tool.Request(frame=scene.frame, table=table), context).candidates
+    except GrsError as failure:
+        error = failure.message
+    return Found(table, candidates, error, time.process_time() - begin)
+
+
+def _figures(order: Order, scene: LabelledScene, labels: npt.NDArray[np.int32], found: Found) -> SceneFigures:
+    frame, error = None, found.error
     try:
         frame = frame_figures(scene, np.random.default_rng(order.seed))
     except GrsError as failure:
@@ -73,8 +87,8 @@ def _figures(
         name=order.name,
         sensor=scene.truth.sensor,
         tilt=scene.truth.tilt,
-        score=score(found, scene.labels, scene.ignored()),
-        objects=object_figures(scene, found, candidates, Library(), table),
+        score=score(labels, scene.labels, scene.ignored()),
+        objects=object_figures(scene, labels, found.candidates, Library(), found.table),
         frame=frame,
         width=scene.frame.camera.width,
         height=scene.frame.camera.height,

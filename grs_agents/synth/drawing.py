@@ -19,6 +19,8 @@ Floats = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int32]
 Bools = npt.NDArray[np.bool_]
 _FINER = 2
+_LARGE = 1_000_000
+"""Pictures of more pixels are fine enough as they are."""
 FARTHEST = 50.0
 """Depth (m) where the room is open."""
 _GLOSS = 40.0
@@ -29,7 +31,7 @@ class Seen:
     """The perfect picture.
 
     Attributes:
-        rgb: (H, W, 3) red, green, blue in 0..1, antialiased.
+        rgb: (H, W, 3) red, green, blue in 0..1, antialiased unless they are large.
         depth: (H, W) m along the optical axis at the pixels' centres.
         labels: (H, W) 1 for the first thing, and so on; 0 for the room.
         cosine: (H, W) of the angle between the surface and the ray, 1 = seen straight on.
@@ -55,6 +57,8 @@ def draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequence
         shiny: labels of the things that mirror.
     """
     exact = _draw(triangles, scenery, camera, shiny)
+    if camera.width * camera.height > _LARGE:
+        return exact
     fine = _draw(triangles, scenery, finer(camera, _FINER), shiny)
     rgb = cv2.resize(fine.rgb, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     return replace(exact, rgb=np.asarray(rgb, np.float64))

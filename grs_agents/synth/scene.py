@@ -95,7 +95,9 @@ class SynthesisedScene:
         return np.rint(np.clip(depth / self.camera.depth_scale, 0, 65535)).astype(np.uint16)
 
 
-def recipes(count: int, seed: int = 0, objects: int = 15, distractors: int = 4) -> tuple[Recipe, ...]:
+def recipes(
+    count: int, seed: int = 0, objects: int = 15, distractors: int = 4, size: tuple[int, int] = (640, 480)
+) -> tuple[Recipe, ...]:
     """Recipes of different scenes: tilts spread evenly over 20 to 90 degrees in random order, the sensors in turn."""
     rng = np.random.default_rng(seed)
     steps = (rng.permutation(count) + rng.random(count)) / max(count, 1)
@@ -108,6 +110,8 @@ def recipes(count: int, seed: int = 0, objects: int = 15, distractors: int = 4) 
             distractors=min(distractors, objects),
             tilt=round(float(tilts[index]), 1),
             sensor=kinds[index % len(kinds)],
+            width=size[0],
+            height=size[1],
         )
         for index in range(count)
     )
