@@ -78,3 +78,13 @@ def test_perception_of_a_synthesised_scene(tmp_path: Path, capsys: pytest.Captur
 def test_perception_without_a_labelled_scene_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no labelled scene"):
         content.load_module("evals", "perception").main(["--scenes", str(tmp_path), "--out", str(tmp_path / "out")])
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--size", "640"], ["--size", "0x480"], ["--synthesised", "-1"], ["--seed", "x"]]
+)
+def test_perception_refuses_what_is_no_number(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        content.load_module("evals", "perception").main(arguments)
+    assert caught.value.code == 2
+    assert arguments[0] in capsys.readouterr().err
