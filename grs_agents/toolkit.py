@@ -98,6 +98,12 @@ def open_library(roots: Sequence[str]) -> Library:
     return Library(*(Path(root) for root in roots))
 
 
+def readable(library_roots: Sequence[str], robot: str) -> tuple[Path, ...]:
+    """The folders that a simulation with these assets and this arm reads, beside the shipped ones."""
+    arm = (Path(robot).parent,) if Path(robot).suffix else ()
+    return (*(Path(root) for root in library_roots), *arm)
+
+
 def _speaks_json(tool: Tool) -> bool:
     return isinstance(tool.Request, type) and issubclass(tool.Request, BaseModel)
 

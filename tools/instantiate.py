@@ -1,6 +1,5 @@
 """Turn a generated simulation program into task instances, one for each seed: typed data instead of code."""
 
-import json
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal, get_args
 
@@ -9,15 +8,19 @@ from pydantic import Field, ValidationError
 from grs_agents import sandbox
 from grs_agents.base import Frozen
 from grs_agents.sandbox import CallResult, EachResult, Limits, Trace
-from grs_agents.sim import TaskInstance
-from grs_agents.toolkit import ToolContext, open_library
+from grs_agents.sim import InstanceError, TaskInstance, first_fault, read_instance
+from grs_agents.toolkit import ToolContext, open_library, readable
 
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 FailureOutcome = Literal[
     "timeout", "crashed", "memory", "not_run", "invalid", "error",
-    "no_free_space", "unreachable", "target_occupied", "target_too_small", "nothing_to_do",
+    "no_free_space", "unreachable", "target_occupied", "target_too_small", "nothing_to_do", "simulated_step_limit",
+    "object_limit", "vertex_limit", "output_limit", "scratch_limit", "thread_limit", "forged",
 ]  # fmt: skip
-_STOPPED: dict[str, FailureOutcome] = {"timeout": "timeout", "cpu_limit": "timeout", "memory_limit": "memory"}
+_STOPPED: dict[str, FailureOutcome] = {
+    "timeout": "timeout", "cpu_limit": "timeout", "memory_limit": "memory", "output_limit": "output_limit",
+    "scratch_limit": "scratch_limit", "thread_limit": "thread_limit", "forged": "forged", "error": "error",
+}  # fmt: skip
 
 
 class Request(Frozen):
@@ -41,7 +44,8 @@ class Failure(Frozen):
 
     Attributes:
         seed: the seed.
-        outcome: ``invalid`` is an instance that breaks its schema; the rest as the simulation types it.
+        outcome: ``invalid`` is an instance that breaks its schema, ``forged`` one that did not come from the
+            harness or came twice; the rest as the simulation types it.
         message: one line.
         traceback: of the program, without the machinery.
     """
@@ -80,10 +84,11 @@ def run(request: Request, context: ToolContext) -> Result:
     each = sandbox.call_each(
         context.sandbox,
         "instantiate",
-        request.model_dump(mode="json"),
+        request.model_dump(mode="json") | {"limits": context.limits.model_dump(mode="json")},
         [str(seed) for seed in seeds],
         context.limits,
         hopeless=lambda call: True,  # what hangs in reset for one seed hangs for all
+        readable=readable(request.library_roots, request.robot),
     )
     drawn = [_draw(seed, each, request.simulation, context.limits) for seed in seeds]
     return Result(
@@ -101,7 +106,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
     compatibility.install()
     library = open_library(request["library_roots"])
-    sim.configure(library, robot=request["robot"])
+    sim.configure(library, robot=request["robot"], limits=Limits.model_validate(request["limits"]))
     items: Sequence[str] = request["items"]
     task: Any = None
     with sandbox.Caught() as loading:
@@ -110,11 +115,15 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     for item in items:
         sandbox.progress({"item": item, "phase": "start"})
         sandbox.seed_everything(int(item))
+        sim.begin_test()
         event: dict[str, Any] = {"instance": None}
         with sandbox.Caught() as caught:
             if loading.error is not None:
                 raise loading.error
-            event["instance"] = sim.instantiate(task(), int(item), library).model_dump(mode="json")
+            instance = sim.instantiate(task(), int(item), library)
+            if (limit := sim.reached()) is not None:  # though the program caught it
+                raise limit
+            event["instance"] = instance.model_dump_json()
         if isinstance(caught.error, MemoryError):
             raise caught.error
         if caught.error is not None:
@@ -126,7 +135,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 def _failure(error: BaseException) -> dict[str, str]:
     shown = _shown(sandbox.describe(error))
     if isinstance(error, ValidationError):
-        return {**shown, "message": _first(error), "outcome": "invalid"}
+        return {**shown, "message": first_fault(error), "outcome": "invalid"}
     return {**shown, "outcome": str(getattr(error, "outcome", "error"))}
 
 
@@ -135,6 +144,8 @@ def _draw(seed: int, each: EachResult, source: str, limits: Limits) -> TaskInsta
     if item in each.stopped:
         return _stopped(seed, each.stopped[item], source)
     event = each.ended.get(item)
+    if item in each.repeated or item in each.untimely:
+        return Failure(seed=seed, outcome="forged", message="its instance was reported twice, or out of turn")
     if event is None and not each.last.events:
         return _stopped(seed, each.last, source)
     if event is None:
@@ -144,16 +155,16 @@ def _draw(seed: int, each: EachResult, source: str, limits: Limits) -> TaskInsta
         outcome: Any = event.get("outcome") if event.get("outcome") in get_args(FailureOutcome) else "error"
         message, trace = str(event.get("message", ""))[:1000], str(event.get("traceback", ""))[:8000]
         return Failure(seed=seed, outcome=outcome, message=message, traceback=trace)
-    return _validated(seed, event["instance"])
+    return _validated(seed, event["instance"], limits.objects)
 
 
-def _validated(seed: int, instance: Any) -> TaskInstance | Failure:
+def _validated(seed: int, text: object, objects: int) -> TaskInstance | Failure:
+    if not isinstance(text, str):
+        return Failure(seed=seed, outcome="invalid", message=f"the instance is {type(text).__name__}, not JSON as text")
     try:
-        checked = TaskInstance.model_validate_json(json.dumps(instance), strict=True)
-    except ValidationError as error:
-        return Failure(seed=seed, outcome="invalid", message=_first(error))
-    except RecursionError:
-        return Failure(seed=seed, outcome="invalid", message="the instance is nested too deeply")
+        checked = read_instance(text, objects)
+    except InstanceError as error:
+        return Failure(seed=seed, outcome="invalid", message=str(error)[:1000])
     if checked.seed != seed:
         return Failure(seed=seed, outcome="invalid", message=f"the instance says seed {checked.seed}, not {seed}")
     return checked
@@ -162,14 +173,8 @@ def _validated(seed: int, instance: Any) -> TaskInstance | Failure:
 def _stopped(seed: int, call: CallResult, source: str) -> Failure:
     trace = sandbox.from_stack(call.stack, {sandbox.SIMULATION_FILE: source}, call.error)
     last = (call.error.strip().splitlines() or [call.outcome])[-1][:1000]
-    outcome = _STOPPED.get(call.outcome, "error" if call.outcome == "error" else "crashed")
+    outcome = _STOPPED.get(call.outcome, "crashed")
     return Failure(seed=seed, outcome=outcome, message=last, traceback=trace.text if trace else call.error[-8000:])
-
-
-def _first(error: ValidationError) -> str:
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    return f"{where or 'instance'}: {first['msg']}"[:1000]
 
 
 def _shown(trace: Trace) -> dict[str, str]:

@@ -1,12 +1,14 @@
 """Draw a task instance by casting rays: a PNG of the scene before or after a rollout, no GL needed."""
 
+import base64
 from pathlib import Path
 from typing import Any, Literal
 
 from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import GrsError
-from grs_agents.sandbox import CallResult
-from grs_agents.toolkit import ToolContext, open_library
+from grs_agents.files import write_bytes
+from grs_agents.sandbox import CallResult, Limits
+from grs_agents.toolkit import ToolContext, open_library, readable
 
 
 class Request(Frozen):
@@ -42,30 +44,33 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Draw in the sandbox."""
-    call: CallResult = context.sandbox.call("render", request.model_dump(mode="json"), context.limits)
+    reads = readable(request.library_roots, request.robot)
+    limits = context.limits.model_dump(mode="json")
+    frame = {"request": request.model_dump(mode="json"), "limits": limits}
+    call: CallResult = context.sandbox.call("render", frame, context.limits, reads)
     if call.value is None:
         return Result(image=None, error=call.error or call.outcome)
-    return Result.model_validate(call.value)
+    if call.value["png"] is None:
+        return Result(image=None, error=call.value["error"])
+    return Result(image=str(write_bytes(Path(request.output), base64.b64decode(call.value["png"]))))
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:
-    """The worker's part."""
-    asked = Request.model_validate(request)
+    """The worker's part: the picture as base64, since a worker reaches no file of the host."""
+    asked, limits = Request.model_validate(request["request"]), Limits.model_validate(request["limits"])
     try:
-        image = str(_draw(asked))
+        return {"png": base64.b64encode(_draw(asked, limits)).decode(), "error": ""}
     except (GrsError, ValueError) as error:
-        return Result(image=None, error=str(error)).model_dump(mode="json")
-    return Result(image=image).model_dump(mode="json")
+        return {"png": None, "error": str(error)}
 
 
-def _draw(asked: Request) -> Path:
+def _draw(asked: Request, limits: Limits) -> bytes:
     from grs_agents import sim
-    from grs_agents.files import write_bytes
     from grs_agents.sim import rendering
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)
-    sim.configure(library, instance.seed, asked.robot)
+    sim.configure(library, instance.seed, asked.robot, limits)
     task = sim.InstanceTask(instance)
     env = sim.Environment(task=task, library=library, seed=instance.seed)
     env.reset()
@@ -73,4 +78,4 @@ def _draw(asked: Request) -> Path:
         sim.solve(env, task)
     view = rendering.View(asked.position, asked.target, height=asked.height, width=asked.width)
     picture = rendering.render(env.sight, [view])[0]
-    return write_bytes(Path(asked.output), rendering.png(picture.color))
+    return rendering.png(picture.color)

@@ -1,12 +1,14 @@
 """Run the trusted oracle on a task instance and score it; no generated code is involved."""
 
+import base64
 from pathlib import Path
 from typing import Any
 
 from grs_agents.base import Frozen
 from grs_agents.errors import GrsError
-from grs_agents.sandbox import CallResult
-from grs_agents.toolkit import ToolContext, open_library
+from grs_agents.files import write_bytes
+from grs_agents.sandbox import CallResult, Limits
+from grs_agents.toolkit import ToolContext, open_library, readable
 
 
 class Request(Frozen):
@@ -41,23 +43,31 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Run the oracle in the sandbox."""
-    call: CallResult = context.sandbox.call("rollout", request.model_dump(mode="json"), context.limits)
+    reads = readable(request.library_roots, request.robot)
+    limits = context.limits.model_dump(mode="json")
+    frame = {"request": request.model_dump(mode="json"), "limits": limits}
+    call: CallResult = context.sandbox.call("rollout", frame, context.limits, reads)
     if call.value is None:
         return Result(rollout=None, outcome=call.outcome, error=call.error)
+    motion = call.value.pop("motion")
+    if request.recording is not None and motion is not None:
+        write_bytes(Path(request.recording), base64.b64decode(motion))
     return Result.model_validate(call.value)
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:
-    """The worker's part."""
+    """The worker's part: a ``Result``, and the .npz file as base64, since a worker reaches no file of the host."""
     from grs_agents import sim
 
-    asked = Request.model_validate(request)
+    asked, limits = Request.model_validate(request["request"]), Limits.model_validate(request["limits"])
+    recording = Path("motion.npz")
     try:
         instance = sim.TaskInstance.model_validate(asked.instance)
-        recording = Path(asked.recording) if asked.recording else None
         library = open_library(asked.library_roots)
-        sim.configure(library, instance.seed, asked.robot)
-        done = sim.rollout(instance, library, recording)
+        sim.configure(library, instance.seed, asked.robot, limits)
+        done = sim.rollout(instance, library, recording if asked.recording else None)
     except (GrsError, ValueError) as error:
-        return Result(rollout=None, outcome="error", error=str(error)).model_dump(mode="json")
-    return Result(rollout=done.model_dump(mode="json")).model_dump(mode="json")
+        return {**Result(rollout=None, outcome="error", error=str(error)).model_dump(mode="json"), "motion": None}
+    motion = base64.b64encode(recording.read_bytes()).decode() if done.recording else None
+    rollout = {**done.model_dump(mode="json"), "recording": asked.recording if done.recording else None}
+    return {**Result(rollout=rollout).model_dump(mode="json"), "motion": motion}

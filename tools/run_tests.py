@@ -6,8 +6,8 @@ from pydantic import Field
 
 from grs_agents import sandbox
 from grs_agents.base import Frozen
-from grs_agents.sandbox import TestReport, TestRun
-from grs_agents.toolkit import ToolContext, open_library
+from grs_agents.sandbox import Limits, TestReport, TestRun
+from grs_agents.toolkit import ToolContext, open_library, readable
 
 
 class Request(Frozen):
@@ -43,11 +43,17 @@ def run(request: Request, context: ToolContext) -> Result:
         tests=request.tests,
         simulation_name=request.simulation_name,
         seed=request.seed,
-        clear="grs_agents.sim:clear_episodes",
+        clear="grs_agents.sim:begin_test",
         episode="grs_agents.sim:last_episode",
-        extra={"library_roots": request.library_roots, "robot": request.robot},
+        limit="grs_agents.sim:reached_limit",
+        extra={
+            "library_roots": request.library_roots,
+            "robot": request.robot,
+            "limits": context.limits.model_dump(mode="json"),
+        },
     )
-    return Result(report=sandbox.run_tests(context.sandbox, "run_tests", programs, context.limits))
+    reads = readable(request.library_roots, request.robot)
+    return Result(report=sandbox.run_tests(context.sandbox, "run_tests", programs, context.limits, reads))
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:
@@ -57,5 +63,6 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
     compatibility.install()
     extra = request["extra"]
-    sim.configure(open_library(extra["library_roots"]), request["seed"], extra["robot"])
+    limits = Limits.model_validate(extra["limits"])
+    sim.configure(open_library(extra["library_roots"]), request["seed"], extra["robot"], limits)
     return sandbox.run_tests_inside(request)

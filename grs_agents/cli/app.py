@@ -14,6 +14,7 @@ from grs_agents.cli.options import (
     Resume,
     Seed,
     Settings,
+    Unsafe,
     effective,
     refuse_changes,
     refuse_graph,
@@ -68,12 +69,13 @@ def run(
     out: Out = None,
     resume: Resume = False,
     json: Json = False,
+    unsafe: Unsafe = False,
 ) -> None:
     """Make a validated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 bad input, 3 our error."""
     from grs_agents.cli.running import run_graph
 
-    refuse_changes(resume, config, settings, seed)
-    sys.exit(run_graph("run", scene, effective(config, settings, seed).config, out, resume, json))
+    refuse_changes(resume, config, settings, seed, unsafe)
+    sys.exit(run_graph("run", scene, effective(config, settings, seed, unsafe).config, out, resume, json))
 
 
 @app.command()
@@ -101,12 +103,13 @@ def check(
     config: ConfigFile = None,
     settings: Settings = None,
     json: Json = False,
+    unsafe: Unsafe = False,
 ) -> None:
     """Check a simulation program of your own through sandbox, tests, oracle and audit. Exit status as for run."""
     from grs_agents.cli.checking import check_program
 
     extra = [] if seeds is None else [f"audit.seeds={seeds}"]
-    chosen = effective(config, [*(settings or []), *extra]).config
+    chosen = effective(config, [*(settings or []), *extra], unsafe=unsafe).config
     sys.exit(check_program(simulation, tests, chosen, json))
 
 

@@ -5,17 +5,18 @@ import os
 import subprocess
 import sys
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from grs_agents.config import UNSAFE, Config
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions
-from grs_agents.run.execute import PRELOAD
-from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.run.isolation import open_sandbox
+from grs_agents.sandbox import REMEDIES, Choice, Limits, SandboxError
 from grs_agents.toolkit import ToolContext, load_tool
 
 GL_BACKENDS = {"egl": "libegl1", "osmesa": "libosmesa6"}
@@ -44,8 +45,8 @@ def diagnose(as_json: bool) -> int:
     Returns:
         0 if everything that GRS needs works, 3 if not.
     """
-    found = [_sandbox(), *(_gl(name) for name in GL_BACKENDS), *(_provider(name) for name in PROVIDERS)]
-    found.insert(1, Diagnosis("model offline", "works", "embedded, no key"))
+    found = [*_sandboxes(), *(_gl(name) for name in GL_BACKENDS), *(_provider(name) for name in PROVIDERS)]
+    found.insert(0, Diagnosis("model offline", "works", "embedded, no key"))
     found += [Diagnosis(name, "works", value) for name, value in versions().items()]
     if as_json:
         print(json.dumps([asdict(one) for one in found], indent=2))
@@ -59,15 +60,26 @@ def diagnose(as_json: bool) -> int:
     return 3 if any(one.state == "broken" for one in found) else 0
 
 
-def _sandbox() -> Diagnosis:
-    """Run an endless program and see it end."""
+def _sandboxes() -> list[Diagnosis]:
+    """Attack from inside each backend, and run an endless program in it; one that holds is enough."""
+    found = [_sandbox(backend) for backend in get_args(Choice) if backend not in ("auto", "none")]
+    if not any(one.state == "works" for one in found):
+        remedy = f"one of the above, or accept the risk with {UNSAFE}"
+        found.append(Diagnosis("sandbox", "broken", "nothing separates generated code from this machine", remedy))
+    return found
+
+
+def _sandbox(backend: Choice) -> Diagnosis:
     limits = Limits(wall_seconds=10, cpu_seconds=1)
     tool = load_tool("run_tests")
-    with Sandbox(preload=PRELOAD) as sandbox:
-        context = ToolContext(sandbox=sandbox, library=Library(), limits=limits)
-        report = tool.run(tool.Request(simulation="while True:\n    pass\n", tests=_TESTS), context).report
-    found = f"{report.backend}: an endless program ended as {report.outcome!r} after {report.seconds:.1f} s"
-    return Diagnosis("sandbox", "works" if report.outcome == "timeout" else "broken", found)
+    try:
+        with open_sandbox(Config(sandbox=backend)) as sandbox:
+            context = ToolContext(sandbox=sandbox, library=Library(), limits=limits)
+            report = tool.run(tool.Request(simulation="while True:\n    pass\n", tests=_TESTS), context).report
+    except SandboxError as error:
+        return Diagnosis(f"sandbox {backend}", "absent", error.message, REMEDIES[backend])
+    found = f"{report.backend}: it held; an endless program ended as {report.outcome!r} after {report.seconds:.1f} s"
+    return Diagnosis(f"sandbox {backend}", "works" if report.outcome == "timeout" else "broken", found)
 
 
 _TESTS = "import unittest\nclass T(unittest.TestCase):\n    def test_a(self):\n        import task_code\n"

@@ -17,12 +17,15 @@ Seed = Annotated[int | None, typer.Option("--seed", help="The seed of everything
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone on stdout.")]
 Out = Annotated[Path | None, typer.Option("--out", help="The run folder; runs/<id> by default.", metavar="DIR")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with the run in --out where it stopped.")]
+Unsafe = Annotated[bool, typer.Option("--unsafe-no-sandbox", help="Run generated code without isolation.")]
 
 
-def effective(file: Path | None, settings: list[str] | None, seed: int | None = None) -> Effective:
+def effective(
+    file: Path | None, settings: list[str] | None, seed: int | None = None, unsafe: bool = False
+) -> Effective:
     """The configuration that these options make; ``--seed N`` is ``--set seed=N``."""
     extra = [] if seed is None else [f"seed={seed}"]
-    return load_config(file, [*(settings or []), *extra])
+    return load_config(file, [*(settings or []), *extra], unsafe=unsafe)
 
 
 def refuse_graph(chosen: Effective) -> None:
@@ -37,11 +40,14 @@ def refuse_graph(chosen: Effective) -> None:
         )
 
 
-def refuse_changes(resume: bool, file: Path | None, settings: list[str] | None, seed: int | None) -> None:
+def refuse_changes(resume: bool, file: Path | None, settings: list[str] | None, seed: int | None, unsafe: bool) -> None:
     """A resumed run keeps the configuration it was started with.
 
     Raises:
         ConfigError: a configuration is given together with ``--resume``.
     """
-    if resume and (file is not None or settings or seed is not None):
-        raise ConfigError("--resume goes on with the configuration in run.json", "leave --config, --set and --seed out")
+    if resume and (file is not None or settings or seed is not None or unsafe):
+        raise ConfigError(
+            "--resume goes on with the configuration in run.json",
+            "leave --config, --set, --seed and --unsafe-no-sandbox out",
+        )

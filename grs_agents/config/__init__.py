@@ -1,13 +1,15 @@
 """Configuration: one TOML file, ``--set`` and the environment become one frozen ``Config``."""
 
-from grs_agents.config.load import Effective, load_config, validated
-from grs_agents.config.model import AuditConfig, Config, LimitsConfig, ModelConfig, ToolsConfig
+from grs_agents.config.limits import Limits
+from grs_agents.config.load import UNSAFE, Effective, load_config, validated
+from grs_agents.config.model import AuditConfig, Config, ModelConfig, ToolsConfig
 
 __all__ = [
+    "UNSAFE",
     "AuditConfig",
     "Config",
     "Effective",
-    "LimitsConfig",
+    "Limits",
     "ModelConfig",
     "ToolsConfig",
     "load_config",

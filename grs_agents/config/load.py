@@ -14,6 +14,8 @@ from grs_agents.errors import ConfigError, UnknownNameError
 
 Tree = dict[str, Any]
 ENVIRONMENT_PREFIX = "GRS_"
+UNSAFE = "--unsafe-no-sandbox"
+"""The only way to run generated code without a sandbox, so that no file brings it along unseen."""
 SECRET = ("key_variable", "base_url")
 """Keys of a model whose wrong values may hold a secret: an error names them without the value."""
 
@@ -35,6 +37,7 @@ def load_config(
     file: Path | None = None,
     settings: Sequence[str] = (),
     environment: Mapping[str, str] | None = None,
+    unsafe: bool = False,
 ) -> Effective:
     """Read the configuration; explicit beats implicit: ``--set`` > file > ``GRS_*`` environment > defaults.
 
@@ -42,6 +45,7 @@ def load_config(
         file: a TOML file.
         settings: ``key.sub=value`` strings; values are TOML, a bare word is a string.
         environment: where ``GRS_KEY__SUB`` variables are looked up; the process's own by default.
+        unsafe: run generated code without a sandbox; no other layer can ask for that.
 
     Raises:
         ConfigError: a file that cannot be read, a malformed setting, an unknown key or a value out of bounds.
@@ -61,6 +65,10 @@ def load_config(
                 sources = {key: value for key, value in sources.items() if not key.startswith(f"models.{role}.")}
         tree = _merge(tree, stated)
         sources.update(named)
+    if unsafe:
+        tree["sandbox"], sources["sandbox"] = "none", UNSAFE
+    elif tree["sandbox"] == "none":
+        raise ConfigError(f"sandbox = 'none' from {sources['sandbox']}", f"give {UNSAFE} on the command line instead")
     return Effective(validated(tree), sources)
 
 

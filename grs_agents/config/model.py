@@ -1,10 +1,12 @@
 """The configuration's types: frozen, every key known, every bound stated."""
 
 import re
+from typing import Literal
 
 from pydantic import Field, field_validator
 
 from grs_agents.base import Frozen
+from grs_agents.config.limits import Limits
 
 ROLES = ("default", "describe", "match", "task", "simulation", "tests", "route", "fix_code", "fix_tests")
 """The agent roles a model may be named for; ``default`` serves every role that has none of its own."""
@@ -78,16 +80,6 @@ class PromptsConfig(Frozen):
     fix_tests: str = "fix_tests"
 
 
-class LimitsConfig(Frozen):
-    """What one sandbox call may cost."""
-
-    wall_seconds: float = Field(default=60, gt=0, le=3600)
-    cpu_seconds: float = Field(default=50, gt=0, le=3600)
-    memory_mib: int = Field(default=1024, ge=256, le=65536)
-    file_mib: int = Field(default=64, ge=1, le=4096)
-    output_mib: int = Field(default=8, ge=1, le=256)
-
-
 class AuditConfig(Frozen):
     """What a task must show to be accepted.
 
@@ -110,6 +102,11 @@ class Config(Frozen):
         seed: the seed of everything random, the offline model's choices included.
         robot: the arm behind the table: ``ur5e``, ``panda`` or the path of an MJCF file (``.xml``) of one's own.
         max_fixes: code and test fixes together.
+        sandbox: what separates generated code from the machine: ``bubblewrap``, ``landlock``, ``sandbox-exec`` (macOS),
+            ``docker``, or ``auto`` for the strongest that holds, Docker aside. ``none`` can only be asked for with
+            ``--unsafe-no-sandbox``.
+        docker_image: what ``docker`` makes its containers from; any small Linux image that is on this machine.
+        workers: how many sandbox calls may run at once.
         reply_retries: how often a reply that does not parse is asked for again, with the error.
         models: chat model by role.
     """
@@ -119,12 +116,15 @@ class Config(Frozen):
     seed: int = Field(default=0, ge=0, lt=2**31)
     robot: str = Field(default="ur5e", max_length=4096)
     max_fixes: int = Field(default=10, ge=0, le=1000)
+    sandbox: Literal["auto", "bubblewrap", "landlock", "docker", "sandbox-exec", "none"] = "auto"
+    docker_image: str = Field(default="debian:stable-slim", max_length=500, pattern=r"^[A-Za-z0-9][\w.:/@-]*$")
+    workers: int = Field(default=2, ge=1, le=64)
     reply_retries: int = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
     tools: ToolsConfig = ToolsConfig()
     depth: DepthConfig = DepthConfig()
     prompts: PromptsConfig = PromptsConfig()
-    limits: LimitsConfig = LimitsConfig()
+    limits: Limits = Limits()
     audit: AuditConfig = AuditConfig()
 
     def model_for(self, role: str) -> ModelConfig:

@@ -1,4 +1,4 @@
-"""Reading XML that strangers wrote: bounded in length and depth, no document types, no entities."""
+"""Reading XML that strangers wrote: bounded in length and depth, no document types, no entities, no inclusions."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -43,6 +43,8 @@ def parse(text: str, fault: Fault) -> ElementTree.Element:
     def enter(tag: str, _: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
+        if tag.rpartition(":")[2] == "include":
+            raise fault(f"<{tag}> is refused", "put what it includes into the file")
         if depth > MAX_DEPTH:
             raise fault(f"<{tag}> is nested deeper than {MAX_DEPTH}", "simplify the file")
 

@@ -1,6 +1,9 @@
 """Task instances and the trusted oracle's rollouts of them."""
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 from grs_agents.files import write_json
 from grs_agents.nodes.services import Services
@@ -25,7 +28,7 @@ class Measured:
 
 def measure(simulation: str, services: Services) -> Measured:
     """Instantiate ``simulation`` for each audit seed in the sandbox, then solve each instance in a process that has
-    never imported it."""
+    never imported it; as many at a time as the sandbox has workers."""
     roots = [str(root) for root in services.library.roots]
     seeds = [services.config.seed + step for step in range(services.config.audit.seeds)]
     result = services.tool("instantiate", simulation=simulation, seeds=seeds, library_roots=roots, robot=services.robot)
@@ -33,33 +36,48 @@ def measure(simulation: str, services: Services) -> Measured:
     for stale in (services.folder / "instances").glob("seed_*"):  # of the program before this one
         stale.unlink()
     instances = [TaskInstance.model_validate(instance) for instance in result.instances]
-    rollouts: list[Rollout] = []
     for instance in instances:
-        name = f"instances/seed_{instance.seed}.json"
-        recording = f"instances/seed_{instance.seed}.npz"
-        write_json(services.folder / name, instance.model_dump(mode="json"))
-        outcome = services.tool(
-            "rollout",
-            instance=instance.model_dump(mode="json"),
-            library_roots=roots,
-            robot=services.robot,
-            recording=str((services.folder / recording).resolve()),
-        )
-        if outcome.rollout is None:
-            failures.append(f"seed {instance.seed}: rollout {outcome.outcome}: {outcome.error}")
-            continue
-        rollout = Rollout.model_validate(outcome.rollout).model_copy(update={"recording": recording})
-        rollouts.append(rollout)
-        services.log.append(
-            RolloutEvent(
-                seed=instance.seed,
-                reward=rollout.episode.reward,
-                outcome=rollout.episode.outcome,
-                steps=rollout.episode.steps,
-                moved=rollout.moved,
-                idle_reward=rollout.idle_reward,
-                recording=recording,
-                instance=name,
-            )
-        )
+        write_json(services.folder / _file(instance, "json"), instance.model_dump(mode="json"))
+    rollouts: list[Rollout] = []
+
+    def solve(instance: TaskInstance) -> Any:
+        return _solve(instance, roots, services)
+
+    with ThreadPoolExecutor(services.config.workers) as pool:
+        outcomes = pool.map(solve, instances)
+        for instance, outcome in zip(instances, outcomes, strict=True):
+            if outcome.rollout is None:
+                failures.append(f"seed {instance.seed}: rollout {outcome.outcome}: {outcome.error}")
+                continue
+            update = {"recording": _file(instance, "npz")}
+            rollouts.append(Rollout.model_validate(outcome.rollout).model_copy(update=update))
+            services.log.append(_event(instance, rollouts[-1]))
     return Measured(tuple(instances), tuple(failures), tuple(rollouts))
+
+
+def _solve(instance: TaskInstance, roots: Sequence[str], services: Services) -> Any:
+    return services.tool(
+        "rollout",
+        instance=instance.model_dump(mode="json"),
+        library_roots=roots,
+        robot=services.robot,
+        recording=str((services.folder / _file(instance, "npz")).resolve()),
+    )
+
+
+def _file(instance: TaskInstance, suffix: str) -> str:
+    """The name of what is kept of an instance, relative to the run folder."""
+    return f"instances/seed_{instance.seed}.{suffix}"
+
+
+def _event(instance: TaskInstance, rollout: Rollout) -> RolloutEvent:
+    return RolloutEvent(
+        seed=instance.seed,
+        reward=rollout.episode.reward,
+        outcome=rollout.episode.outcome,
+        steps=rollout.episode.steps,
+        moved=rollout.moved,
+        idle_reward=rollout.idle_reward,
+        recording=rollout.recording,
+        instance=_file(instance, "json"),
+    )

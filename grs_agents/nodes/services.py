@@ -16,7 +16,7 @@ from grs_agents.config import Config
 from grs_agents.errors import ConfigError
 from grs_agents.library import Library
 from grs_agents.policies import Policy
-from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.sandbox import Sandbox
 from grs_agents.sim.arms import ROBOTS, get_arm
 from grs_agents.state import RunState
 from grs_agents.toolkit import ToolContext, load_tool
@@ -91,8 +91,7 @@ class Services:
             first = str(error).splitlines()[0]
             remedy = f"name a tool whose Request has {', '.join(request)}"
             raise ConfigError(f"tool {name!r} cannot take the request: {first}", remedy) from error
-        limits = Limits(**self.config.limits.model_dump())
-        context = ToolContext(sandbox=self.sandbox, library=self.library, limits=limits)
+        context = ToolContext(sandbox=self.sandbox, library=self.library, limits=self.config.limits)
         return tool.run(asked, context)
 
 

@@ -34,7 +34,7 @@ class Rules:
         if context.audit_failed:
             return "fix_code", "the tests pass but the audit of the task instances fails"
         if not report.cases:
-            at_fault = report.raised_in == "tests" or report.outcome == "no_tests"
+            at_fault = report.raised_in == "tests" or report.outcome in ("no_tests", "load_tests")
             where = report.raised_in or report.outcome
             return ("fix_test" if at_fault else "fix_code"), f"no test ran: {report.message} (raised in {where})"
         for case in report.cases:
@@ -43,7 +43,7 @@ class Rules:
             short = case.episode is not None and case.episode.get("outcome") not in ("success", None)
             if case.raised_in == "tests" and not short:
                 return "fix_test", f"{case.id} {case.outcome} in the tests themselves: {case.message}"
-            if case.outcome in ("no_assertion", "skipped"):
+            if case.outcome in ("no_assertion", "skipped", "expected_failure"):
                 return "fix_test", f"{case.id} checks nothing ({case.outcome})"
             reason = f"the oracle ended in {case.episode['outcome']}" if case.episode and short else case.message
             return "fix_code", f"{case.id} {case.outcome}: {reason}"

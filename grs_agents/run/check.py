@@ -10,8 +10,8 @@ from grs_agents.errors import InputError
 from grs_agents.nodes import Services
 from grs_agents.nodes.instances import measure
 from grs_agents.policies import load_policy
-from grs_agents.run.execute import PRELOAD
-from grs_agents.sandbox import Sandbox, TestReport
+from grs_agents.run.isolation import open_sandbox
+from grs_agents.sandbox import TestReport
 from grs_agents.trace import EventLog
 
 
@@ -39,7 +39,7 @@ def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
         InputError: a file cannot be read.
     """
     simulation, tests = _read(order.simulation), _read(order.tests) if order.tests else None
-    with EventLog(order.folder / "events.jsonl") as log, Sandbox(preload=PRELOAD) as sandbox:
+    with EventLog(order.folder / "events.jsonl") as log, open_sandbox(order.config) as sandbox:
         services = Services(
             config=order.config,
             log=log,

@@ -14,13 +14,12 @@ from grs_agents.errors import ConfigError, GrsError
 from grs_agents.files import unwritable
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
+from grs_agents.run.isolation import open_sandbox
 from grs_agents.run.opening import Order, load_graph, open_run
 from grs_agents.run.record import EXIT_STATUS, RunRecord, counts, seconds_by_stage
 from grs_agents.sandbox import Sandbox
 from grs_agents.trace import Event, EventLog, Note, RunEnded, RunStarted, read_events
 
-PRELOAD = ("grs_agents.sim", "grs_agents.toolkit")
-"""What a sandbox worker imports before it sees generated code."""
 INTERRUPTED = 130
 Views = Callable[[Path, EventLog], AbstractContextManager[None]]
 """Attaches what people look at (recording, progress) to the log of a run, and closes it at the end."""
@@ -123,7 +122,7 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
     # Without a list of modules of ours, a tampered checkpoint cannot have anything called when it is read.
     strict = JsonPlusSerializer(allowed_msgpack_modules=None)
     connection = sqlite3.connect(folder / "checkpoint.sqlite", check_same_thread=False)
-    with Sandbox(preload=PRELOAD) as sandbox, closing(connection):
+    with open_sandbox(config) as sandbox, closing(connection):
         sandbox.warm()  # its imports overlap with comprehension
         services = _services(config, folder, log, sandbox)
         graph = load_graph(config.graph).build().compile(checkpointer=SqliteSaver(connection, serde=strict))

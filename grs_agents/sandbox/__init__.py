@@ -1,9 +1,10 @@
-"""Where generated code runs: a child process with limits, whose every failure comes back as a value.
+"""Where generated code runs: a process without rights or reach, whose every failure comes back as a value.
 
 The room knows nothing of simulations: its callers name the tools, what a worker imports ahead of time, and
 the hooks that a test run calls.
 """
 
+from grs_agents.sandbox.backends import REMEDIES, Backend, Choice
 from grs_agents.sandbox.call import CallOutcome, CallResult, Limits
 from grs_agents.sandbox.caught import Caught
 from grs_agents.sandbox.channel import progress
@@ -17,11 +18,14 @@ from grs_agents.sandbox.testing import TestRun, run_tests
 from grs_agents.sandbox.traces import SIMULATION_FILE, TESTS_FILE, Trace, describe, from_stack
 
 __all__ = [
+    "REMEDIES",
     "SIMULATION_FILE",
     "TESTS_FILE",
+    "Backend",
     "CallOutcome",
     "CallResult",
     "Caught",
+    "Choice",
     "EachResult",
     "ExpectedTests",
     "Limits",

@@ -2,30 +2,18 @@
 
 from typing import Any, Literal
 
-from pydantic import Field
-
 from grs_agents.base import Frozen
+from grs_agents.config import Limits
 
-CallOutcome = Literal["ok", "timeout", "cpu_limit", "memory_limit", "output_limit", "crashed", "error"]
-"""``error`` is an exception that left the tool, or a result that is not plain JSON."""
+CallOutcome = Literal[
+    "ok", "timeout", "cpu_limit", "memory_limit", "output_limit", "scratch_limit", "thread_limit",
+    "crashed", "forged", "error",
+]  # fmt: skip
+"""``error`` is an exception that left the tool, or a result that is not plain JSON; ``forged`` is a frame that does not
+come from the harness."""
 
-
-class Limits(Frozen):
-    """What one call may cost; each limit that is reached has an outcome of its own.
-
-    Attributes:
-        wall_seconds: from the moment the worker takes the request, kept by the host.
-        cpu_seconds: processor time of the worker process, kept by the kernel (whole seconds, rounded up).
-        memory_mib: address space on top of what a fresh worker holds.
-        file_mib: the largest file that can be written.
-        output_mib: everything the worker writes: standard output, progress and result together.
-    """
-
-    wall_seconds: float = Field(default=60, gt=0, le=3600)
-    cpu_seconds: float = Field(default=50, gt=0, le=3600)
-    memory_mib: int = Field(default=1024, ge=16, le=65536)
-    file_mib: int = Field(default=64, ge=1, le=4096)
-    output_mib: int = Field(default=8, ge=1, le=256)
+EXITED = "the process ended itself"
+"""How the error of a ``crashed`` call begins whose process was not killed but exited without an answer."""
 
 
 class CallResult(Frozen):
@@ -39,8 +27,9 @@ class CallResult(Frozen):
         stack: where the code was when it crashed or ran out of time, as ``faulthandler`` writes it.
         events: what the tool reported while it ran, in order.
         seconds: wall time of the call.
-        cpu_seconds: processor time of the worker, its start included.
+        cpu_seconds: processor time of the worker.
         backend: what separated the worker from the host.
+        retried: the process that forks the workers was killed during a first try.
     """
 
     outcome: CallOutcome
@@ -51,4 +40,8 @@ class CallResult(Frozen):
     events: tuple[dict[str, Any], ...] = ()
     seconds: float = 0.0
     cpu_seconds: float = 0.0
-    backend: str = "process"
+    backend: str = "none"
+    retried: bool = False
+
+
+__all__ = ["EXITED", "CallOutcome", "CallResult", "Limits"]

@@ -1,183 +1,222 @@
-"""The host's end of one single-use worker: start it, send the request, listen until its end, clear up."""
+"""The host's end of a zygote: start it, have it serve calls, end it."""
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from uuid import uuid4
 
-import grs_agents
 from grs_agents.errors import GrsError
-from grs_agents.sandbox import wire
-from grs_agents.sandbox.call import CallOutcome, CallResult, Limits
+from grs_agents.sandbox import allowlist, backends, boot, bubblewrap, docker, orders, seatbelt
+from grs_agents.sandbox.backends import Backend
+from grs_agents.sandbox.call import Limits
 from grs_agents.sandbox.scratch import Scratch
-from grs_agents.sandbox.streams import Ending, Streams
+from grs_agents.sandbox.settings import ENVIRONMENT, Settings
 
 START_SECONDS = 60.0
-_BOOT = (
-    "import os, sys; paths = sys.argv.pop(1).split(os.pathsep); "
-    "sys.path[:0] = [path for path in paths if path not in sys.path]; "
-    "from grs_agents.sandbox.worker import main; main()"
-)
+END_SECONDS = 5.0
+DOCTOR = "see `grs doctor`"
+"""The remedy where only a look at the whole machine can tell more."""
+_LOOK_SECONDS = 0.1
+_EVERY_THREAD = 1 << 16
+"""More than a user has: where others' threads count but cannot be seen, the container's own limit binds."""
 
 
 class SandboxError(GrsError):
     """No worker could be started: our own failure, never that of generated code."""
 
 
-class Worker:
-    """A child process in a session of its own, good for one request.
+@dataclass(frozen=True)
+class Plan:
+    """What a zygote is for.
+
+    Attributes:
+        preload, tools: what it imports before the first call.
+        limits: what a call may hold; scratch folders have this size.
+        slots: how many calls may run at once.
+        readable: files and folders that workers may read beside those they need to run.
+        image: of the container, if there is one.
+    """
+
+    preload: tuple[str, ...]
+    tools: tuple[str, ...]
+    limits: Limits
+    slots: int
+    readable: tuple[Path, ...]
+    image: str
+
+
+class Zygote:
+    """A process that has a child, forked or started ahead, for each call.
 
     Args:
-        preload: modules it imports before it waits for the request.
+        backend: what separates children from this process.
+        plan: what it is for.
+
+    Attributes:
+        calls: how many calls it is serving.
+        lost: whether it ended in the middle of one.
 
     Raises:
         SandboxError: the system refused the process.
     """
 
-    def __init__(self, preload: Sequence[str]) -> None:
-        self.scratch = Scratch()
-        result, result_end = os.pipe()
-        trace, trace_end = os.pipe()
-        descriptors = (str(result_end), str(trace_end))
-        command = [sys.executable, "-s", "-P", "-B", "-c", _BOOT, _import_path(), *descriptors, *preload]
+    def __init__(self, backend: Backend, plan: Plan) -> None:
+        self.backend: Backend = backend
+        self.calls, self.lost = 0, False
+        self.readable = allowlist.outermost((*allowlist.runtime_paths(), *plan.readable))
+        self._image = plan.image
+        self._ready = False
+        self._scratch = Scratch()
+        self._container = f"grs-{uuid4().hex}" if backend == "docker" else ""
+        self._host, theirs = socket.socketpair()
+        self._listener: socket.socket | None = None
+        address, passed = str(theirs.fileno()), (theirs.fileno(),)
         try:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                bufsize=0,
-                cwd=self.scratch.path,
-                env=_environment(self.scratch.path),
-                pass_fds=(result_end, trace_end),
-                start_new_session=True,
-            )
+            if self._container:
+                self._listener = self._listen()
+                address, passed = str(self._socket), ()
+            self._process = self._start(plan, address, passed)
         except OSError as error:
-            os.close(result)
-            os.close(trace)
-            self.scratch.remove()
+            self._close_sockets()
+            self._scratch.remove()
             raise SandboxError(f"cannot start {sys.executable}: {error}", "free processes or memory") from error
         finally:
-            os.close(result_end)
-            os.close(trace_end)
-        self._streams = Streams(self._process, result, trace)
-        self._usage = 0.0
+            theirs.close()
 
-    def run(self, frame: dict[str, Any], limits: Limits) -> CallResult | None:
-        """Send ``frame`` and listen until the worker answers, dies or breaks a limit; then nothing of it is left.
+    @property
+    def pid(self) -> int:
+        """The process that was started, which is bubblewrap's or Docker's client where there is one."""
+        return self._process.pid
 
-        Returns:
-            None if the worker was dead before it took the request.
+    @property
+    def _socket(self) -> Path:
+        return self._scratch.path / "socket" / "zygote"
 
-        Raises:
-            SandboxError: the worker cannot start (its imports fail).
-        """
-        try:
-            if not self._await_ready() or not self._send(wire.encode(frame)):
-                return None
-            started = time.monotonic()
-            ending = self._streams.listen(started + limits.wall_seconds, limits.output_mib << 20)
-            seconds = time.monotonic() - started
-        finally:
-            status = self.close()
-        outcome, value, error = ending or _explain(status, self._usage, limits)
-        return CallResult(
-            outcome=outcome,
-            value=value,
-            error=error or ("" if outcome == "ok" else _broken_limit(outcome, limits)),
-            output=self._streams.text("output"),
-            stack=self._streams.text("trace"),
-            events=tuple(self._streams.events),
-            seconds=seconds,
-            cpu_seconds=self._usage,
+    @property
+    def _log(self) -> Path:
+        return self._scratch.path / "log"
+
+    def _start(self, plan: Plan, address: str, passed: Sequence[int]) -> "subprocess.Popen[bytes]":
+        settings = self._settings(plan)
+        with self._log.open("wb") as log:
+            return subprocess.Popen(
+                [*self._wrapping(plan, settings), *boot.command("zygote", address, settings)],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                cwd="/",
+                env=None if self._container else ENVIRONMENT,  # Docker's client reads where its engine is
+                pass_fds=passed,
+                start_new_session=True,
+            )
+
+    def _settings(self, plan: Plan) -> Settings:
+        sized = self.backend in ("bubblewrap", "docker")
+        folders = [self._scratch.path / str(slot) for slot in range(plan.slots)]
+        for folder in folders:
+            folder.mkdir(mode=0o700)
+        single_use: list[tuple[str, ...]] = []
+        if backends.is_single_use(self.backend):
+            confined = self.backend == "sandbox-exec"
+            single_use = [tuple(seatbelt.wrap(self.readable, folder)) if confined else () for folder in folders]
+        return Settings(
+            preload=plan.preload,
+            tools=plan.tools,
+            layers=backends.has_inner_layers(self.backend),
+            readable=(*allowlist.system_paths(), *allowlist.kernel_paths(), *self.readable),
+            scratch=backends.SCRATCH if sized else self._scratch.path,
+            slots=plan.slots,
+            scratch_is_sized=sized,
+            scratch_bytes=plan.limits.scratch_mib << 20,
+            threads_elsewhere=_EVERY_THREAD if self._container else 0,
+            single_use=tuple(single_use),
         )
 
-    def close(self) -> int:
-        """Kill the process group, reap the worker, delete its scratch folder; its wait status. Safe to repeat."""
-        if self._process.returncode is not None:
-            return 0
-        # The worker is not reaped yet, so its group id cannot belong to anybody else.
-        for kill, number in ((os.killpg, self._process.pid), (os.kill, self._process.pid)):
-            try:
-                kill(number, signal.SIGKILL)
-            except (ProcessLookupError, PermissionError):
-                continue
-        _, status, usage = os.wait4(self._process.pid, 0)
-        self._process.returncode = os.waitstatus_to_exitcode(status)
-        self._usage = usage.ru_utime + usage.ru_stime
-        self._streams.close()
-        if self._process.stdin is not None:
-            self._process.stdin.close()
-        self.scratch.remove()
-        return status
+    def _wrapping(self, plan: Plan, settings: Settings) -> list[str]:
+        """What to put before the zygote's command."""
+        scratch = [settings.scratch / str(slot) for slot in range(plan.slots)]
+        if self.backend == "bubblewrap":
+            return bubblewrap.wrap(self.readable, scratch, settings.scratch_bytes)
+        if self.backend == "docker":
+            mounts = (*self.readable, self._socket.parent)
+            return docker.wrap(self._container, plan.image, mounts, scratch, plan.limits)
+        return []
 
-    def _await_ready(self) -> bool:
-        """Wait for the end of its imports; False if something killed it."""
-        ready = self._streams.listen(time.monotonic() + START_SECONDS, 8 << 20, until_ready=True)
-        if ready is not None and ready[0] == "ok":
-            return True
-        status = self.close()
-        if ready is None and os.WIFSIGNALED(status):
-            return False
-        output = self._streams.text("output").strip().splitlines()
-        why = output[-1] if output else f"wait status {status}"
-        raise SandboxError(f"the sandbox worker did not start: {why}", "see `grs doctor`")
+    def _listen(self) -> socket.socket:
+        self._socket.parent.mkdir(mode=0o700)
+        listener = socket.socket(socket.AF_UNIX)
+        listener.bind(str(self._socket))
+        listener.listen(1)
+        listener.settimeout(_LOOK_SECONDS)
+        return listener
 
-    def _send(self, data: bytes) -> bool:
-        view = memoryview(data)
+    def await_ready(self) -> None:
+        """Wait until its imports are done.
+
+        Raises:
+            SandboxError: they failed, or took longer than a minute.
+        """
+        if self._ready:
+            return
+        with suppress(OSError):
+            self._accept(time.monotonic() + START_SECONDS)
+            self._host.settimeout(START_SECONDS)
+            self._ready = self._host.recv(len(orders.READY)) == orders.READY
+        if not self._ready:
+            log = self._log.read_text("utf-8", "replace").strip()
+            why, remedy = docker.explain(log, self._image) if self._container else ("", "")
+            why = why or (log.splitlines() or ["it does not say why"])[-1]
+            raise SandboxError(f"the sandbox did not start: {why}", remedy or DOCTOR)
+
+    def _accept(self, deadline: float) -> None:
+        """Where the zygote connects to this process: wait for it, for as long as there is hope."""
+        while self._listener is not None and self._process.poll() is None and time.monotonic() < deadline:
+            with suppress(TimeoutError):
+                connection, _ = self._listener.accept()
+                self._host.close()
+                self._host = connection
+                self._listener.close()
+                self._listener = None
+
+    def order(self, slot: int, limits: Limits, descriptors: Sequence[int]) -> bool:
+        """Have a call served with ``descriptors`` (frames, trace, output, control); False if the zygote is dead."""
         try:
-            while view and self._process.stdin is not None:
-                view = view[self._process.stdin.write(view) :]
-        except BrokenPipeError:
+            orders.send(self._host, orders.Order(slot=slot, limits=limits), descriptors)
+        except OSError:
             return False
         return True
 
+    def kill(self) -> None:
+        """End it at once, whatever state it is in. Safe to repeat."""
+        if self._process.returncode is None:
+            if self._container:
+                docker.kill(self._container)
+            for kill in (os.killpg, os.kill):
+                try:
+                    kill(self._process.pid, signal.SIGKILL)
+                except (ProcessLookupError, PermissionError):
+                    continue
 
-def _import_path() -> str:
-    """Where this package lies, be it a source tree or installed, and what the user put on PYTHONPATH."""
-    extra = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
-    return os.pathsep.join([str(Path(grs_agents.__file__).parent.parent), *map(os.path.abspath, extra)])
+    def close(self) -> None:
+        """Let it end its children and itself; nothing of it is left afterwards. Safe to repeat."""
+        if self._host.fileno() == -1:
+            return
+        self._close_sockets()
+        try:
+            self._process.wait(END_SECONDS)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            self._process.wait()
+        self._scratch.remove()
 
-
-def _environment(scratch: Path) -> dict[str, str]:
-    """All that a worker finds in its environment: nothing of the host's."""
-    return {
-        "HOME": str(scratch),
-        "TMPDIR": str(scratch),
-        "LC_ALL": "C.UTF-8",
-        "PYTHONHASHSEED": "0",  # sets of strings iterate alike in every run
-        "MALLOC_ARENA_MAX": "2",
-        "OMP_NUM_THREADS": "1",
-        "OPENBLAS_NUM_THREADS": "1",
-        "PYDANTIC_DISABLE_PLUGINS": "__all__",  # looking for them reads every installed distribution
-    }
-
-
-def _explain(status: int, cpu_seconds: float, limits: Limits) -> Ending:
-    """Why a worker ended without an answer."""
-    code = os.waitstatus_to_exitcode(status)
-    if code == -signal.SIGXCPU or (code == -signal.SIGKILL and cpu_seconds >= limits.cpu_seconds):
-        return "cpu_limit", None, ""
-    if code < 0:
-        return "crashed", None, f"the process was killed by {_signal_name(-code)}"
-    return "crashed", None, f"the process ended itself with exit status {code}"
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
-
-
-def _broken_limit(outcome: CallOutcome, limits: Limits) -> str:
-    return {
-        "timeout": f"no result within the wall limit of {limits.wall_seconds:g} s",
-        "cpu_limit": f"the CPU limit of {limits.cpu_seconds:g} s was reached",
-        "memory_limit": f"the memory limit of {limits.memory_mib} MiB was reached",
-        "output_limit": f"more than {limits.output_mib} MiB of output",
-    }.get(outcome, "the tool failed")
+    def _close_sockets(self) -> None:
+        self._host.close()
+        if self._listener is not None:
+            self._listener.close()

@@ -1,13 +1,40 @@
 """What a test run says: one case for each test of the source, and the text that routers and fixers read."""
 
 import json
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from grs_agents.base import Frozen
 from grs_agents.sandbox.traces import RaisedIn
 
-CaseOutcome = Literal["passed", "failed", "error", "skipped", "timeout", "crashed", "memory", "not_run", "no_assertion"]
-ReportOutcome = Literal["passed", "failed", "error", "no_tests", "timeout", "crashed"]
+CaseOutcome = Literal[
+    "passed", "failed", "error", "skipped", "expected_failure", "no_assertion", "timeout", "crashed", "exited",
+    "memory", "output_limit", "scratch_limit", "thread_limit", "limit", "not_run", "missing", "extra", "duplicate",
+    "replaced", "tampered", "forged",
+]  # fmt: skip
+ReportOutcome = Literal[
+    "passed", "failed", "error", "no_tests", "load_tests", "timeout", "crashed", "exited", "tampered", "forged"
+]
+MEANING: dict[str, str] = {
+    "skipped": "a skipped test shows nothing; it has to run",
+    "expected_failure": "a test marked expectedFailure shows nothing; it has to pass without the mark",
+    "no_assertion": "a test counts only if it comes to at least one assertion",
+    "exited": "the process was ended from within (os._exit, sys.exit); a program returns, it does not exit",
+    "output_limit": "more was printed than the limit of a call allows",
+    "scratch_limit": "more was written to files than the limit of a call allows",
+    "thread_limit": "more threads were started than the limit of a call allows",
+    "limit": "the simulation was asked for more than a call allows, though the error may have been caught",
+    "not_run": "an earlier test used up the limit, or ended the run",
+    "missing": "the test is in the source, but it was not there, or did not run, once its module was loaded",
+    "extra": "a test that is no method in the source of the test program was not run",
+    "duplicate": "two tests have this id, or its result was reported twice; each test has a name of its own",
+    "replaced": "what was there under the name of the test is not the code in the source",
+    "load_tests": "every test of the file runs, so load_tests, which would choose among them, has to go",
+    "tampered": "the machinery that gives verdicts (unittest, numpy.testing, builtins) was changed; leave it as it is",
+    "forged": "something other than the harness reported results, so none of them counts",
+}
+"""What outcomes mean that a name alone does not explain."""
 
 
 class TestCase(Frozen):
@@ -15,12 +42,13 @@ class TestCase(Frozen):
 
     Attributes:
         id: ``Class.method``.
-        outcome: ``no_assertion`` is a test that ran through but asserts nothing; only ``passed`` counts.
+        outcome: only ``passed`` counts; what others mean is in ``MEANING``.
         seconds: how long it ran.
         message: one line.
         traceback: without the frames of unittest.
         output: the first 4,000 characters it printed.
         raised_in: which file the failure came from.
+        assertions: how many it came to.
         episode: the last oracle episode it ran, opaque JSON here.
     """
 
@@ -33,6 +61,7 @@ class TestCase(Frozen):
     traceback: str = ""
     output: str = ""
     raised_in: RaisedIn | None = None
+    assertions: Annotated[int, Field(ge=0)] = 0
     episode: dict[str, Any] | None = None
 
 
@@ -40,9 +69,10 @@ class TestReport(Frozen):
     """All tests of a file.
 
     Attributes:
-        outcome: ``error`` if a program does not parse or import, ``timeout`` or ``crashed`` if a test (or the
-            import) did, ``no_tests`` for an empty suite.
-        cases: one for each test of the source, in its order.
+        outcome: ``error`` if a program does not parse or import, ``timeout``, ``crashed`` or ``exited`` if a test (or
+            the import) did, ``no_tests`` for an empty suite, ``load_tests`` for one that chooses by itself,
+            ``tampered`` and ``forged`` if the verdicts cannot be trusted.
+        cases: one for each test of the source, in its order; then those that are not in it (``extra``).
         message: why there is no better outcome, where it is not one test's affair.
         traceback: of the import, if that failed.
         raised_in: which file the first failure came from.
@@ -77,6 +107,8 @@ class TestReport(Frozen):
         lines.extend(_tail(self.traceback))
         for case in sorted(self.cases, key=lambda case: case.outcome == "passed"):
             lines.extend(_case_lines(case))
+        shown = dict.fromkeys([self.outcome, *(case.outcome for case in self.cases)])
+        lines.extend(f"({outcome}: {MEANING[outcome]})" for outcome in shown if outcome in MEANING)
         return "\n".join(lines)
 
 

@@ -1,6 +1,5 @@
 """Scratch folders: one for each worker, gone afterwards whatever was left in them."""
 
-import fcntl
 import os
 import tempfile
 import time
@@ -22,7 +21,7 @@ class Scratch:
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix=_PREFIX)).resolve()
         self._lock = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
-        fcntl.flock(self._lock, fcntl.LOCK_EX)
+        _lock(self._lock)
 
     def remove(self) -> None:
         """Delete the folder; call it once."""
@@ -39,14 +38,32 @@ def sweep() -> None:
                 continue
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                _lock(lock)
                 remove_folder(folder)
             finally:
                 os.close(lock)
 
 
+def _lock(descriptor: int) -> None:
+    """Take the lock on an open folder.
+
+    Raises:
+        OSError: somebody else has it.
+    """
+    import fcntl  # here, since Windows lacks it, where this package can be imported but has no worker
+
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
 def remove_folder(folder: Path) -> None:
-    """Delete ``folder``, folders without permissions and nested thousands deep included; links are not followed.
+    """Delete ``folder`` and all that is in it."""
+    empty_folder(folder)
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def empty_folder(folder: Path) -> None:
+    """Delete all that is in ``folder``, folders without permissions and nested thousands deep too; links stay unread.
 
     Inner folders are moved up before they are emptied, so that no path grows too long and nothing recurses.
     """
@@ -61,8 +78,6 @@ def remove_folder(folder: Path) -> None:
         if current != folder:
             with suppress(OSError):
                 current.rmdir()
-    with suppress(OSError):
-        folder.rmdir()
 
 
 def _empty(entry: "os.DirEntry[str]", current: Path, folder: Path, waiting: list[Path]) -> None:

@@ -1,16 +1,35 @@
-"""Length-prefixed JSON frames between host and worker, read with suspicion: a worker may send anything."""
+"""Length-prefixed JSON frames between host and worker, read with suspicion: a worker may send anything.
 
+What a worker sends once it has its request is sealed: a frame begins with its number and a tag, keyed BLAKE2b over
+number and body. So bytes that something else in the worker writes to the pipe end the call, and become no result.
+"""
+
+import hmac
 import json
 import math
+import secrets
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from hashlib import blake2b
 from typing import Any, cast
 
 _HEADER = struct.Struct("!I")
+_SEAL = struct.Struct("!Q16s")
+MAX_BODY = 256 << 20
+"""Bytes of the longest frame, the largest output limit there is."""
 
 
 class FrameError(ValueError):
     """Bytes that are not a frame of plain JSON."""
+
+
+class ForgedFrameError(FrameError):
+    """A frame that whoever holds the key did not send, or not in this place."""
+
+
+def new_key() -> str:
+    """A fresh key for the frames of one call, as hexadecimal digits."""
+    return secrets.token_hex(32)
 
 
 def encode(frame: Mapping[str, Any]) -> bytes:
@@ -21,6 +40,12 @@ def encode(frame: Mapping[str, Any]) -> bytes:
     """
     body = json.dumps(frame, allow_nan=False, ensure_ascii=False).encode("utf-8", "replace")
     return _HEADER.pack(len(body)) + body
+
+
+def seal(plain: bytes, key: bytes, number: int) -> bytes:
+    """What ``encode`` returned, sealed as frame ``number`` (from 0) of the call that ``key`` was made for."""
+    body = plain[_HEADER.size :]
+    return _HEADER.pack(_SEAL.size + len(body)) + _SEAL.pack(number, _tag(key, number, body)) + body
 
 
 def decode(body: bytes) -> dict[str, Any]:
@@ -44,22 +69,56 @@ class FrameReader:
 
     def __init__(self) -> None:
         self._buffer = bytearray()
+        self._key: bytes | None = None
+        self._number = 0
+
+    def require(self, key: bytes) -> None:
+        """Take only frames sealed with ``key`` from now on, numbered from 0."""
+        self._key, self._number = key, 0
 
     def feed(self, data: bytes) -> list[dict[str, Any]]:
-        """The frames that ``data`` completes.
+        """The frames that ``data`` completes; errors as ``frames``."""
+        return list(self.frames(data))
+
+    def frames(self, data: bytes) -> Iterator[dict[str, Any]]:
+        """The frames that ``data`` completes, one by one: those before a faulty one count.
 
         Raises:
-            FrameError: a body that is not plain JSON. What follows it in the stream is worthless.
+            ForgedFrameError: a frame with a wrong seal, out of turn, or sent twice.
+            FrameError: a body that is not plain JSON. What follows either in the stream is worthless.
         """
         self._buffer += data
-        frames: list[dict[str, Any]] = []
         while len(self._buffer) >= _HEADER.size:
-            end = _HEADER.size + cast(int, _HEADER.unpack_from(self._buffer)[0])
+            length = cast(int, _HEADER.unpack_from(self._buffer)[0])
+            if length > MAX_BODY:  # waiting for its end would swallow all that comes after it
+                kind = FrameError if self._key is None else ForgedFrameError
+                raise kind(f"a frame of {length} bytes, the most is {MAX_BODY}")
+            end = _HEADER.size + length
             if len(self._buffer) < end:
                 break
-            frames.append(decode(bytes(self._buffer[_HEADER.size : end])))
+            body = bytes(self._buffer[_HEADER.size : end])
             del self._buffer[:end]
-        return frames
+            yield decode(self._opened(body))
+
+    def _opened(self, body: bytes) -> bytes:
+        """The body of a frame, its seal checked and taken off."""
+        if self._key is None:
+            return body
+        if len(body) < _SEAL.size:
+            raise ForgedFrameError(f"frame {self._number} has no seal")
+        number, given = _SEAL.unpack_from(body)
+        body = body[_SEAL.size :]
+        if number != self._number:
+            raise ForgedFrameError(f"frame {number} came where frame {self._number} was due")
+        if not hmac.compare_digest(given, _tag(self._key, number, body)):
+            raise ForgedFrameError(f"frame {number} has a wrong tag")
+        self._number += 1
+        return body
+
+
+def _tag(key: bytes, number: int, body: bytes) -> bytes:
+    """The 16 bytes that vouch for a frame."""
+    return blake2b(number.to_bytes(8, "big") + body, digest_size=16, key=key).digest()
 
 
 def _refuse(name: str) -> float:

@@ -2,15 +2,18 @@
 
 from grs_agents.sim import bullet as p
 from grs_agents.sim import utils
+from grs_agents.sim.allowance import begin_test, reached, reached_limit
 from grs_agents.sim.environment import Environment
 from grs_agents.sim.episode import (
     ActionRecord,
     Episode,
     NoFreeSpaceError,
+    ObjectLimitError,
     Outcome,
     SimulationBudgetError,
     SimulationError,
     UnsupportedError,
+    VertexLimitError,
     clear_episodes,
     last_episode,
 )  # fmt: skip
@@ -25,6 +28,7 @@ from grs_agents.sim.instance import (
 from grs_agents.sim.kinematics import NEAREST, REACH
 from grs_agents.sim.oracle import Oracle
 from grs_agents.sim.program import task_class
+from grs_agents.sim.reading import InstanceError, first_fault, read_instance
 from grs_agents.sim.reference import api_reference
 from grs_agents.sim.relations import Relation, aligned, in_zone, inside, near, on, stacked, upright
 from grs_agents.sim.rollout import InstanceTask, Rollout, instantiate, rollout, solve
@@ -32,9 +36,10 @@ from grs_agents.sim.task import Task
 from grs_agents.sim.templates import configure
 
 __all__ = [
-    "NEAREST", "REACH", "ActionRecord", "Environment", "Episode", "InstanceGoal", "InstanceObject", "InstanceRelation",
-    "InstanceTask", "InstanceTie", "InstanceZone", "NoFreeSpaceError", "Oracle", "Outcome", "Relation", "Rollout",
-    "SimulationBudgetError", "SimulationError", "Task", "TaskInstance", "UnsupportedError", "aligned", "api_reference",
-    "clear_episodes", "configure", "in_zone", "inside", "instantiate", "last_episode", "near", "on", "p", "rollout",
-    "solve", "stacked", "task_class", "upright", "utils",
+    "NEAREST", "REACH", "ActionRecord", "Environment", "Episode", "InstanceError", "InstanceGoal", "InstanceObject",
+    "InstanceRelation", "InstanceTask", "InstanceTie", "InstanceZone", "NoFreeSpaceError", "ObjectLimitError",
+    "Oracle", "Outcome", "Relation", "Rollout", "SimulationBudgetError", "SimulationError", "Task", "TaskInstance",
+    "UnsupportedError", "VertexLimitError", "aligned", "api_reference", "begin_test", "clear_episodes", "configure",
+    "first_fault", "in_zone", "inside", "instantiate", "last_episode", "near", "on", "p", "reached",
+    "reached_limit", "read_instance", "rollout", "solve", "stacked", "task_class", "upright", "utils",
 ]  # fmt: skip

@@ -11,6 +11,7 @@ from grs_agents.base import Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
 from grs_agents.sim import bullet, ends, templates
+from grs_agents.sim.allowance import DEFAULT_BUDGET, Budget
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.episode import (
     ActionRecord,
@@ -22,7 +23,6 @@ from grs_agents.sim.episode import (
 )  # fmt: skip
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.observation import Observation
-from grs_agents.sim.physics import DEFAULT_BUDGET, Budget
 from grs_agents.sim.primitives import PickPlace, PickPlaceResult
 from grs_agents.sim.push import Push, PushResult
 from grs_agents.sim.strict import StrictScorer

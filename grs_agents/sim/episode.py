@@ -9,7 +9,8 @@ from grs_agents.errors import GrsError
 
 Outcome = Literal[
     "success", "partial", "step_limit", "unreachable", "dropped", "toppled", "target_occupied",
-    "target_too_small", "no_free_space", "nothing_to_do", "error",
+    "target_too_small", "no_free_space", "nothing_to_do", "simulated_step_limit", "object_limit", "vertex_limit",
+    "error",
 ]  # fmt: skip
 
 
@@ -30,7 +31,21 @@ class NoFreeSpaceError(SimulationError):
 
 
 class SimulationBudgetError(SimulationError):
-    """The environment used up its simulated steps."""
+    """The environment, or the call, used up its simulated steps."""
+
+    outcome: Outcome = "simulated_step_limit"
+
+
+class ObjectLimitError(SimulationError):
+    """More objects on the table than a call allows."""
+
+    outcome: Outcome = "object_limit"
+
+
+class VertexLimitError(SimulationError):
+    """Meshes with more vertices on the table than a call allows."""
+
+    outcome: Outcome = "vertex_limit"
 
 
 class UnsupportedError(SimulationError):

@@ -187,7 +187,7 @@ class TaskInstance(Frozen):
 
     version: Literal[2] = 2
     task: Annotated[str, Field(max_length=200)]
-    seed: int
+    seed: Annotated[int, Field(ge=0, lt=2**32)]
     max_steps: Annotated[int, Field(ge=1, le=200)]
     timestep: Annotated[float, Field(ge=0.0005, le=0.01)]
     hz: Annotated[int, Field(ge=1, le=100_000)] = 240

@@ -1,4 +1,4 @@
-"""Stepping a world: a budget of simulated steps, settling, contacts, suction, and arm paths."""
+"""Stepping a world: settling, contacts, suction, and arm paths."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -8,15 +8,15 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.sim import utils
+from grs_agents.sim.allowance import Budget
 from grs_agents.sim.engine import mujoco
-from grs_agents.sim.episode import SimulationBudgetError, SimulationError
+from grs_agents.sim.episode import SimulationError
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.kinematics import DOWN
 from grs_agents.sim.suction import Cup
 from grs_agents.sim.world import World, place
 
 FloatArray = npt.NDArray[np.float64]
-DEFAULT_BUDGET: Final = 500_000
 _STILL: Final = 0.01
 _ARRIVED: Final = 0.002
 """Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
@@ -32,25 +32,6 @@ _MOST_CONTACTS: Final = 4000
 """More loose bodies than the first must not have more contacts than the second: 200 grains in a heap have 1500."""
 _SOLID: Final = np.array([1, 0, 0, 1, 0, 0], dtype=np.uint8)
 """Geom groups that a ray meets: objects' colliders and the table, not the arm."""
-
-
-class Budget:
-    """Simulated steps left to one environment."""
-
-    def __init__(self, steps: int = DEFAULT_BUDGET) -> None:
-        self.limit = self.left = steps
-
-    def spend(self, steps: int) -> None:
-        """Take ``steps``.
-
-        Raises:
-            SimulationBudgetError: there are not so many left.
-        """
-        self.left -= steps
-        if self.left < 0:
-            raise SimulationBudgetError(
-                f"the environment used up its {self.limit} simulated steps", "reset less often or do less in a step"
-            )
 
 
 class Physics:

@@ -9,12 +9,12 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.library import Library, ObjectModel
-from grs_agents.sim import geometry, templates, utils, world
+from grs_agents.sim import allowance, geometry, templates, utils, world
 from grs_agents.sim.arm import Arm
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.instance import InstanceObject, InstanceTie
-from grs_agents.sim.physics import Budget, Physics
+from grs_agents.sim.physics import Physics
 from grs_agents.sim.volumes import Volume, volume_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -43,7 +43,7 @@ class Tabletop:
         arm: the robot behind it.
     """
 
-    def __init__(self, library: Library, budget: Budget, arm: Arm) -> None:
+    def __init__(self, library: Library, budget: allowance.Budget, arm: Arm) -> None:
         self.library, self.budget, self.arm = library, budget, arm
         self.timestep = world.TIMESTEP
         self.tool: world.Tool = "suction"
@@ -54,7 +54,7 @@ class Tabletop:
         self._outlines: dict[int, _Outline] = {}
         self._volumes: dict[int, tuple[ObjectModel, Volume]] = {}
         self._physics: Physics | None = None
-        self._stale = False
+        self._stale, self._vertices = False, 0
         self._world: tuple[object, world.World] | None = None
         self._rested: _Rested | None = None
 
@@ -64,7 +64,7 @@ class Tabletop:
         self._ties.clear()
         self._models.clear()
         self._outlines.clear()
-        self._physics, self._stale = None, False
+        self._physics, self._stale, self._vertices = None, False, 0
 
     def add_object(
         self,
@@ -114,10 +114,16 @@ class Tabletop:
         )  # fmt: skip
 
     def insert(self, item: InstanceObject) -> int:
-        """Add a typed object; returns the id it has here."""
-        number = max(self._objects, default=0) + 1
+        """Add a typed object; returns the id it has here.
+
+        Raises:
+            SimulationError: the table is too full for it, or it is too large, or too thin.
+        """
+        allowance.check_objects(len(self._objects) + 1)
+        number, shapes = max(self._objects, default=0) + 1, world.model_of(item, self.library)
+        self._vertices = allowance.with_vertices(self._vertices, shapes, self.library)
         self._objects[number] = item.model_copy(update={"id": number})
-        self._stale = True
+        self._models[number], self._stale = shapes, True
         return number
 
     def tie(self, tie: InstanceTie) -> int:
@@ -173,9 +179,7 @@ class Tabletop:
 
     def shapes(self, obj: int) -> ObjectModel:
         """What an object is made of."""
-        if obj not in self._models:
-            self._models[obj] = world.model_of(self.object(obj), self.library)
-        return self._models[obj]
+        return self._models[self.object(obj).id]
 
     def volume(self, obj: int) -> Volume:
         """The collision volume of an object as points in its own frame."""

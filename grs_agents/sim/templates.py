@@ -6,9 +6,12 @@ from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from grs_agents.config import Limits
 from grs_agents.errors import InputError
 from grs_agents.library import Library, resolve, stems
+from grs_agents.sim import allowance
 from grs_agents.sim.arms import DEFAULT
 from grs_agents.sim.instance import LARGEST_VALUE
 
@@ -34,9 +37,18 @@ _defaults = _Defaults()
 _filled: dict[str, Filling] = {}
 
 
-def configure(library: Library | None = None, seed: int = 0, robot: str = DEFAULT) -> None:
-    """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none."""
+def configure(
+    library: Library | None = None, seed: int = 0, robot: str = DEFAULT, limits: Limits | None = None
+) -> None:
+    """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none.
+
+    Args:
+        library, seed, robot: those to use.
+        limits: what all environments of this process may cost together from now on; None leaves that as it is.
+    """
     _defaults.library, _defaults.seed, _defaults.robot = library, seed, robot
+    if limits is not None:
+        allowance.grant(limits)
 
 
 def default_library() -> Library:
@@ -79,6 +91,8 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     defaults = library.template_defaults(base)
     if not defaults:
         return base
+    for row in replace.values():
+        _array(row)
     values = resolve({**before, **_positive(replace, defaults)}, defaults)[0]
     _check_lengths(base, values)
     library.filled(base, values)
@@ -125,8 +139,20 @@ def _positive(replace: Mapping[str, Any], defaults: Values) -> dict[str, Any]:
 
 
 def _has_negative(values: Any) -> bool:
-    numbers = np.atleast_1d(np.asarray(values))
+    numbers = np.atleast_1d(_array(values))
     return numbers.dtype.kind in "if" and bool((numbers < 0).any())
+
+
+def _array(values: Any) -> npt.NDArray[Any]:
+    """A row of a template's values.
+
+    Raises:
+        InputError: it is no row: lists of several lengths inside it.
+    """
+    try:
+        return np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"template values {str(values)[:80]} are no row of numbers", "give (x, y, z)") from error
 
 
 def listed(values: Values) -> str:

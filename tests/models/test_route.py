@@ -31,6 +31,10 @@ AUDIT = "passed: 3 of 3 tests passed\n\naudit: failed\n- moved: FAILED: objects 
         (AUDIT, "fix_code", "moved"),
         ("no_tests: 0 of 0 tests passed", "fix_test", "no tests"),
         ("failed: 0 of 1 tests passed\nTestX.test_a: no_assertion", "fix_test", "check nothing"),
+        ("load_tests: 0 of 0 tests passed", "fix_test", "load_tests"),
+        ("failed: 0 of 1 tests passed\nTestX.test_a: missing (raised in tests): gone", "fix_test", "missing"),
+        ("tampered: 0 of 1 tests passed\nTestX.test_a: tampered (raised in tests): changed", "fix_test", "tampered"),
+        ("failed: 0 of 1 tests passed\nTestX.test_a: limit (raised in simulation): much", "fix_code", ""),
         ("", "fix_code", ""),
     ],
 )

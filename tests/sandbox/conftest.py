@@ -17,7 +17,7 @@ def inside(request):
 PLAIN_TESTS = """
 from grs_agents.sandbox import run_tests_inside as inside
 """
-SMALL = Limits(wall_seconds=10, cpu_seconds=10, memory_mib=128, file_mib=1, output_mib=1)
+SMALL = Limits(wall_seconds=60, cpu_seconds=10, memory_mib=128, scratch_mib=1, output_mib=1, threads=16)
 
 
 @pytest.fixture(scope="session")

@@ -72,3 +72,52 @@ def test_any_text_parses_or_is_a_syntax_error(source: str) -> None:
         expected_tests(parse(source, "task_code.py"))
     except SyntaxError:
         return
+
+
+TWICE = """
+import unittest
+class TestA(unittest.TestCase):
+    def test_one(self): self.fail()
+    def test_one(self): self.fail()
+    @staticmethod
+    def test_two(): assert 1
+    def test_three(self): assert 1
+class TestB(TestA):
+    def test_three(self): assert 1
+class TestC(unittest.TestCase):
+    def test_c(self): assert 1
+class TestC(unittest.TestCase):
+    def test_c(self): assert 1
+@decorated
+class TestD(unittest.TestCase):
+    def test_d(self): assert 1
+"""
+
+
+def test_names_that_hide_each_other_and_lines() -> None:
+    found = expected_tests(parse(TWICE, "test_task_code.py"))
+    assert found.duplicates == {"TestA.test_one", "TestB.test_one", "TestC.test_c"}
+    lines = {
+        "TestA.test_one": 5,
+        "TestA.test_three": 8,
+        "TestB.test_one": 5,
+        "TestB.test_three": 10,
+        "TestC.test_c": 14,
+    }
+    assert dict(found.lines) == lines
+    assert not found.chooses
+
+
+@pytest.mark.parametrize(
+    ("source", "chooses"),
+    [
+        ("def load_tests(*args): pass", True),
+        ("if True:\n    load_tests = 1", True),
+        ("from x import y as load_tests", True),
+        ("def f():\n    load_tests = 1", False),
+        ("class A:\n    def load_tests(self): pass", False),
+        ("load_tests()", False),
+    ],
+)
+def test_a_file_that_chooses_its_tests(source: str, chooses: bool) -> None:
+    assert expected_tests(parse(source, "test_task_code.py")).chooses == chooses

@@ -54,5 +54,21 @@ def test_death_before_any_item_ends_it(sandbox: Sandbox) -> None:
     assert result.last.outcome == "crashed"
 
 
-def test_stray_events_are_listed(sandbox: Sandbox) -> None:
-    assert each(sandbox, "stray", "b").unexpected == ("end of other",)
+@pytest.mark.parametrize(
+    ("stray", "repeated", "strange", "untimely"),
+    [
+        ('{"item": "other", "phase": "end"}', set(), ("other",), set()),
+        ('{"item": "a", "phase": "never"}', set(), ("a",), set()),
+        ('{"no": "item"}', set(), ("None",), set()),
+        ('{"item": "a", "phase": "end"}', {"a"}, (), set()),
+        ('{"item": "a", "phase": "start"}', {"a"}, (), set()),
+        ('{"item": "c", "phase": "end"}', set(), (), {"c"}),
+    ],
+)
+def test_stray_events_are_told_apart(
+    stray: str, repeated: set[str], strange: tuple[str, ...], untimely: set[str], sandbox: Sandbox
+) -> None:
+    code = CODE.replace('progress({"item": "other", "phase": "end"})', f"progress({stray})")
+    result = each(sandbox, "a", "stray", "c", code=code)
+    assert list(result.ended) == ["a", "stray", "c"]
+    assert (result.repeated, result.strange, result.untimely) == (repeated, strange, untimely)

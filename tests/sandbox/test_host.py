@@ -26,6 +26,13 @@ OUTCOMES = {
         "import signal\nsignal.pthread_sigmask(signal.SIG_BLOCK, range(1, 64))\nwhile True: pass",
         "timeout",
     ),
+    "thread storm": (
+        "import threading, time\nthreading.stack_size(32768)\n"
+        "for _ in range(200): threading.Thread(target=time.sleep, args=(5,), daemon=True).start()\ntime.sleep(5)",
+        ("thread_limit", "error"),
+    ),
+    "many files": ("for n in range(3000): open(f'f{n}', 'w').close()", "scratch_limit"),
+    "large file": ("open('big', 'wb').write(b'x' * (2 << 20))", "scratch_limit"),
     "memory": ("x = []\nwhile True: x.append(bytearray(1 << 20))", "memory_limit"),
     "descriptor flood": ("import os\nwhile True: os.write(1, b'x' * 10000)", "output_limit"),
     "huge result": ("value = {'x': 'y' * (3 << 20)}", "output_limit"),
@@ -51,7 +58,7 @@ OUTCOMES = {
 def test_attack_is_an_outcome(name: str, execute: Execute) -> None:
     code, outcome = OUTCOMES[name]
     result = execute(code, **({"wall_seconds": 0.7} if outcome == "timeout" else {}))
-    assert result.outcome == outcome, result
+    assert result.outcome in (outcome if isinstance(outcome, tuple) else (outcome,)), result
     assert result.value is None
     assert result.error
 
@@ -65,9 +72,8 @@ def test_what_python_is_refused(execute: Execute) -> None:
         "value = {\n"
         "    'fork': attempt(os.fork),\n"
         "    'subprocess': attempt(lambda: subprocess.run(['true'])),\n"
-        "    'shell': attempt(lambda: os.system('true')),\n"
+        "    'shell': attempt(lambda: subprocess.run('true', shell=True)),\n"
         "    'network': attempt(lambda: socket.create_connection(('127.0.0.1', 9))),\n"
-        "    'large file': attempt(lambda: open('big', 'wb').write(b'x' * (2 << 20))),\n"
         "    'descriptors': attempt(lambda: [os.dup(0) for _ in range(500)]),\n"
         "}"
     )
@@ -76,7 +82,6 @@ def test_what_python_is_refused(execute: Execute) -> None:
         "subprocess": "PermissionError",
         "shell": "PermissionError",
         "network": "PermissionError",
-        "large file": "OSError",
         "descriptors": "OSError",
     }
 
@@ -87,7 +92,8 @@ def test_value_output_and_cost(execute: Execute) -> None:
     assert result.output == "hello\n"
     assert result.seconds > 0
     assert result.cpu_seconds > 0
-    assert result.backend == "process"
+    assert "landlock+seccomp" in result.backend
+    assert not result.retried
 
 
 def test_cpu_limit_is_its_own_outcome(execute: Execute) -> None:
@@ -130,45 +136,20 @@ def test_standard_input_is_empty(execute: Execute) -> None:
     assert execute("import sys; value = {'read': sys.stdin.read()}").value == {"read": ""}
 
 
-def test_scratch_is_private_and_gone_afterwards(execute: Execute) -> None:
+@pytest.mark.parametrize("depth", [2, 1100])
+def test_scratch_is_private_and_gone_afterwards(depth: int, execute: Execute) -> None:
     result = execute(
-        "import os, stat\n"
-        "os.makedirs('a/b'); open('a/b/file', 'w').write('x'); os.symlink('/etc', 'a/link')\n"
-        "os.chmod('a/b', 0); os.chmod('a', 0)\n"
-        "value = {'cwd': os.getcwd(), 'mode': stat.S_IMODE(os.stat('.').st_mode), 'home': os.environ['HOME']}"
+        "import os, stat\nhome = os.getcwd()\n"
+        "os.symlink('/usr', 'link')\nopen('file', 'w').write('x')\n"
+        f"for _ in range({depth}): os.mkdir('d'); os.chdir('d')\n"
+        "os.chdir(home); os.mkdir('closed', 0)\n"
+        "value = {'home': home == os.environ['HOME']}",
+        scratch_mib=16,
     )
-    assert result.value is not None
-    assert result.value["mode"] == 0o700
-    assert result.value["home"] == result.value["cwd"]
-    assert not Path(result.value["cwd"]).exists()
-    assert Path("/etc/passwd").exists()
-
-
-def test_deeply_nested_scratch_is_gone_too(execute: Execute) -> None:
-    result = execute(
-        "import os\nstart = os.getcwd()\nfor _ in range(1100): os.mkdir('d'); os.chdir('d')\nvalue = {'cwd': start}"
-    )
-    assert result.value is not None
-    assert not Path(result.value["cwd"]).exists()
-
-
-def test_processes_forked_past_the_guard_end_with_the_call(execute: Execute) -> None:
-    result = execute(
-        "import ctypes, os, time\nlibc = ctypes.CDLL(None)\npids = []\n"
-        "for _ in range(10):\n"
-        "    pid = libc.fork()\n"
-        "    if pid == 0: time.sleep(1000); os._exit(0)\n"
-        "    pids.append(pid)\n"
-        "value = {'pids': pids}"
-    )
-    assert result.value is not None
-    assert all(_ends(pid) for pid in result.value["pids"])
-
-
-def test_dead_worker_is_noticed_though_a_fork_holds_its_pipes(execute: Execute) -> None:
-    result = execute("import ctypes, os, time\nif ctypes.CDLL(None).fork(): os._exit(3)\ntime.sleep(1000)")
-    assert result.outcome == "crashed"
-    assert "exit status 3" in result.error
+    assert result.value == {"home": True}
+    found = execute("import os, stat; value = {'left': os.listdir(), 'mode': stat.S_IMODE(os.stat('.').st_mode)}")
+    assert found.value == {"left": [], "mode": 0o700}
+    assert Path("/usr/bin").exists()
 
 
 RAW = "import os, struct\nfd = __import__('grs_agents.sandbox.channel').sandbox.channel._descriptor[0]\n"
@@ -228,21 +209,24 @@ def test_worker_that_cannot_start_is_our_error() -> None:
         broken.call("execute", {"code": ""})
 
 
-def test_idle_worker_that_was_killed_is_replaced(execute: Execute, sandbox: Sandbox) -> None:
+def test_zygote_that_was_killed_between_calls_is_replaced(execute: Execute, sandbox: Sandbox) -> None:
     execute("")
-    idle = sandbox._idle[0]
-    os.kill(idle._process.pid, signal.SIGKILL)
-    os.waitid(os.P_PID, idle._process.pid, os.WEXITED | os.WNOWAIT)
-    assert execute("value = {'n': 1}").value == {"n": 1}
+    assert sandbox._zygote is not None
+    os.killpg(sandbox._zygote.pid, signal.SIGKILL)
+    result = execute("value = {'n': 1}")
+    assert result.value == {"n": 1}
+    assert result.retried
 
 
-def test_close_ends_the_idle_worker() -> None:
+def test_close_ends_every_process() -> None:
     sandbox = Sandbox()
-    sandbox.warm()
-    pid, scratch = sandbox._idle[0]._process.pid, sandbox._idle[0].scratch.path
+    sandbox.call("execute", {"code": ""})
+    assert sandbox._zygote is not None
+    pid = sandbox._zygote.pid
     sandbox.close()
     assert _ends(pid)
-    assert not scratch.exists()
+    assert sandbox.call("execute", {"code": "value = {'n': 1}"}).value == {"n": 1}
+    sandbox.close()
 
 
 HOST = """
@@ -251,22 +235,27 @@ from pathlib import Path
 from grs_agents import content
 from grs_agents.sandbox import Sandbox, Limits
 content.add_overlay(Path(sys.argv[1]))
-code = "import os; open(request['out'], 'w').write(str(os.getpid()))\\nwhile True: pass"
-Sandbox().call("execute", {"code": code, "out": sys.argv[2]}, Limits(wall_seconds=60))
+code = "from grs_agents.sandbox import progress\\nprogress({'at': 1})\\nwhile True: pass"
+with Sandbox() as sandbox:
+    sandbox.call("execute", {"code": ""})
+    print(sandbox._zygote.pid, flush=True)
+    sandbox.call("execute", {"code": code}, Limits(wall_seconds=60))
 """
 
 
-def test_worker_dies_with_its_host(tool_folder: Path, tmp_path: Path) -> None:
-    out = tmp_path / "pid"
-    os.mkfifo(out)
+def test_everything_dies_with_its_host(tool_folder: Path) -> None:
     host = subprocess.Popen(
-        [sys.executable, "-c", HOST, str(tool_folder), str(out)],
+        [sys.executable, "-c", HOST, str(tool_folder)],
         env={**os.environ, "PYTHONPATH": str(Path(grs_agents.__file__).parent.parent)},
+        stdout=subprocess.PIPE,
+        text=True,
     )
-    pid = int(out.read_text())
+    assert host.stdout is not None
+    with host.stdout:
+        pid = int(host.stdout.readline())
     host.kill()
     host.wait()
-    assert _ends(pid), "the worker outlived its host"
+    assert _ends(pid), "the sandbox outlived its host"
 
 
 def test_calls_leave_nothing_behind(tool_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

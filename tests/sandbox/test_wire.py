@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.sandbox.wire import FrameError, FrameReader, decode, encode
+from grs_agents.sandbox.wire import MAX_BODY, ForgedFrameError, FrameError, FrameReader, decode, encode, new_key, seal
 
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
 plain = st.recursive(
@@ -48,3 +48,53 @@ def test_only_plain_json_is_sent(value: object) -> None:
 
 def test_lone_surrogates_are_replaced_when_sent() -> None:
     assert decode(encode({"x": "a\ud800"})[4:]) == {"x": "a?"}
+
+
+KEY = bytes.fromhex(new_key())
+
+
+def keyed_reader() -> FrameReader:
+    reader = FrameReader()
+    reader.require(KEY)
+    return reader
+
+
+@given(st.lists(st.dictionaries(text, plain, max_size=3), min_size=1, max_size=4), st.data())
+def test_sealed_frames_come_back_and_no_changed_byte_passes(
+    frames: list[dict[str, object]], data: st.DataObject
+) -> None:
+    stream = bytearray(b"".join(seal(encode(frame), KEY, number) for number, frame in enumerate(frames)))
+    assert keyed_reader().feed(bytes(stream)) == frames
+    stream[data.draw(st.integers(0, len(stream) - 1))] ^= data.draw(st.integers(1, 255))
+    found: list[dict[str, object]] = []
+    try:
+        found += keyed_reader().frames(bytes(stream))
+    except ForgedFrameError:
+        return
+    assert found == frames[: len(found)] and len(found) < len(frames)  # it waits for the end of a longer frame
+
+
+ONE = encode({"x": 1})
+FORGED = {
+    "no seal": ONE,
+    "another key": seal(ONE, bytes.fromhex(new_key()), 0),
+    "number skipped": seal(ONE, KEY, 1),
+    "sent twice": seal(ONE, KEY, 0) * 2,
+    "another order": seal(ONE, KEY, 0) + seal(ONE, KEY, 2) + seal(ONE, KEY, 1),
+    "longer than any": struct.pack("!I", MAX_BODY + 1),
+    "empty": struct.pack("!I", 0),
+}
+
+
+@pytest.mark.parametrize("name", FORGED)
+def test_frames_of_another_hand_are_told_apart(name: str) -> None:
+    with pytest.raises(ForgedFrameError):
+        keyed_reader().feed(FORGED[name])
+
+
+def test_what_came_before_a_forged_frame_counts() -> None:
+    found: list[dict[str, object]] = []
+    with pytest.raises(ForgedFrameError):
+        for frame in keyed_reader().frames(seal(ONE, KEY, 0) + ONE):
+            found.append(frame)
+    assert found == [{"x": 1}]

@@ -62,12 +62,45 @@ def test_each_seed_fails_for_its_own_reason(context: ToolContext, simulation: st
     assert "while env.seed_used == 6" in result.failures[4].traceback
 
 
+CAUGHT = {
+    "steps": ("env.step_simulation(10**9)", "simulated_step_limit"),
+    "objects": ("for _ in range(300): env.add_object('block/red_block.urdf', base)", "object_limit"),
+}
+
+
+@pytest.mark.parametrize("name", CAUGHT)
+def test_a_limit_that_was_reached_fails_the_seed_though_the_program_caught_it(
+    name: str, context: ToolContext, simulation: str
+) -> None:
+    greed, outcome = CAUGHT[name]
+    faults = (
+        "        if env.seed_used == 1:\n"
+        f"            try:\n                {greed}\n            except Exception: pass\n"
+    )
+    result = draw(context, simulation + faults, (0, 1))
+    assert [one["seed"] for one in result.instances] == [0]
+    assert [(failure.seed, failure.outcome) for failure in result.failures] == [(1, outcome)]
+
+
+@pytest.mark.parametrize(("objects", "count"), [(2, 1), (1, 0)])
+def test_the_host_counts_the_objects(objects: int, count: int, context: ToolContext, simulation: str) -> None:
+    cheat = "\nfrom grs_agents.sim import allowance\nallowance.check_objects = print\n"
+    result = draw(context, simulation + cheat, (0,), objects=objects)
+    assert len(result.instances) == count
+    assert [failure.outcome for failure in result.failures] == ["invalid"] * (1 - count)
+    assert all("2, 1 are the most" in failure.message for failure in result.failures)
+
+
 FORGED = {
+    "key twice": '"max_steps": 3, "max_steps": 2',
     "unknown key": '"x": 1',
     "another seed": '"seed": 99',
     "far away": '"objects": [{"id": 1, "asset": "block/red_block.urdf", "pose": [[9, 0, 0], [0, 0, 0, 1]]}]',
     "text for a number": '"max_steps": "3"',
     "giant number": '"max_steps": 1' + "0" * 400,
+    "not a number": '"timestep": NaN',
+    "infinity": '"pos_eps": Infinity',
+    "nested": '"task": ' + "[" * 100_000,
     "goal of nothing": '"goals": [{"objects": [77]}]',
 }
 
@@ -77,11 +110,22 @@ def test_forged_instances_are_refused_by_the_host(name: str, context: ToolContex
     forged = (
         "\nimport json\nfrom grs_agents import sim\n"
         "class Forged:\n"
-        "    def model_dump(self, mode):\n"
+        "    def model_dump_json(self):\n"
         "        base = {'task': 'T', 'seed': 0, 'max_steps': 3, 'timestep': 0.002, 'objects': [], 'goals': []}\n"
-        f"        return base | json.loads({'{' + FORGED[name] + '}'!r})\n"
+        f"        base = {{key: base[key] for key in base if repr(key)[1:-1] not in {FORGED[name]!r}}}\n"
+        f"        return json.dumps(base)[:-1] + {', ' + FORGED[name] + '}'!r}\n"
         "sim.instantiate = lambda task, seed, library: Forged()\n"
     )
     result = draw(context, simulation + forged, (0,))
     assert not result.instances
     assert result.failures[0].outcome == "invalid", result
+
+
+@pytest.mark.parametrize(
+    ("made", "told"), [("'x' * (5 << 20)", "5242880 bytes"), ("7", "int, not JSON"), ("''", "JSON")]
+)
+def test_what_is_no_text_of_an_instance_is_refused(made: str, told: str, context: ToolContext, simulation: str) -> None:
+    forged = f"\nfrom grs_agents import sim\nclass Forged:\n    def model_dump_json(self): return {made}\n"
+    result = draw(context, simulation + forged + "sim.instantiate = lambda *given: Forged()\n", (0,))
+    assert not result.instances
+    assert result.failures[0].outcome == "invalid" and told in result.failures[0].message

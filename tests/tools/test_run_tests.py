@@ -1,5 +1,7 @@
 """A simulation program and its tests, as the paper writes them, through the real sandbox and simulator."""
 
+import pytest
+
 from grs_agents.toolkit import ToolContext, load_tool
 
 TESTS = """
@@ -75,3 +77,45 @@ def test_programs_with_the_original_import_lines_run_unchanged(context: ToolCont
     assert report.ok, report.text()
     drawn = load_tool("instantiate")
     assert len(drawn.run(drawn.Request(simulation=program, seeds=(0,)), context).instances) == 1
+
+
+GREEDY = {
+    "steps": (
+        "        try: env.step_simulation(10**9)\n        except Exception: pass\n",
+        "simulated_step_limit: the call used up its 500000 simulated steps",
+    ),
+    "objects": (
+        "        try:\n            while True: env.add_object('block/red_block.urdf', base)\n"
+        "        except Exception: pass\n",
+        "object_limit: 201 objects are on the table, 200 are the most",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", GREEDY)
+def test_who_catches_the_error_of_a_limit_has_failed_all_the_same(
+    name: str, context: ToolContext, simulation: str
+) -> None:
+    greed, message = GREEDY[name]
+    tool = load_tool("run_tests")
+    tests = TESTS.replace("self.env.reset()\n", "self.env.reset(settle=False)\n").partition("    def test_oracle")[0]
+    report = tool.run(tool.Request(simulation=simulation + greed, tests=tests), context).report
+    case = report.cases[0]
+    assert (report.ok, case.outcome, case.raised_in) == (False, "limit", "simulation"), report.text()
+    assert case.message.startswith(message)
+
+
+def test_a_tests_own_steps_stay_used_up(context: ToolContext, simulation: str) -> None:
+    tool = load_tool("run_tests")
+    tests = TESTS.partition("    def test_reset")[0] + (
+        "    def test_a(self):\n"
+        "        self.env.reset(settle=False)\n"
+        "        with self.assertRaises(Exception): self.env.step_simulation(10**9)\n"
+        "    def test_b(self):\n"
+        "        self.env.reset()\n"
+        "        self.assertTrue(1)\n"
+        "    def test_z(self): self.assertTrue(1)\n"
+    )
+    report = tool.run(tool.Request(simulation=simulation, tests=tests), context).report
+    assert [case.outcome for case in report.cases] == ["limit", "limit", "passed"], report.text()
+    assert "SimulationBudgetError" in report.cases[1].traceback

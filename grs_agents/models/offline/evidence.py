@@ -4,7 +4,9 @@ import re
 from dataclasses import dataclass
 
 _CASE = re.compile(
-    r"^(?P<id>[A-Za-z_][\w.]*): (?P<outcome>passed|failed|error|skipped|timeout|crashed|memory|not_run|no_assertion)"
+    r"^(?P<id>[A-Za-z_][\w.]*): (?P<outcome>passed|failed|error|skipped|expected_failure|no_assertion|timeout|crashed"
+    r"|exited|memory|output_limit|scratch_limit|thread_limit|limit|not_run|missing|extra|duplicate|replaced|tampered"
+    r"|forged)"
     r"(?: \(raised in (?P<where>\w+)\))?(?:: (?P<message>.*))?$"
 )
 _ORACLE = re.compile(

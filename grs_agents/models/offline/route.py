@@ -43,10 +43,12 @@ def _tests_fault(evidence: Evidence) -> str:
     for case in evidence.cases:
         if case.where == "tests":
             return f"{case.id} ended as {case.outcome}: {case.message or 'no message'}. It was raised in the tests."
-    if any(case.outcome in ("no_assertion", "skipped") for case in evidence.cases):
+    if any(case.outcome in ("no_assertion", "skipped", "expected_failure") for case in evidence.cases):
         return "Some tests check nothing."
     if evidence.text.startswith("no_tests"):
         return "There are no tests."
+    if evidence.text.startswith("load_tests"):
+        return "The tests choose among themselves by a load_tests of their own."
     return f"The test file itself cannot be run: {_last_error(evidence)}." if evidence.where == "tests" else ""
 
 

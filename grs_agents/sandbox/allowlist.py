@@ -1,0 +1,55 @@
+"""The files a worker may read: the system's libraries, this interpreter, this package and its content."""
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import grs_agents
+from grs_agents import content
+
+_PROGRAMS = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin")
+_PROGRAMS_OF_MACOS = ("/System/Library", "/Library/Frameworks", "/opt/homebrew/opt", "/opt/homebrew/Cellar")
+_SETTINGS = ("/etc/ld.so.cache", "/etc/localtime", "/etc/alternatives")
+_DEVICES = ("/dev/zero", "/dev/urandom", "/dev/random")
+_FACTS = ("/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/sys/devices/system/cpu")
+_CONTENT = ("tools", "assets")
+_PACKAGES = ("site-packages", "dist-packages")
+
+
+def system_paths() -> tuple[Path, ...]:
+    """What every dynamically linked program reads."""
+    programs = (*_PROGRAMS, *_PROGRAMS_OF_MACOS) if sys.platform == "darwin" else _PROGRAMS
+    return tuple(path for path in map(Path, (*programs, *_SETTINGS)) if path.exists())
+
+
+def kernel_paths() -> tuple[Path, ...]:
+    """Devices and files of the kernel that numeric libraries look at."""
+    return tuple(path for path in map(Path, (*_DEVICES, *_FACTS)) if path.exists())
+
+
+def runtime_paths() -> tuple[Path, ...]:
+    """The interpreter, installed packages, this package, and the content that workers load.
+
+    The folder that *holds* the package is not among them: in a source tree it is a repository with whatever lies in it.
+    """
+    package = Path(grs_agents.__file__).parent
+    packages = [Path(entry) for entry in sys.path if Path(entry).name in _PACKAGES]
+    shipped = [content.content_root() / kind for kind in _CONTENT]
+    paths = [Path(sys.prefix), Path(sys.base_prefix), *packages, package, *shipped, *content.roots()[:-1]]
+    return outermost(path for path in paths if path.exists() and path not in (Path("/"), Path.home()))
+
+
+def outermost(paths: Iterable[Path]) -> tuple[Path, ...]:
+    """``paths``, each as it is named and as it resolves, without those that lie inside another or in the system's."""
+    named = [path.absolute() for path in paths]
+    every = sorted({path for path in named if ".." not in path.parts} | {path.resolve() for path in named})
+    kept: list[Path] = list(system_paths())
+    for path in every:
+        if not covered(path, kept):
+            kept.append(path)
+    return tuple(kept[len(system_paths()) :])
+
+
+def covered(path: Path, allowed: Iterable[Path]) -> bool:
+    """Whether ``path`` is one of ``allowed`` or lies inside one."""
+    return any(path == other or other in path.parents for other in allowed)

@@ -1,0 +1,45 @@
+"""How the processes of the sandbox start: their command line, and what they do before anything else."""
+
+import os
+import socket
+import sys
+from pathlib import Path
+from typing import Literal
+
+import grs_agents
+from grs_agents.sandbox.settings import ENVIRONMENT, Settings
+
+_CODE = (
+    "import sys; path = sys.argv.pop(1); path in sys.path or sys.path.insert(0, path); "
+    "from grs_agents.sandbox.{} import main; main()"
+)
+
+
+def command(module: Literal["zygote", "worker"], address: str, settings: Settings) -> list[str]:
+    """The command line that runs ``main`` of ``module``.
+
+    Args:
+        module: which process to start.
+        address: the number of an inherited socket, or the path of a socket to connect to.
+        settings: how it serves.
+    """
+    package = str(Path(grs_agents.__file__).parent.parent)
+    code = _CODE.format(module)
+    return [sys.executable, "-s", "-P", "-B", "-c", code, package, address, settings.model_dump_json()]
+
+
+def begin() -> tuple[socket.socket, Settings]:
+    """In the new process: the socket to whoever started it, and the settings; its environment holds nothing else.
+
+    Raises:
+        OSError: nobody listens at the address any more.
+    """
+    address, text = sys.argv[1:]
+    sys.argv = ["sandbox"]
+    for name in os.environ.keys() - ENVIRONMENT.keys():  # what a container or bubblewrap added
+        del os.environ[name]
+    if address.isdecimal():
+        return socket.socket(fileno=int(address)), Settings.model_validate_json(text)
+    host = socket.socket(socket.AF_UNIX)
+    host.connect(address)
+    return host, Settings.model_validate_json(text)

@@ -1,0 +1,73 @@
+"""What a process gives up for good: capabilities, gaining any, being looked into, root's freedom to start threads."""
+
+import ctypes
+import errno
+import os
+import struct
+from contextlib import suppress
+
+from grs_agents.sandbox import kernel
+
+_SET_DUMPABLE, _SET_NO_NEW_PRIVS = 4, 38
+_READ_BOUNDING, _DROP_BOUNDING = 23, 24
+_AMBIENT, _CLEAR_AMBIENT = 47, 4
+_VERSION_3 = 0x2008_0522
+"""Of the capability interface: 64 bits in two halves, each of three words."""
+
+_ACCOUNTS = 0x7000_0000
+"""User ids from here on are given to nobody, containers and dynamic users included."""
+
+
+def gain_no_more() -> None:
+    """No program started from here may hold more rights than this process: Landlock and seccomp ask for it."""
+    kernel.prctl(_SET_NO_NEW_PRIVS, 1)
+
+
+def drop_capabilities() -> None:
+    """Empty all five sets of this thread; what it may still do is decided by the owner of a file."""
+    drop_bounding_set()
+    with suppress(OSError):  # the ambient set came with Linux 4.3
+        kernel.prctl(_AMBIENT, _CLEAR_AMBIENT)
+    header = ctypes.create_string_buffer(struct.pack("=Ii", _VERSION_3, 0))
+    nothing = ctypes.create_string_buffer(24)
+    kernel.call("capset", ctypes.addressof(header), ctypes.addressof(nothing))
+
+
+def drop_bounding_set() -> None:
+    """Let no program started from here gain capabilities. Without CAP_SETPCAP the set stays as it is."""
+    capability = 0
+    with suppress(PermissionError):
+        while (bounded := _in_bounding_set(capability)) is not None:
+            if bounded:
+                kernel.prctl(_DROP_BOUNDING, capability)
+            capability += 1
+
+
+def hide() -> None:
+    """Leave no core file, and let no process of the same user trace this one or read its memory."""
+    kernel.prctl(_SET_DUMPABLE, 0)
+
+
+def leave_roots_count() -> bool:
+    """Be counted as a user of its own, since the kernel keeps no limit on the number of root's threads.
+
+    Only the *real* user id changes, by which the kernel counts; files are opened as before. Call it while the process
+    still holds its capabilities.
+
+    Returns:
+        Whether it is; without CAP_SETUID or in a name space of few user ids everything stays as it was.
+    """
+    try:
+        os.setresuid(_ACCOUNTS + int.from_bytes(os.urandom(3), "little"), -1, -1)
+    except OSError as error:
+        if error.errno in {errno.EPERM, errno.EINVAL}:
+            return False
+        raise
+    return True
+
+
+def _in_bounding_set(capability: int) -> bool | None:
+    try:
+        return bool(kernel.prctl(_READ_BOUNDING, capability))
+    except OSError:  # there is no capability of this number
+        return None

@@ -1,0 +1,47 @@
+"""What a zygote is told when it starts, and later."""
+
+from pathlib import Path
+
+from grs_agents.base import Frozen
+
+EXPLAIN = b"explain"
+"""What the host sends to have a child write where it is, and end."""
+ENVIRONMENT = {
+    "LC_ALL": "C.UTF-8",
+    "PYTHONHASHSEED": "0",  # sets of strings iterate alike in every run
+    "MALLOC_ARENA_MAX": "2",
+    "OMP_NUM_THREADS": "1",  # a process with threads cannot be forked safely
+    "OPENBLAS_NUM_THREADS": "1",
+    "PYDANTIC_DISABLE_PLUGINS": "__all__",  # looking for them reads every installed distribution
+}
+"""All that a worker finds in its environment, besides the folder it works in: nothing of the host's."""
+
+
+class Settings(Frozen):
+    """How a zygote serves its calls.
+
+    Attributes:
+        preload: modules to import before the first call.
+        tools: shipped tool files to import before the first call.
+        layers: whether children harden themselves with Landlock, seccomp and without privileges.
+        readable: files and folders that children may read.
+        scratch: folder with one scratch folder for each slot, named by its number.
+        slots: how many calls may run at once.
+        scratch_is_sized: whether each of these is a file system of its own, of ``scratch_bytes``.
+        scratch_bytes: the size of such a file system.
+        threads_elsewhere: how many threads of this user there may be that a child cannot see; where they count, its
+            limit on threads is raised by them.
+        single_use: empty where children are forked. Otherwise each call has a process that was started for it alone,
+            ahead of time: for each slot, what to put before the command of its processes.
+    """
+
+    preload: tuple[str, ...] = ()
+    tools: tuple[str, ...] = ()
+    layers: bool = True
+    readable: tuple[Path, ...] = ()
+    scratch: Path
+    slots: int = 1
+    scratch_is_sized: bool = False
+    scratch_bytes: int = 0
+    threads_elsewhere: int = 0
+    single_use: tuple[tuple[str, ...], ...] = ()
