@@ -35,6 +35,6 @@ def run(request: Request, context: ToolContext) -> NoReturn:
     """
     raise InputError(
         f"{request.photo} has no depth",
-        "add depth.png or a point cloud beside it, with camera.json; or have a model of your own estimate it: "
+        "name a folder with it, depth.png or a point cloud, and camera.json; or have a model of your own estimate it: "
         "--set tools.depth=depth_transformers --set depth.model=FOLDER",
     )

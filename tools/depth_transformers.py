@@ -92,7 +92,7 @@ def _asked(request: Request, folder: Path, torch: Any, transformers: Any) -> Res
     size = request.rgb.shape[:2]
     more = {"source_sizes": [size]} if model.config.model_type == "zoedepth" else {}
     found = processor.post_process_depth_estimation(answer, target_sizes=[size], **more)[0]
-    depth = np.asarray(found["predicted_depth"].float().numpy(), dtype=np.float32)
+    depth = np.asarray(found["predicted_depth"].to(dtype=torch.float32).numpy(), dtype=np.float32)
     focal = found.get("focal_length")
     return Result(depth, None if focal is None or not math.isfinite(float(focal)) else float(focal))
 

@@ -128,6 +128,22 @@ def test_a_bad_setting(tmp_path: Path, sample_scene: Path, setting: str, words: 
     assert not record.exists() or json.loads(record.read_text())["status"] == "failed"
 
 
+def test_a_photo_alone_needs_a_depth_tool(tmp_path: Path, sample_scene: Path) -> None:
+    photo = str(sample_scene / "rgb.png")
+    done = grs("scene", photo, "--out", "given", folder=tmp_path)
+    assert_refused(done, "rgb.png", "no depth", "tools.depth=depth_transformers")
+    done = grs("scene", photo, "--set", "tools.depth=depth_transformers", "--out", "asked", folder=tmp_path)
+    assert_refused(done, "depth.model")
+
+
+@pytest.mark.parametrize("source", ["bop:nowhere/test/1/1", "bop:1", "cloud.ply", "notes.txt"])
+def test_what_is_no_scene_is_found_before_a_folder_is_made(tmp_path: Path, source: str) -> None:
+    for name in ("cloud.ply", "notes.txt"):
+        (tmp_path / name).write_bytes(b"")
+    assert_refused(grs("run", source, folder=tmp_path), source)
+    assert not (tmp_path / "runs").exists()
+
+
 def test_no_such_folder(tmp_path: Path) -> None:
     assert_refused(grs("run", "nowhere", folder=tmp_path), "nowhere")
     assert not (tmp_path / "runs").exists()

@@ -54,7 +54,7 @@ def _colors(rgb: Numbers, file: Path) -> Image:
         )
     eight = (rgb // 257 if rgb.dtype == np.uint16 else rgb).astype(np.uint8)
     planes = eight.reshape(*eight.shape[:2], channels)
-    return np.ascontiguousarray(np.repeat(planes, 3, axis=2) if channels == 1 else planes[..., :3])
+    return np.repeat(planes, 3, axis=2) if channels == 1 else planes[..., :3].copy()
 
 
 def _scale(arrays: dict[str, Numbers], depth: Numbers, file: Path) -> float:

@@ -19,8 +19,8 @@ from grs_agents.errors import InputError
 from grs_agents.scene.reading.files import read_bytes
 
 Numbers = npt.NDArray[Any]
-MOST_VALUES = 400_000_000
-"""No array has more values, nor needs more bytes than four times as many."""
+MOST_BYTES = 1 << 29
+"""No array needs more, unpacked: enough for 255 masks at 1920x1080, or 64 million pixels of eight bytes."""
 MOST_MEMBERS = 64
 MALFORMED = (
     *(ValueError, SyntaxError, TypeError, OverflowError, EOFError, OSError, MemoryError, LookupError, RuntimeError),
@@ -90,7 +90,7 @@ def _array(content: IO[bytes], where: str) -> Numbers:
                 f"{where} ends after {len(data)} of {values * kinds.itemsize} bytes", "write it again with numpy.save"
             )
         array = np.frombuffer(data, kinds).reshape(shape, order="F" if column_major else "C")
-        return cast(Numbers, array.astype(kinds.newbyteorder("=")))
+        return cast(Numbers, array.astype(kinds.newbyteorder("="), copy=False))
     except InputError:
         raise
     except MALFORMED as error:
@@ -107,8 +107,10 @@ def _bounded(shape: tuple[int, ...], kind: "np.dtype[Any]", where: str) -> "tupl
         if extent < 0:
             raise InputError(f"{where} has the shape {shape}", "write it with numpy.save")
         values *= extent
-    if values > MOST_VALUES or values * kind.itemsize > 4 * MOST_VALUES:
-        raise InputError(f"{where} has the shape {shape}: more than {MOST_VALUES} values", "give a smaller one")
+    if values * kind.itemsize > MOST_BYTES:
+        raise InputError(
+            f"{where} has the shape {shape} and type {kind}: more than {MOST_BYTES} bytes", "give a smaller one"
+        )
     if values == 0:
         raise InputError(f"{where} has the shape {shape}: it is empty", "write it with its values")
     return values, kind

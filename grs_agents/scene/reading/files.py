@@ -9,6 +9,7 @@ from grs_agents.errors import InputError
 
 MOST_BYTES = 1 << 30
 """No file of a scene is larger, in bytes."""
+MOST_JSON_BYTES = 1 << 26
 
 
 def exists(path: Path) -> bool:
@@ -42,23 +43,24 @@ def names_in(folder: Path) -> list[str]:
         raise InputError(f"cannot read {folder}: {error.strerror}", "name a folder that you may read") from error
 
 
-def read_bytes(file: Path, remedy: str = "") -> bytes:
+def read_bytes(file: Path, remedy: str = "", most: int = MOST_BYTES) -> bytes:
     """The whole content of a regular file.
 
     Args:
         file: its path.
         remedy: what to do if it is not there.
+        most: how many bytes it may have.
 
     Raises:
-        InputError: it cannot be read, is no regular file, or is larger than `MOST_BYTES`.
+        InputError: it cannot be read, is no regular file, or is too large.
     """
     try:
         status = file.stat()  # before it is opened: a pipe would wait for its other end for ever
         if not stat.S_ISREG(status.st_mode):
             kind = "a folder" if stat.S_ISDIR(status.st_mode) else "no regular file"
             raise InputError(f"cannot read {file}: it is {kind}", remedy or "give a file of that name")
-        if status.st_size > MOST_BYTES:
-            raise InputError(f"{file} has {status.st_size} bytes, more than {MOST_BYTES}", "give a smaller file")
+        if status.st_size > most:
+            raise InputError(f"{file} has {status.st_size} bytes, more than {most}", "give a smaller file")
         return file.read_bytes()
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
@@ -71,7 +73,7 @@ def read_json(file: Path, remedy: str) -> dict[str, Any]:
     Raises:
         InputError: it cannot be read, is not JSON in UTF-8, or is no object.
     """
-    data = read_bytes(file, remedy)
+    data = read_bytes(file, remedy, MOST_JSON_BYTES)
     try:
         value: Any = json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:

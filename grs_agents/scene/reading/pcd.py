@@ -7,6 +7,8 @@ from grs_agents.scene.reading.files import read_bytes
 from grs_agents.scene.reading.lzf import unpacked
 from grs_agents.scene.reading.records import MOST_FIELDS, Points, Records, header_of, whole
 
+MOST_UNPACKED = 1 << 28
+"""No compressed cloud is larger unpacked, in bytes: enough for 16 million points with a colour."""
 SIZES = {"F": ("4", "8"), "I": ("1", "2", "4", "8"), "U": ("1", "2", "4", "8")}
 
 
@@ -36,6 +38,10 @@ def read_pcd(file: Path) -> tuple[Points, tuple[int, int]]:
                     f"{where} promises {size} bytes of points from {packed}, has {len(body)} and needs "
                     f"{records.count * records.record.itemsize}",
                     "write the cloud again",
+                )
+            if size > MOST_UNPACKED:
+                raise InputError(
+                    f"{where} promises {size} bytes of points, more than {MOST_UNPACKED}", "write it as binary"
                 )
             return records.of_columns(unpacked(body[8 : 8 + packed], size, where)), records.shape
         case other:

@@ -26,6 +26,10 @@ def check_source(source: Path) -> None:
     Raises:
         InputError: there is nothing, or nothing that a scene could be read from.
     """
+    try:
+        str(source).encode()
+    except UnicodeEncodeError as error:  # neither the run's record nor its trace could name it
+        raise InputError(f"the scene's name {str(source)!a} is not UTF-8", "rename it") from error
     if is_bop(source):
         bop_image(source)
     elif not is_folder(source):

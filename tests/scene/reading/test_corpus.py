@@ -108,7 +108,9 @@ def test_a_file_of_a_thousand_gigabytes(tmp_path: Path, truth: Truth) -> None:
     refused(source, "cloud.npy")
 
 
-@pytest.mark.parametrize("name", ["", "x" * 5000, "a/b", "loop", "\x00", "photo.png", "scene.npz", "photo.heic"])
+@pytest.mark.parametrize(
+    "name", ["", "x" * 5000, "a/b", "loop", "\x00", "photo.png", "scene.npz", "photo.heic", "\udcff"]
+)
 def test_names_that_lead_nowhere(tmp_path: Path, name: str) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     (tmp_path / "photo.heic").write_bytes(b"ftypheic")

@@ -1,0 +1,63 @@
+"""``grs scene`` on other forms than a folder, and what ``scene.json`` says of how they were read."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.cli.command import grs
+
+
+@pytest.fixture(scope="module")
+def photo(sample_scene: Path) -> dict[str, Any]:
+    """The sample scene as arrays."""
+    camera = json.loads((sample_scene / "camera.json").read_text())
+    return {
+        "rgb": cv2.imread(str(sample_scene / "rgb.png"))[..., ::-1],
+        "depth": cv2.imread(str(sample_scene / "depth.png"), cv2.IMREAD_UNCHANGED) * camera["depth_scale"],
+        "K": np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1]]),
+        "masks": cv2.imread(str(sample_scene / "labels.png"), cv2.IMREAD_UNCHANGED),
+        "T_robot_cam": np.array(camera["T_robot_cam"]),
+    }
+
+
+def comprehended(folder: Path, source: str, *options: str) -> dict[str, Any]:
+    done = grs("scene", source, "--out", "run", *options, folder=folder)
+    assert done.returncode == 0, done.stderr
+    return json.loads((folder / "run/scene.json").read_text())
+
+
+def test_an_archive_with_its_own_masks(tmp_path: Path, photo: dict[str, Any]) -> None:
+    np.savez_compressed(tmp_path / "table.npz", **photo)
+    scene = comprehended(tmp_path, "table.npz", "--set", "tools.segment=segment_masks")
+    assert scene["frame"]["origin"] == "calibrated"
+    assert len(scene["objects"]) + len(scene["dropped"]) == photo["masks"].max()
+    assert all(one["reachable"] for one in scene["objects"])
+
+
+def test_a_data_set_and_what_is_out_of_reach(tmp_path: Path, photo: dict[str, Any]) -> None:
+    scene = tmp_path / "set/test/000001"
+    millimetres = np.rint(photo["depth"] * 1000).astype(np.uint16)
+    for name, image in (("rgb", photo["rgb"][..., ::-1]), ("depth", millimetres)):
+        (scene / name).mkdir(parents=True)
+        cv2.imwrite(str(scene / name / "000007.png"), image)
+    entry = {"cam_K": photo["K"].reshape(-1).tolist(), "depth_scale": 1.0}
+    (scene / "scene_camera.json").write_text(json.dumps({"7": entry}))
+    told = comprehended(tmp_path, "bop:set/test/1/7")
+    assert told["frame"]["origin"] == "table_plane"
+    assert told["source"] == "bop:set/test/1/7"
+    away = {one["name"] for one in told["objects"] if not one["reachable"]}
+    assert {line.split()[0] for line in told["warnings"] if "out of the arm's reach" in line} == away
+
+
+def test_a_calibrated_camera_far_away_leaves_objects_out_of_reach(tmp_path: Path, photo: dict[str, Any]) -> None:
+    moved = photo["T_robot_cam"].copy()
+    moved[0, 3] += 0.35
+    np.savez_compressed(tmp_path / "table.npz", **(photo | {"T_robot_cam": moved}))
+    told = comprehended(tmp_path, "table.npz")
+    away = {one["name"] for one in told["objects"] if not one["reachable"]}
+    assert away
+    assert {line.split()[0] for line in told["warnings"] if "out of the arm's reach" in line} == away

@@ -1,0 +1,33 @@
+"""Given masks become candidates without a search for them."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from grs_agents import content
+from grs_agents.errors import InputError
+from grs_agents.scene import find_table, read_scene
+from grs_agents.toolkit import ToolContext
+
+
+def test_the_labels_of_the_sample_scene_are_its_candidates(sample_scene: Path, context: ToolContext) -> None:
+    tool = content.load_module("tools", "segment_masks")
+    frame = read_scene(sample_scene)
+    labels = cv2.imread(str(sample_scene / "labels.png"), cv2.IMREAD_UNCHANGED)
+    request = tool.Request(frame=frame, table=find_table(frame, np.random.default_rng(0)))
+    candidates = tool.run(request, context).candidates
+    assert len(candidates) == len(np.unique(labels)) - 1
+    for one in candidates:
+        assert len(np.unique(labels[one.mask])) == 1
+
+
+def test_a_scene_without_masks_is_refused(sample_scene: Path, tmp_path: Path, context: ToolContext) -> None:
+    scene = tmp_path / "scene"
+    shutil.copytree(sample_scene, scene, ignore=shutil.ignore_patterns("labels.png"))
+    tool = content.load_module("tools", "segment_masks")
+    frame = read_scene(scene)
+    with pytest.raises(InputError, match="no masks"):
+        tool.run(tool.Request(frame=frame, table=find_table(frame, np.random.default_rng(0))), context)
