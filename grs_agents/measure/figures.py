@@ -64,9 +64,12 @@ def total_row(name: str, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
 
 
 def totals(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
-    """All scenes together, and those of each sensor where there are several."""
+    """All scenes together; the synthesised ones beside others, and those of each sensor where there are several."""
     sensors = sorted({scene.sensor for scene in scenes})
+    made = [scene for scene in scenes if scene.sensor]
     groups = [(f"all {len(scenes)}", list(scenes))]
+    if 0 < len(made) < len(scenes):
+        groups.append(("synthesised", made))
     if len(sensors) > 1:
         groups += [(name or "real", [scene for scene in scenes if scene.sensor == name]) for name in sensors]
     return [total_row(name, group) for name, group in groups]

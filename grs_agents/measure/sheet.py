@@ -142,6 +142,7 @@ def _shares(curves: dict[str, list[float]], most: float = 40.0) -> Picture:
         y = top + height * (1 - np.arange(1, len(values) + 1) / len(values))
         points = np.rint(np.stack([x, y], axis=1)).astype(np.int32)
         cv2.polylines(picture, [points], False, _COLORS[index], 2, cv2.LINE_AA)
-        cv2.putText(picture, f"{name} ({len(values)})", (left + width - 190, top + height - 60 + 18 * index),
-                    cv2.FONT_HERSHEY_SIMPLEX, 0.45, _COLORS[index], 1, cv2.LINE_AA)  # fmt: skip
+        place = (left + width - 190, top + height - 56 + 18 * index)  # between two grid lines
+        cv2.rectangle(picture, (place[0], place[1] - 12), (place[0] + 12, place[1]), _COLORS[index], cv2.FILLED)
+        write_words(picture, f"{name} ({len(values)})", (place[0] + 18, place[1]))
     return picture

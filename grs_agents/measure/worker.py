@@ -47,9 +47,11 @@ def measure(order: Order, out: Path) -> Result:
     """
     scene = read_labelled(Path(order.source))
     tool = load_tool(order.tool)
-    context = ToolContext(sandbox=Sandbox(keep_ready=False), library=Library(), limits=Limits())
     cv2.setNumThreads(1)
-    found = min((_found(scene, tool, context, order.seed) for _ in range(order.repeats)), key=lambda one: one.seconds)
+    with Sandbox() as sandbox:
+        context = ToolContext(sandbox=sandbox, library=Library(), limits=Limits())
+        tries = [_found(scene, tool, context, order.seed) for _ in range(order.repeats)]
+    found = min(tries, key=lambda one: one.seconds)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MEBIBYTE
     labels = np.zeros(scene.labels.shape, np.int32)
     for one in found.candidates:
