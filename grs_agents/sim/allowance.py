@@ -30,6 +30,9 @@ class _Call:
 
 
 _call = _Call()
+_REMEMBERED: Final = 512
+_vertices: dict[int, tuple[ObjectModel, int]] = {}
+"""How many vertices the last few hundred models have, by identity: they never change."""
 
 
 def grant(limits: Limits) -> None:
@@ -106,8 +109,7 @@ def with_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
     Raises:
         VertexLimitError: they may not.
     """
-    meshes = [shape.mesh or "" for shape in (*shapes.colliders, *shapes.visuals) if shape.kind == "mesh"]
-    count += sum(len(read_vertices(library.mesh_path(mesh))) for mesh in meshes)
+    count += _vertices_of(shapes, library)
     most = _call.limits.mesh_vertices
     if count > most:
         raise _note(
@@ -116,6 +118,17 @@ def with_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
             )
         )
     return count
+
+
+def _vertices_of(shapes: ObjectModel, library: Library) -> int:
+    known = _vertices.get(id(shapes))
+    if known is None:
+        meshes = [shape.mesh or "" for shape in (*shapes.colliders, *shapes.visuals) if shape.kind == "mesh"]
+        if len(_vertices) >= _REMEMBERED:
+            _vertices.clear()
+        known = (shapes, sum(len(read_vertices(library.mesh_path(mesh))) for mesh in meshes))
+        _vertices[id(shapes)] = known
+    return known[1]
 
 
 def _note(error: SimulationError) -> SimulationError:

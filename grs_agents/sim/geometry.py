@@ -96,6 +96,17 @@ def _local_points(model: ObjectModel) -> tuple[FloatArray, ...]:
     return tuple(shape_points(shape, bounds) for shape in model.colliders)
 
 
+@per_model
+def _hanging(model: ObjectModel) -> list[tuple[FloatArray, float]]:
+    """For each collider the points (3, N) of it that turn with the object, and how far it reaches from them anyhow."""
+    found: list[tuple[FloatArray, float]] = []
+    for shape, local in zip(model.colliders, _local_points(model), strict=True):
+        center = np.asarray(shape.position)[:, None]
+        ball = shape.kind == "sphere"
+        found.append((center, float((local - center)[2].min())) if ball else (local, 0.0))
+    return found
+
+
 def _points(model: ObjectModel, pose: Pose) -> list[FloatArray]:
     """Points (3, N) whose convex hull holds a collider, for each of an object at ``pose``; a ball's never turn."""
     found: list[FloatArray] = []
@@ -118,7 +129,9 @@ def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
 
 def lowest(model: ObjectModel, pose: Pose) -> float:
     """The height of the lowest point of an object's colliders at ``pose``, metres."""
-    return min((float(points[2].min()) for points in _points(model, pose)), default=pose[0][2])
+    x, y, z, w = utils.quat(pose[1])
+    upward = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])  # what turns into height
+    return pose[0][2] + min((float((upward @ points).min()) + drop for points, drop in _hanging(model)), default=0.0)
 
 
 def footprint(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:

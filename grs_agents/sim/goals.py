@@ -186,6 +186,8 @@ def as_pose(value: Any, what: str) -> Pose:
     Raises:
         SimulationError: it is not such a pair of finite numbers.
     """
+    if (plain := utils.plain_pose(value)) is not None:
+        return plain
     try:
         if _is_vector(value, 3):
             value = (value, utils.IDENTITY)

@@ -75,7 +75,9 @@ def solve(tips: FloatArray, yaws: FloatArray) -> FloatArray:
     wrist = -np.pi / 2 - shoulder - elbow
     half = np.full_like(elbow, -np.pi / 2)
     turn = base + np.pi / 2 - yaws
-    turn = np.unwrap(np.where(np.isfinite(turn), turn, 0.0))
+    turn = np.where(np.isfinite(turn), turn, 0.0)
+    if len(turn) > 1 and float(np.abs(turn[1:] - turn[:-1]).max()) > np.pi:
+        turn = np.unwrap(turn)
     turn -= 2 * np.pi * np.round(turn[:1] / (2 * np.pi))
     return np.stack([base, shoulder, elbow, wrist, half, turn], axis=1)
 

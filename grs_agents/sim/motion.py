@@ -11,7 +11,7 @@ from grs_agents.base import Quat, Vec3
 from grs_agents.sim import utils
 from grs_agents.sim.arm import Arm
 from grs_agents.sim.geometry import Prism
-from grs_agents.sim.paths import turns_about_z
+from grs_agents.sim.paths import ramped, turns_about_z
 from grs_agents.sim.suction import HOLDING_FORCE
 
 FloatArray = npt.NDArray[np.float64]
@@ -22,7 +22,9 @@ _SHARE: Final = 0.7
 """How much of the cup's holding force the arm's own motion may use."""
 _GRAVITY: Final = 9.81
 _SLOWEST, _QUICKEST = 0.5, 40.0
-"""Metres a second squared: what a heavy thing gets all the same, and what the joints' torques allow."""
+"""Metres a second squared: what a heavy thing gets all the same, and what the joints' torques allow for a moment."""
+_EASY, _RAMP = 8.0, 0.1
+"""Metres a second squared at most, and seconds at least, in which a long way reaches its speed."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,21 @@ def smooth(samples: int) -> FloatArray:
     return share * share * (3 - 2 * share)
 
 
+def shares(length: float, gait: Pace) -> FloatArray:
+    """Shares (N,) of a way of ``length`` metres, 0..1, one a time step: the sooner there of two ways to go.
+
+    A short way begins and ends as smoothly as its time allows; a long one goes at full speed between two ramps.
+    """
+    if gait.even:
+        return np.linspace(0.0, 1.0, max(4, int(length / gait.speed / gait.timestep)))
+    smoothly = max(1.5 * length / gait.speed, float(np.sqrt(6 * length / gait.acceleration)))
+    ramp = max(gait.speed / min(gait.acceleration, _EASY), _RAMP)
+    fast = length / gait.speed + ramp
+    if fast < smoothly and 2 * ramp < fast:
+        return ramped(max(4, int(fast / gait.timestep)), ramp / fast)
+    return smooth(max(4, int(smoothly / gait.timestep)))
+
+
 def move(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: FloatArray) -> FloatArray:
     """Joint positions (N, dof), one a time step, from one pose to another, NaN if impossible.
 
@@ -110,11 +127,7 @@ def move(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: FloatArray)
     leaning = float(np.linalg.norm(tilting[1] - tilting[0]))
     turning = abs(end.yaw - start.yaw) + leaning
     length = float(np.linalg.norm(np.subtract(end.point, start.point))) + 0.25 * turning
-    if gait.even:
-        share = np.linspace(0.0, 1.0, max(4, int(length / gait.speed / gait.timestep)))
-    else:
-        seconds = max(1.5 * length / gait.speed, float(np.sqrt(6 * length / gait.acceleration)))
-        share = smooth(max(4, int(seconds / gait.timestep)))
+    share = shares(length, gait)
     points = sweep(start.point, end.point, share)
     yaws = start.yaw + share * (end.yaw - start.yaw)
     if not tilting.any():

@@ -43,6 +43,23 @@ def blend(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatAr
     return curve
 
 
+def ramped(samples: int, ramp: float) -> FloatArray:
+    """Shares (samples,) of a way, 0..1, at an even speed but for a share ``ramp`` of the time at either end."""
+    time = np.linspace(0.0, 1.0, samples)
+    gone = np.minimum(time, ramp) ** 2 / (2 * ramp) + np.clip(time - ramp, 0.0, 1 - 2 * ramp)
+    gone += ramp / 2 - np.minimum(1 - time, ramp) ** 2 / (2 * ramp)
+    return gone / gone[-1]
+
+
+def rates(path: FloatArray, timestep: float) -> FloatArray:
+    """How fast each joint moves (N, D) along positions (N, D), one row a time step (s)."""
+    found = np.zeros_like(path)
+    if len(path) > 1:
+        found[1:-1] = (path[2:] - path[:-2]) / (2 * timestep)
+        found[0], found[-1] = (path[1] - path[0]) / timestep, (path[-1] - path[-2]) / timestep
+    return found
+
+
 def turns_about_z(angles: FloatArray) -> FloatArray:
     """The rotations (N, 3, 3) about the vertical by ``angles`` (N,), radians."""
     found = np.zeros((len(angles), 3, 3))

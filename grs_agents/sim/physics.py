@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.sim import utils
+from grs_agents.sim import paths, utils
 from grs_agents.sim.allowance import Budget
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.episode import SimulationError
@@ -18,6 +18,9 @@ from grs_agents.sim.world import World, place
 
 FloatArray = npt.NDArray[np.float64]
 _STILL: Final = 0.01
+"""Slower than this is at rest, m/s."""
+_GLANCE, _SURGE = 4, 0.2
+"""Steps that show whether all rests as it was put down, and how much of that speed may be gained in one of them."""
 _ARRIVED: Final = 0.002
 """Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
 _GENTLE: Final = 0.15
@@ -89,8 +92,9 @@ class Physics:
     def pose(self, number: int) -> Pose:
         """Position and rotation (xyzw) of an object."""
         body = self.world.bodies[number]
-        w, x, y, z = self.data.xquat[body].tolist()
-        return utils.vec3(self.data.xpos[body].tolist()), utils.quat((x, y, z, w))
+        w, i, j, k = self.data.xquat[body].tolist()
+        x, y, z = self.data.xpos[body].tolist()
+        return (x, y, z), utils.quat((i, j, k, w))
 
     def _refuse_tangles(self) -> None:
         """Many bodies one inside another would take minutes a step.
@@ -161,9 +165,12 @@ class Physics:
 
     def speed(self) -> float:
         """The fastest free body, m/s (turning counts a radian as 0.1 m)."""
-        if self.model.nv <= self.dof:
+        return self._fastest(self.data.qvel[self.dof :])
+
+    def _fastest(self, velocities: FloatArray) -> float:
+        if not len(velocities):
             return 0.0
-        velocity = np.abs(self.data.qvel[self.dof :].reshape(-1, 6))
+        velocity = np.abs(velocities.reshape(-1, 6))
         return float(max(velocity[:, :3].max(), 0.1 * velocity[:, 3:].max()))
 
     def speed_of(self, number: int) -> float:
@@ -177,20 +184,28 @@ class Physics:
     def settle(self, seconds: float = 1.2) -> None:
         """Wait until everything rests, at most ``seconds`` of simulated time; errors as ``check``."""
         chunk = 12
-        for _ in range(int(seconds / self.timestep / chunk)):
-            self.step(chunk)
-            if self.speed() < _STILL:
-                break
+        if not self._rests_already():
+            for _ in range(int(seconds / self.timestep / chunk)):
+                self.step(chunk)
+                if self.speed() < _STILL:
+                    break
         self.check()
+
+    def _rests_already(self) -> bool:
+        """Whether a few steps show that everything is slow, and that nothing gathers speed: falls, tips or rolls."""
+        self.step(_GLANCE - 1)
+        before = np.array(self.data.qvel[self.dof :])
+        self.step()
+        return max(self.speed(), self._fastest(self.data.qvel[self.dof :] - before) / _SURGE) < _STILL
 
     def relax(self, seconds: float = 0.8) -> None:
         """Let overlapping bodies part slowly rather than burst: their speed is held down at every step."""
+        velocity = self.data.qvel[self.dof :]
         for _ in range(int(seconds / self.timestep)):
-            self.step()
-            velocity = self.data.qvel[self.dof :]
-            np.clip(velocity, -_GENTLE, _GENTLE, out=velocity)
             if self.data.ncon == 0 or float(self.data.contact.dist.min()) > -0.001:
                 return
+            self.step()
+            np.clip(velocity, -_GENTLE, _GENTLE, out=velocity)
 
     def touched(self) -> set[int]:
         """Ids of the objects that the suction cup touches."""
@@ -226,7 +241,7 @@ class Physics:
         Returns:
             Whether ``stop`` halted the arm.
         """
-        rate = np.gradient(path, self.timestep, axis=0) if len(path) > 1 else np.zeros_like(path)
+        rate = paths.rates(path, self.timestep)
         # A free hand is content with half the rate; what is held would be shaken off by its coarser steps.
         stride = 2 if self.cup.held is None else 1
         commands = path[stride - 1 :: stride] + rate[stride - 1 :: stride] * self._lead

@@ -28,7 +28,11 @@ _CAREFUL, _LIGHT = 4.0, 12.0
 """Acceleration of the last stretch of a way with an object and without, m/s^2: quicker, the arm would swing past its
 end and shove what stands there."""
 _LOWEST: Final = 0.001
-_RETREAT: Final = 0.06
+_UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
+_PEELING, _RETREAT = 0.02, 0.06
+"""How far the cup draws back along the tool, then up, metres."""
+_LETTING_GO: Final = 10
+"""Time steps in which what was let go comes to lie as it will, while the cup waits."""
 _TURNS: Final = tuple(turn * np.pi / 2 for turn in (0, 1, -1, 2, -2, 3, -3, 4, -4))
 """How the tool may be turned before it picks, so that the wrist can then make the turn that is asked for."""
 
@@ -159,18 +163,21 @@ class PickPlace:
         self._descend(
             tip, tip.moved(np.array([0.0, 0.0, -0.02])), lambda: held is not None and physics.supported(held)
         )  # fmt: skip
-        self._release(np.array([0.0, 0.0, 1.0]))
+        self._release(_UP)
 
     def _release(self, up: FloatArray) -> None:
         self.physics.cup.release()
-        self.physics.step(25)
-        here = self._here()
-        self._go((here, here.moved(0.02 * up)), 0.2)
-        self._retreat()
+        self.physics.step(_LETTING_GO)
+        if up[2] < 1.0:
+            here = self._here()
+            self._go((here, here.moved(_PEELING * up)), 0.2)
+            self._retreat()
+        else:
+            self._retreat(_PEELING + _RETREAT)
 
-    def _retreat(self) -> None:
+    def _retreat(self, height: float = _RETREAT) -> None:
         here = self._here()
-        self._go((here, here.moved(np.array([0.0, 0.0, _RETREAT]))), FREE_SPEED)
+        self._go((here, here.moved(height * _UP)), FREE_SPEED)
         self.physics.settle()
 
     def _here(self) -> ToolPose:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Vec3
 from grs_agents.sim import utils
 from grs_agents.sim.motion import ToolPose
+from grs_agents.sim.paths import ramped
 from grs_agents.sim.primitives import FREE_SPEED, PickPlace
 from grs_agents.sim.reach import at, wrap
 from grs_agents.sim.spatula import BLADE_THICKNESS, BLADE_WIDTH
@@ -122,7 +123,4 @@ def straight(timestep: float, start: FloatArray, end: FloatArray) -> FloatArray:
     length = float(np.linalg.norm(end - start))
     ramp = min(_RAMP, length / _SPEED)
     seconds = length / _SPEED + ramp
-    time = np.linspace(0.0, seconds, max(4, int(seconds / timestep) + 1))
-    gone = np.minimum(time, ramp) ** 2 / (2 * ramp) + np.clip(time - ramp, 0.0, seconds - 2 * ramp)
-    gone += ramp / 2 - (np.minimum(seconds - time, ramp)) ** 2 / (2 * ramp)
-    return start + (end - start) * (gone / gone[-1])[:, None]
+    return start + (end - start) * ramped(max(4, int(seconds / timestep) + 1), ramp / seconds)[:, None]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Vec3
+from grs_agents.base import Pose, Vec3
 from grs_agents.library import Library
 from grs_agents.sim import world
 from grs_agents.sim.arm import Arm
@@ -57,6 +57,7 @@ class Sight:
         joints: joint positions (dof,) of the arm; None leaves the arm out.
         arm: None for the default.
         tool: at the end of the arm.
+        poses: of the objects, where they do not stand as they say.
     """
 
     objects: Sequence[InstanceObject]
@@ -64,6 +65,7 @@ class Sight:
     joints: FloatArray | None = None
     arm: Arm | None = None
     tool: world.Tool = "suction"
+    poses: Sequence[Pose] | None = None
 
 
 def rays(view: View) -> FloatArray:
@@ -95,7 +97,9 @@ def cast(sight: Sight, eye: FloatArray, directions: FloatArray) -> Picture:
 
 def _seen(sight: Sight) -> world.World:
     scene = world.build(sight.objects, sight.library, visuals=True, arm=sight.arm, tool=sight.tool)
-    world.place(scene, sight.objects)
+    poses = [item.pose for item in sight.objects] if sight.poses is None else sight.poses
+    pairs = zip(sight.objects, poses, strict=True)
+    world.place(scene, [item.model_copy(update={"pose": pose}) for item, pose in pairs])
     if sight.joints is not None:
         scene.data.qpos[: len(sight.joints)] = sight.joints
     mujoco.mj_forward(scene.model, scene.data)

@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.library import Library, ObjectModel
-from grs_agents.sim import allowance, geometry, templates, utils, world
+from grs_agents.sim import allowance, geometry, templates, world
 from grs_agents.sim.arm import Arm
+from grs_agents.sim.colors import rgba
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.instance import InstanceObject, InstanceTie
@@ -107,9 +108,9 @@ class Tabletop:
             self.warn(f"add_object({name!r}): 'deformable' moves as 'rigid' does")
         return self.insert(
             InstanceObject(
-                id=0, asset=filling.template if filling else name, fill=dict(filling.values) if filling else {},
+                id=self._next, asset=filling.template if filling else name,
+                fill=dict(filling.values) if filling else {}, color=None if color is None else rgba(color),
                 pose=as_pose(pose, f"add_object({name!r})"), category=category,
-                color=None if color is None else _rgba(color),
             )
         )  # fmt: skip
 
@@ -120,11 +121,16 @@ class Tabletop:
             SimulationError: the table is too full for it, or it is too large, or too thin.
         """
         allowance.check_objects(len(self._objects) + 1)
-        number, shapes = max(self._objects, default=0) + 1, world.model_of(item, self.library)
+        number, shapes = self._next, world.model_of(item, self.library)
         self._vertices = allowance.with_vertices(self._vertices, shapes, self.library)
-        self._objects[number] = item.model_copy(update={"id": number})
+        self._objects[number] = item if item.id == number else item.model_copy(update={"id": number})
         self._models[number], self._stale = shapes, True
         return number
+
+    @property
+    def _next(self) -> int:
+        """The id of the next object."""
+        return max(self._objects, default=0) + 1
 
     def tie(self, tie: InstanceTie) -> int:
         """Keep two objects together; returns the number of the tie.
@@ -150,14 +156,18 @@ class Tabletop:
 
     def set_color(self, obj: int, color: str | Sequence[float]) -> None:
         """Recolour an object: a name of ``utils.COLORS`` or (r, g, b) 0..1."""
-        self._objects[obj] = self.object(obj).model_copy(update={"color": _rgba(color)})
+        self._objects[obj] = self.object(obj).model_copy(update={"color": rgba(color)})
 
     set_object_color = set_color
 
     @property
     def objects(self) -> tuple[InstanceObject, ...]:
         """Every object with its present pose."""
-        return tuple(item.model_copy(update={"pose": self.get_object_pose(item.id)}) for item in self._objects.values())
+        return tuple(self._as_it_stands(item) for item in self._objects.values())
+
+    def _as_it_stands(self, item: InstanceObject) -> InstanceObject:
+        pose = self.get_object_pose(item.id)
+        return item if pose is item.pose else item.model_copy(update={"pose": pose})
 
     @property
     def obj_ids(self) -> dict[str, list[int]]:
@@ -217,7 +227,8 @@ class Tabletop:
         pose, known = self.get_object_pose(number), self._outlines.get(number)
         if known is None or known[0] != pose:
             shapes = self.shapes(number)
-            known = (pose, geometry.prisms(shapes, pose, number), geometry.footprint(shapes, pose, number))
+            parts = geometry.prisms(shapes, pose, number)
+            known = (pose, parts, parts[0] if len(parts) == 1 else geometry.footprint(shapes, pose, number))
             self._outlines[number] = known
         return known
 
@@ -286,14 +297,3 @@ class Tabletop:
             self._stale = True
         elif self._physics is not None and not self._stale:
             self._physics.teleport(obj, pose)
-
-
-def _rgba(color: str | Sequence[float]) -> tuple[float, float, float, float]:
-    if isinstance(color, str):
-        if color not in utils.COLORS:
-            raise SimulationError(f"colour {color!r} is unknown", f"use one of {', '.join(sorted(utils.COLORS))}")
-        color = utils.COLORS[color]
-    values = [min(max(float(value), 0.0), 1.0) for value in color]
-    if len(values) not in (3, 4):
-        raise SimulationError(f"colour {list(color)!r} is not (r, g, b)", "give three numbers in 0..1")
-    return (values[0], values[1], values[2], values[3] if len(values) == 4 else 1.0)

@@ -150,10 +150,11 @@ class Task(TaskKit):
         """
         env = self.grs.reset_in
         library = env.library if env is not None else templates.default_library()
+        name, doubts = templates.fill_noting(library, template, replace)
         if env is not None:
-            for doubt in templates.unsure(library, template, replace):
+            for doubt in doubts:
                 env.warn(f"fill_template({template!r}): {doubt}")
-        return templates.fill(library, template, replace)
+        return name
 
     def get_random_pose(
         self, env: "Environment", obj_size: Sequence[float]

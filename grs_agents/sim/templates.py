@@ -1,9 +1,11 @@
 """Filled URDF templates, kept by name in this process; and the library that programs see when they name none."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, TypeVar, cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +18,8 @@ from grs_agents.sim.arms import DEFAULT
 from grs_agents.sim.instance import LARGEST_VALUE
 
 Values = Mapping[str, tuple[float | str, ...]]
+Result = TypeVar("Result")
+_REMEMBERED = 512
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,7 @@ class _Defaults:
 
 _defaults = _Defaults()
 _filled: dict[str, Filling] = {}
+_known: WeakKeyDictionary[Library, dict[tuple[str, str, str], Any]] = WeakKeyDictionary()
 
 
 def configure(
@@ -70,12 +75,40 @@ def default_robot() -> str:
 
 def asset_name(name: str, library: Library) -> str:
     """The library's name for a URDF that may be written with folders in front, as in ``assets_root + name``."""
-    parts = PurePosixPath(str(name).replace("\\", "/")).parts
-    for start in range(len(parts)):
-        candidate = "/".join(parts[start:])
+    for candidate in _tails(str(name)):
         if candidate in library or candidate in _filled:
             return candidate
     return str(name)
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _tails(path: str) -> tuple[str, ...]:
+    """A path, then without its first folder, and so on."""
+    parts = PurePosixPath(path.replace("\\", "/")).parts
+    return tuple("/".join(parts[start:]) for start in range(len(parts)))
+
+
+def remembered(
+    library: Library, what: str, template: str, values: Mapping[str, Any], make: Callable[[], Result]
+) -> Result:
+    """What ``make`` makes of a template of a library and values for it; made anew only if it was not lately."""
+    if not all(_is_exact(value) for value in values.values()):
+        return make()
+    key, known = (what, template, repr(dict(values))), _known.setdefault(library, {})
+    if key not in known:
+        made = make()
+        if len(known) >= _REMEMBERED:
+            known.clear()
+        known[key] = made
+    found: Result = known[key]
+    return found
+
+
+def _is_exact(value: Any) -> bool:
+    """Whether ``repr`` tells a value from any other: numbers and words, not arrays, which it rounds."""
+    if isinstance(value, list | tuple):
+        return all(isinstance(part, float | int | str) for part in cast(Sequence[Any], value))
+    return isinstance(value, float | int | str)
 
 
 def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
@@ -99,6 +132,14 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     name = f"{base}#{sorted(values.items())}"
     _filled[name] = Filling(base, values)
     return name
+
+
+def fill_noting(library: Library, template: str, replace: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
+    """As ``fill``, and what ``unsure`` says of it."""
+    return remembered(
+        library, "name", template, replace,
+        lambda: (fill(library, template, replace), tuple(unsure(library, template, replace))),
+    )  # fmt: skip
 
 
 def _check_lengths(template: str, values: Values) -> None:

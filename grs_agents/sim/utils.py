@@ -3,6 +3,7 @@
 import math
 import random
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -76,11 +77,23 @@ def quat(values: Sequence[float] | FloatArray) -> Quat:
     """The four numbers of ``values`` as a unit quaternion (x, y, z, w)."""
     if len(values) != 4:
         return IDENTITY
-    x, y, z, w = (float(value) for value in values)
+    x, y, z, w = map(float, values)
     norm = math.sqrt(x * x + y * y + z * z + w * w)
     if not math.isfinite(norm) or norm < 1e-9:
         return IDENTITY
     return (x / norm, y / norm, z / norm, w / norm)
+
+
+def plain_pose(value: Any) -> Pose | None:
+    """The pose that a pair of three and four finite numbers is, the usual way to write one; None for anything else."""
+    try:
+        (x, y, z), (a, b, c, d) = value
+        numbers = (x, y, z, a, b, c, d)
+        if not all(isinstance(number, float | int) for number in numbers) or not math.isfinite(sum(numbers)):
+            return None
+        return vec3((x, y, z)), quat((a, b, c, d))
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:

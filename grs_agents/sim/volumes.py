@@ -21,6 +21,7 @@ _ROUND: Final = 6
 _FINE: Final = 24
 _ALONG: Final = 200
 """Cells along an axis at most: a sheet has many more than ``_POINTS`` of them otherwise."""
+_REMEMBERED: Final = 512
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,9 @@ class Volume:
 
     points: FloatArray
     weights: FloatArray
+
+
+_shares: dict[tuple[int, Pose, tuple[tuple[Pose, Vec3], ...], float], tuple[Volume, float]] = {}
 
 
 def volume_of(model: ObjectModel, library: Library) -> Volume:
@@ -51,6 +55,16 @@ def volume_of(model: ObjectModel, library: Library) -> Volume:
 
 def share_inside(volume: Volume, pose: Pose, zones: Sequence[tuple[Pose, Vec3]], ceiling: float) -> float:
     """The share of an object's volume that lies over any of the zones and below ``ceiling`` (m)."""
+    key = (id(volume), pose, tuple(zones), ceiling)
+    known = _shares.get(key)  # most objects lie where they lay when the score was last asked for
+    if known is None:
+        if len(_shares) >= _REMEMBERED:
+            _shares.clear()
+        known = _shares[key] = (volume, _share_inside(volume, pose, zones, ceiling))
+    return known[1]
+
+
+def _share_inside(volume: Volume, pose: Pose, zones: Sequence[tuple[Pose, Vec3]], ceiling: float) -> float:
     points = utils.apply(pose, volume.points)
     inside = np.zeros(points.shape[1], dtype=bool)
     for zone_pose, size in zones:

@@ -144,7 +144,8 @@ class Workcell(Tabletop):
     def sight(self) -> Sight:
         """What there is to see now."""
         joints = self.homej if self._physics is None else self._physics.joints
-        return Sight(self.objects, self.library, joints, self.arm, self.tool)
+        poses = tuple(self.get_object_pose(number) for number in self._objects)
+        return Sight(tuple(self._objects.values()), self.library, joints, self.arm, self.tool, poses)
 
     def render_camera(
         self, config: Mapping[str, Any], *_: Any, **__: Any

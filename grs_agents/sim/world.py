@@ -7,6 +7,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from grs_agents.library import Library, ObjectModel, Shape
+from grs_agents.sim import templates
 from grs_agents.sim.arm import Arm
 from grs_agents.sim.arms import get_arm
 from grs_agents.sim.engine import mujoco
@@ -74,6 +75,10 @@ def model_of(item: InstanceObject, library: Library) -> ObjectModel:
     """
     if not item.fill:
         return library.model(item.asset)
+    return templates.remembered(library, "model", item.asset, item.fill, lambda: _filled(item, library))
+
+
+def _filled(item: InstanceObject, library: Library) -> ObjectModel:
     shapes = library.filled(item.asset, item.fill)
     solids = [shape.size for shape in shapes.colliders if shape.kind != "mesh"]
     thinnest = min(

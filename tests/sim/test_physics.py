@@ -60,3 +60,31 @@ def test_what_rests_is_held_up_and_does_not_move() -> None:
     physics.step(5)
     assert not physics.supported(1)
     assert physics.speed() > 0.1
+
+
+def test_a_scene_put_down_at_rest_settles_in_a_few_steps_and_as_a_new_one_does() -> None:
+    def scene(task, env) -> None:
+        for y in (-0.1, 0.0, 0.1):
+            env.add_object("block/block.urdf", at(0.5 + float(env.rng.uniform(-0.1, 0.1)), y, 0.02))
+
+    env = Environment(task=Scripted(scene), seed=1)
+    env.reset()
+    before = env.budget.left
+    env.seed(2)
+    env.reset()
+    assert before - env.budget.left < 8
+    anew = Environment(task=Scripted(scene), seed=2)
+    anew.reset()
+    assert anew.info == env.info
+    assert anew.physics.data.qvel.tolist() == env.physics.data.qvel.tolist()
+
+
+@pytest.mark.parametrize("beyond", [0.001, 0.004])
+def test_what_tips_ever_so_slowly_is_not_taken_for_resting(beyond: float) -> None:
+    def scene(task, env) -> None:
+        env.add_object("block/block.urdf", at(0.5, 0.0, 0.02), "fixed")
+        env.add_object("block/block.urdf", at(0.52 + beyond, 0.0, 0.06))
+
+    env = Environment(task=Scripted(scene))
+    env.reset()
+    assert env.get_object_pose(2)[0][2] < 0.05
