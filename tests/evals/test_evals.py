@@ -51,3 +51,40 @@ def test_no_seeds_are_refused(tmp_path: Path) -> None:
 def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no scene"):
         content.load_module("evals", "real").main([str(tmp_path)])
+
+
+def test_perception_of_labelled_scenes(sample_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main = content.load_module("evals", "perception").main
+    arguments = ["--scenes", str(sample_scene), "--out", str(tmp_path), "--json"]
+    assert main(arguments) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["rows"][0]["scene"] == "groceries"
+    assert figures["rows"][0]["F1@.5"] == "1.000"
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "errors.png", "figures.json", "figures.md", "objects.csv", "scenes", "scenes.csv", "scores.png", "sheet.png"
+    }  # fmt: skip
+    assert len((tmp_path / "objects.csv").read_text().splitlines()) == 12
+    assert main(arguments) == 0  # nothing is measured again: even the time it took is the same
+    assert json.loads(capsys.readouterr().out) == figures
+
+
+def test_perception_of_a_synthesised_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--synthesised", "1", "--objects", "4", "--seed", "2", "--out", str(tmp_path)]
+    assert content.load_module("evals", "perception").main(arguments) == 0
+    assert "synth_2000" in capsys.readouterr().out
+    assert len(list((tmp_path / "synthesised").glob("*/*/truth.json"))) == 1
+
+
+def test_perception_without_a_labelled_scene_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no labelled scene"):
+        content.load_module("evals", "perception").main(["--scenes", str(tmp_path), "--out", str(tmp_path / "out")])
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--size", "640"], ["--size", "0x480"], ["--synthesised", "-1"], ["--seed", "x"]]
+)
+def test_perception_refuses_what_is_no_number(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        content.load_module("evals", "perception").main(arguments)
+    assert caught.value.code == 2
+    assert arguments[0] in capsys.readouterr().err

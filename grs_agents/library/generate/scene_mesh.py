@@ -11,7 +11,7 @@ import trimesh
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.library.library import Library
-from grs_agents.library.shapes import Shape, rotation_matrix
+from grs_agents.library.shapes import Placement, Shape, rotation_matrix
 
 Floats = npt.NDArray[np.float64]
 _PLAIN = (0.6, 0.6, 0.6, 1.0)
@@ -62,12 +62,20 @@ class Triangles:
 
 def gather(placed: Sequence[Placed], library: Library) -> Triangles:
     """All the visible triangles of ``placed``."""
+    posed: list[tuple[str, Placement]] = []
+    for thing in placed:
+        centre, yaw = thing.pose(library)
+        posed.append((thing.asset, (centre, (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))))))
+    return gather_posed(posed, library)
+
+
+def gather_posed(posed: Sequence[tuple[str, Placement]], library: Library) -> Triangles:
+    """All the visible triangles of assets, each with its pose in the robot frame; the first one's ``owner`` is 1."""
     parts: list[tuple[Floats, Floats, Floats, Floats, int, int]] = []
     textures: list[npt.NDArray[np.uint8]] = []
-    for owner, thing in enumerate(placed, start=1):
-        centre, yaw = thing.pose(library)
-        turn = rotation_matrix((0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))))
-        for shape in library.model(thing.asset).visuals:
+    for owner, (asset, (centre, quaternion)) in enumerate(posed, start=1):
+        turn = rotation_matrix(quaternion)
+        for shape in library.model(asset).visuals:
             corners, uvs = _corners(shape, library)
             corners = (corners @ rotation_matrix(shape.quaternion).T + shape.position) @ turn.T + centre
             index = -1

@@ -1,0 +1,1 @@
+"""Perception measured against scenes of which the truth is known."""

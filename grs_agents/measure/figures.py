@@ -1,0 +1,194 @@
+"""Figures of many scenes: rows, totals with their targets, CSV, Markdown and JSON."""
+
+import csv
+import io
+import math
+import statistics
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from grs_agents.base import Frozen
+from grs_agents.files import write_json, write_text
+from grs_agents.measure.types import ObjectFigures, SceneFigures
+from grs_agents.run.tables import markdown
+from grs_agents.scene.metrics import total
+
+COLUMNS = ("scene", "sensor", "tilt", "objects", "segments", "IoU", "F1@.5", "F1@.75", "over", "under", "boundary F",
+           "centre mm", "size mm", "position mm", "angle deg", "frame deg", "frame mm", "CPU s", "MiB",
+           "error")  # fmt: skip
+"""Of the table of scenes. Lengths and angles are medians over its objects."""
+
+
+class Target(Frozen):
+    """A total and the bound it should keep; ``None`` where nothing was measured."""
+
+    name: str
+    value: float | None
+    bound: float
+    unit: str = ""
+    smaller_is_better: bool = True
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether the bound is kept."""
+        if self.value is None:
+            return None
+        return self.value <= self.bound if self.smaller_is_better else self.value >= self.bound
+
+
+def row(scene: SceneFigures) -> dict[str, Any]:
+    """The figures of one scene, one entry for each of `COLUMNS`; empty where there is nothing to say."""
+    return {
+        "scene": scene.name,
+        "sensor": scene.sensor,
+        "tilt": _text(scene.tilt, 0),
+        **_shared([scene]),
+        "CPU s": _text(scene.cpu_seconds, 2),
+        "MiB": _text(scene.peak_mib, 0),
+        "error": scene.error,
+    }
+
+
+def total_row(name: str, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
+    """The figures of several scenes together, each object counting alike; the slowest and the largest of them."""
+    return {
+        "scene": name,
+        "sensor": "",
+        "tilt": "",
+        **_shared(scenes),
+        "CPU s": _text(max(scene.cpu_seconds for scene in scenes), 2),
+        "MiB": _text(max(scene.peak_mib for scene in scenes), 0),
+        "error": sum(bool(scene.error) for scene in scenes) or "",
+    }
+
+
+def totals(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
+    """All scenes together; the synthesised ones beside others, and those of each sensor where there are several."""
+    sensors = sorted({scene.sensor for scene in scenes})
+    made = [scene for scene in scenes if scene.sensor]
+    groups = [(f"all {len(scenes)}", list(scenes))]
+    if 0 < len(made) < len(scenes):
+        groups.append(("synthesised", made))
+    if len(sensors) > 1:
+        groups += [(name or "real", [scene for scene in scenes if scene.sensor == name]) for name in sensors]
+    return [total_row(name, group) for name, group in groups]
+
+
+def targets(scenes: Sequence[SceneFigures]) -> list[Target]:
+    """The totals that have a bound."""
+    score = total([scene.score for scene in scenes])
+    objects = [one for scene in scenes for one in scene.objects]
+    frames = [scene.frame for scene in scenes if scene.frame is not None]
+    turned = _values(objects, lambda one: None if one.symmetric else one.angle)
+    pixels = [(scene.cpu_seconds, scene.width * scene.height) for scene in scenes]
+    small = [seconds for seconds, count in pixels if count <= 640 * 480]
+    large = [seconds for seconds, count in pixels if 640 * 480 < count <= 1920 * 1080]
+    return [
+        Target(name="F1 at IoU 0.5", value=score.f1[0], bound=0.90, smaller_is_better=False),
+        Target(name="mean IoU of matched", value=_finite(score.mean_iou), bound=0.85, smaller_is_better=False),
+        Target(name="box centre, median", value=_median(_values(objects, lambda one: one.center), 1000), bound=10,
+               unit="mm"),
+        Target(name="box size, median", value=_median(_values(objects, lambda one: one.size), 1000), bound=15,
+               unit="mm"),
+        Target(name="asset position, median", value=_median(_values(objects, lambda one: one.position), 1000), bound=10,
+               unit="mm"),
+        Target(name="asset angle, median of those not round", value=_median(turned), bound=10, unit="deg"),
+        Target(name="frame tilt, largest", value=max((one.tilt for one in frames), default=None), bound=1, unit="deg"),
+        Target(name="frame height, largest", value=_largest_height([one.height for one in frames]), bound=5, unit="mm"),
+        Target(name="CPU up to 640x480, largest", value=max(small, default=None), bound=1, unit="s"),
+        Target(name="CPU up to 1920x1080, largest", value=max(large, default=None), bound=3, unit="s"),
+        Target(name="peak memory, largest", value=max((one.peak_mib for one in scenes), default=None), bound=1024,
+               unit="MiB"),
+    ]  # fmt: skip
+
+
+def write_figures(out: Path, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
+    """Write ``figures.json``, ``figures.md``, ``scenes.csv`` and ``objects.csv`` into ``out``.
+
+    Returns:
+        The content of ``figures.json``.
+    """
+    rows, sums, bounds = [row(scene) for scene in scenes], totals(scenes), targets(scenes)
+    value = {
+        "targets": [{**one.model_dump(), "reached": one.reached} for one in bounds],
+        "totals": sums,
+        "rows": rows,
+        "scenes": [scene.model_dump(mode="json") for scene in scenes],
+    }
+    write_json(out / "figures.json", value)
+    write_text(out / "scenes.csv", _csv(COLUMNS, [*rows, *sums]))
+    write_text(out / "objects.csv", _csv(("scene", *ObjectFigures.model_fields), _object_rows(scenes)))
+    write_text(out / "figures.md", "\n".join((_targets_table(bounds), markdown(COLUMNS, [*rows, *sums]))))
+    return value
+
+
+def _shared(scenes: Sequence[SceneFigures]) -> dict[str, str | int]:
+    score = total([scene.score for scene in scenes])
+    objects = [one for scene in scenes for one in scene.objects]
+    frames = [scene.frame for scene in scenes if scene.frame is not None]
+    return {
+        "objects": score.objects,
+        "segments": score.segments,
+        "IoU": _text(_finite(score.mean_iou), 3),
+        "F1@.5": _text(score.f1[0], 3),
+        "F1@.75": _text(score.f1[1], 3),
+        "over": _text(score.over_segmentation, 2),
+        "under": _text(score.under_segmentation, 2),
+        "boundary F": _text(score.boundary_f, 3),
+        "centre mm": _text(_median(_values(objects, lambda one: one.center), 1000), 1),
+        "size mm": _text(_median(_values(objects, lambda one: one.size), 1000), 1),
+        "position mm": _text(_median(_values(objects, lambda one: one.position), 1000), 1),
+        "angle deg": _text(_median(_values(objects, lambda one: one.angle)), 1),
+        "frame deg": _text(max((one.tilt for one in frames), default=None), 2),
+        "frame mm": _text(_largest_height([one.height for one in frames]), 1),
+    }
+
+
+def _object_rows(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
+    return [
+        {"scene": scene.name, **{key: _exact(value) for key, value in one.model_dump().items()}}
+        for scene in scenes
+        for one in scene.objects
+    ]
+
+
+def _targets_table(bounds: Sequence[Target]) -> str:
+    lines = ["| figure | measured | target |", "|---|---|---|"]
+    for one in bounds:
+        if one.value is not None:
+            sign, missed = "at most" if one.smaller_is_better else "at least", "" if one.reached else " (missed)"
+            lines.append(f"| {one.name} | {one.value:.3g} {one.unit}{missed} | {sign} {one.bound:g} {one.unit} |")
+    return "\n".join(lines) + "\n"
+
+
+def _csv(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _values(objects: Sequence[ObjectFigures], value: Callable[[ObjectFigures], float | None]) -> list[float]:
+    return [found for one in objects if (found := value(one)) is not None]
+
+
+def _median(values: Sequence[float], times: float = 1.0) -> float | None:
+    return times * statistics.median(values) if values else None
+
+
+def _largest_height(heights: Sequence[float]) -> float | None:
+    return 1000 * max(abs(one) for one in heights) if heights else None
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _text(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def _exact(value: object) -> object:
+    return f"{value:.5g}" if isinstance(value, float) else value
