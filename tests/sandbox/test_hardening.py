@@ -36,10 +36,14 @@ def user(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+TEMPORARY = tempfile.gettempdir()
+"""The system's, whatever other tests set meanwhile: their own folders are closed to other users."""
+
+
 @pytest.fixture
 def scratch(user: str) -> Iterator[Path]:
     """A folder of the user's, whose parents everybody may pass."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(dir=TEMPORARY) as folder:
         if user == "nobody":
             os.chown(folder, NOBODY, NOBODY)
         yield Path(folder)

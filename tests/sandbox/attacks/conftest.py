@@ -61,7 +61,7 @@ def open_descriptors() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Where the host makes temporary folders meanwhile, so that those it leaves are seen."""
     folder, before = tmp_path_factory.mktemp("temporary"), tempfile.tempdir
@@ -70,7 +70,7 @@ def temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]
     tempfile.tempdir = before
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def canaries(tmp_path_factory: pytest.TempPathFactory, temporary_folder: Path, tool_folder: Path) -> Iterator[Canaries]:
     """What an attack might touch."""
     folder = tmp_path_factory.mktemp("canaries")
@@ -79,7 +79,7 @@ def canaries(tmp_path_factory: pytest.TempPathFactory, temporary_folder: Path, t
     watched.close()
 
 
-@pytest.fixture(scope="session", params=BACKENDS)
+@pytest.fixture(scope="package", params=BACKENDS)
 def door(request: pytest.FixtureRequest, canaries: Canaries, tool_folder: Path) -> Iterator[Door]:
     """A sandbox of each backend, started where the canaries are around."""
     if why := absent(request.param):
