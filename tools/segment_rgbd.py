@@ -8,10 +8,11 @@ from grs_agents.toolkit import ToolContext
 
 @dataclass(frozen=True)
 class Request:
-    """A frame and the table in it."""
+    """A frame and the table in it; this tool needs no model."""
 
     frame: RGBDFrame
     table: TableFrame
+    model: str | None = None
 
 
 @dataclass(frozen=True)

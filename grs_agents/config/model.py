@@ -55,6 +55,16 @@ class ToolsConfig(Frozen):
     depth: str = "depth_given"
 
 
+class SegmentConfig(Frozen):
+    """What a segmentation tool is told besides the photo.
+
+    Attributes:
+        model: the folder of a model of the user's own.
+    """
+
+    model: str | None = Field(default=None, max_length=4096)
+
+
 class DepthConfig(Frozen):
     """What a depth tool is told of a photo without depth.
 
@@ -122,6 +132,7 @@ class Config(Frozen):
     reply_retries: int = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
     tools: ToolsConfig = ToolsConfig()
+    segment: SegmentConfig = SegmentConfig()
     depth: DepthConfig = DepthConfig()
     prompts: PromptsConfig = PromptsConfig()
     limits: Limits = Limits()

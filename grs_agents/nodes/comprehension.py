@@ -35,7 +35,8 @@ def comprehend(state: RunState, services: Services) -> Update:
     camera = frame.camera.model_dump(mode="json")
     services.log.append(SceneStage(stage="frame", summary={"camera": camera}, files=files))
     table = find_table(frame, np.random.default_rng(services.config.seed))
-    found = services.tool(services.config.tools.segment, frame=frame, table=table).candidates
+    config = services.config
+    found = services.tool(config.tools.segment, frame=frame, table=table, model=config.segment.model).candidates
     table, candidates = place_robot(table, found)
     records = save_candidates(frame, candidates, services.folder)
     boxes = [{"id": one.id, "name": f"candidate {one.id}", "box": one.box.model_dump()} for one in records]

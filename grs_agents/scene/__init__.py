@@ -1,8 +1,9 @@
 """Scene comprehension, as far as geometry goes: frame, table, segments, boxes in the robot frame."""
 
 from grs_agents.scene.candidates import candidates_of, place_asset, place_robot
-from grs_agents.scene.frame import Camera, Image, RGBDFrame
+from grs_agents.scene.frame import Camera, Image, Mask, RGBDFrame
 from grs_agents.scene.pictures import annotate, save_candidates, save_frame
+from grs_agents.scene.proposals import Proposal, segment_proposed
 from grs_agents.scene.reading import (
     DepthEstimate,
     Estimator,
@@ -35,6 +36,8 @@ __all__ = [
     "DroppedCandidate",
     "Estimator",
     "Image",
+    "Mask",
+    "Proposal",
     "RGBDFrame",
     "SceneDescription",
     "SceneObject",
@@ -54,4 +57,5 @@ __all__ = [
     "save_frame",
     "scene_name",
     "segment",
+    "segment_proposed",
 ]

@@ -45,8 +45,8 @@ def join_hidden(labels: Labels, frame: RGBDFrame, points: Array) -> Labels:
 
 
 def _piece(mask: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]", frame: RGBDFrame, points: Array) -> Piece:
-    cloud = points[mask][::5]
-    cloud = cloud[np.isfinite(cloud[:, 2])]
+    cloud = points[mask]
+    cloud = cloud[np.isfinite(cloud[:, 2])][::5]
     outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     top = float(np.percentile(cloud[:, 2], 90))
     flat = float((np.abs(cloud[:, 2] - top) < LEVEL).mean())

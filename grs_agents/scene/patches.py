@@ -90,27 +90,39 @@ def _pull(target: Labels, neighbour: Labels, allowed: Mask) -> None:
 
 
 def _joined(labels: Labels, bend: Array, below: Mask, right: Mask) -> Labels:
-    strength = np.minimum(bend, JUMP)
-    length, total = _borders(labels, strength, below, right)
+    length, total = borders(labels, np.minimum(bend, JUMP), below, right)
+    return joined(labels, length, total, np.ones(length.shape, np.bool_))
+
+
+def joined(labels: Labels, length: Array, total: Array, allowed: Mask) -> Labels:
+    """Join neighbours, the smoothest border first, until every border that is left is a crease or a jump.
+
+    Args:
+        labels: (H, W), 0..N.
+        length: (N+1, N+1) of the border of every two labels, pixels; see `borders`.
+        total: (N+1, N+1) their summed strength.
+        allowed: (N+1, N+1) which may be joined at all; what one may be joined with, what it is joined with may too.
+    """
+    length, total, allowed = length.copy(), total.copy(), allowed.copy()
     owner = np.arange(len(length))
-    mean = np.where(length >= SHORTEST, total / np.maximum(length, 1), np.inf)
+    mean = np.where(allowed & (length >= SHORTEST), total / np.maximum(length, 1), np.inf)
     np.fill_diagonal(mean, np.inf)
     while mean.size and mean.min() < CREASE:
         one, other = divmod(int(mean.argmin()), len(mean))
         owner[owner == other] = one
-        for table in (length, total):
+        for table in (length, total, allowed):
             table[one] += table[other]
             table[:, one] = table[one]
             table[other] = table[:, other] = 0
             table[one, one] = 0
         mean[other] = mean[:, other] = np.inf
-        row = np.where(length[one] >= SHORTEST, total[one] / np.maximum(length[one], 1), np.inf)
+        row = np.where(allowed[one] & (length[one] >= SHORTEST), total[one] / np.maximum(length[one], 1), np.inf)
         mean[one] = mean[:, one] = row
     _, numbers = np.unique(owner, return_inverse=True)
     return numbers.astype(np.int32)[labels]
 
 
-def _borders(labels: Labels, strength: Array, below: Mask, right: Mask) -> tuple[Array, Array]:
+def borders(labels: Labels, strength: Array, below: Mask, right: Mask) -> tuple[Array, Array]:
     """Length (pixels) and summed strength of the border of every two labels, as (N+1, N+1) symmetric tables."""
     count = int(labels.max()) + 1
     length, total = np.zeros((count, count)), np.zeros((count, count))

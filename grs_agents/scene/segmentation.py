@@ -37,8 +37,19 @@ def _segmented(frame: RGBDFrame, table: TableFrame) -> Labels:
     smooth = smoothed(frame)
     points = robot_points(smooth, table)
     above = foreground(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
-    labels = merge_parts(patches(smooth, above), points)
-    smallest = int(SMALLEST * above.size)
+    return objects_of(merge_parts(patches(smooth, above), points), smooth, points, table)
+
+
+def objects_of(labels: Labels, smooth: RGBDFrame, points: Array, table: TableFrame) -> Labels:
+    """(H, W) labels without what is no object, numbered anew; hidden parts are joined, floors of hollow things added.
+
+    Args:
+        labels: (H, W) merged segments, 0 for table and background.
+        smooth: the frame that they were found in.
+        points: (H, W, 3) in the robot frame, NaN where unknown.
+        table: the table in it.
+    """
+    smallest = int(SMALLEST * labels.size)
     flattest = float(np.clip(DEVIATIONS * table.residual, *FLATTEST))
     areas = np.bincount(labels.ravel())
     kept = [
@@ -46,7 +57,7 @@ def _segmented(frame: RGBDFrame, table: TableFrame) -> Labels:
         for label in range(1, len(areas))
         if areas[label] >= smallest
         and not _is_ghost(points[labels == label], 4 * smallest, flattest)
-        and not _is_veil(smooth.depth[labels == label], frame.camera.fx, 4 * smallest)
+        and not _is_veil(smooth.depth[labels == label], smooth.camera.fx, 4 * smallest)
         and not reaches_in(labels == label, points)
     ]
     numbers = np.zeros(len(areas), np.int32)
@@ -64,7 +75,7 @@ def _is_veil(depth: Depth, focal: float, small: int) -> bool:
     """Whether a small segment is a streak of pixels mixed of two surfaces: much deeper than it looks large."""
     if len(depth) > small:
         return False
-    low, middle, high = np.percentile(depth, (5, 50, 95))
+    low, middle, high = np.percentile(depth[depth > 0], (5, 50, 95))
     return bool(high - low > VEIL * np.sqrt(len(depth)) * middle / focal)
 
 
