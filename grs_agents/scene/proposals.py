@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from grs_agents.scene.candidates import LARGEST
 from grs_agents.scene.foreground import foreground, jumps, smoothed
 from grs_agents.scene.frame import Array, Image, Mask, RGBDFrame
 from grs_agents.scene.geometry import Labels, components
@@ -58,20 +59,23 @@ def segment_proposed(frame: RGBDFrame, table: TableFrame, proposer: Proposer) ->
     above = foreground(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
     unknown = smooth.depth <= 0
     asked = proposer(frame.rgb[: rows * factor, : columns * factor], above | unknown)
-    found = distinct(standing(asked, above, unknown))
+    found = distinct(standing(asked, above, points))
     labels = merge_parts(_one_surface(painted(found, smooth), found, smooth), points)
     labels = objects_of(labels, smooth, points, table)
     return labels if factor == 1 else restored(labels, small, frame, factor)
 
 
-def standing(proposals: Iterable[Proposal], above: Mask, unknown: Mask) -> list[Proposal]:
+def standing(proposals: Iterable[Proposal], above: Mask, points: Array) -> list[Proposal]:
     """The proposals of which most stands on the table, without islands, holes, and the table around them.
+
+    What is longer than an object may be is a group, or all that is in the picture.
 
     Args:
         proposals: masks of (H, W).
         above: (H, W) pixels that stand on the table.
-        unknown: (H, W) pixels without depth.
+        points: (H, W, 3) in the robot frame, NaN where unknown.
     """
+    unknown = np.isnan(points[..., 2])
     smallest = int(SMALLEST * above.size)
     near = cv2.dilate((above | unknown).astype(np.uint8), np.ones((2 * SPILL + 1,) * 2, np.uint8)) > 0
     kept: list[Proposal] = []
@@ -79,6 +83,8 @@ def standing(proposals: Iterable[Proposal], above: Mask, unknown: Mask) -> list[
         high = int((one.mask & above).sum())
         measured = int((one.mask & ~unknown).sum())
         if high < max(smallest, STANDING * measured, SEEN * int(one.mask.sum())):
+            continue
+        if np.ptp(np.percentile(points[one.mask & above][:, :2], (2, 98), axis=0), axis=0).max() > LARGEST:
             continue
         mask: Mask = components((one.mask & near).astype(np.uint8), smallest) > 0
         mask = components((~mask).astype(np.uint8), smallest) == 0
@@ -124,12 +130,11 @@ def _one_surface(labels: Labels, proposals: Sequence[Proposal], frame: RGBDFrame
     A print on a box, or its faces, are parts of it; so the depth says, and a mask of the whole that is no worse than
     theirs. Without such a mask two boxes side by side stay two.
     """
-    present = labels > 0
+    measured = np.where(frame.depth > 0, labels, 0)
     around = np.ones((2 * BLUR + 1,) * 2, np.uint8)
     below, right = jumps(frame.depth)
     jump = cv2.dilate((below | right).astype(np.uint8), around) > 0
-    strength: Array = np.asarray(cv2.dilate(np.minimum(bends(frame, present), JUMP), around), np.float64)
-    measured = np.where(frame.depth > 0, labels, 0)
+    strength: Array = np.asarray(cv2.dilate(np.minimum(bends(frame, measured > 0), JUMP), around), np.float64)
     count = int(labels.max()) + 1
     length, total = (np.pad(one, (0, count - len(one))) for one in borders(measured, strength, jump, jump))
     return joined(labels, length, total, _together(labels, proposals))
