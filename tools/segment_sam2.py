@@ -50,7 +50,7 @@ class Request:
 
     frame: RGBDFrame
     table: TableFrame
-    model: str | None
+    model: str | None = None
 
 
 @dataclass(frozen=True)

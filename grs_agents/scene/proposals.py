@@ -46,8 +46,8 @@ class Proposal:
 
 
 Proposer = Callable[[Image, Mask], Iterable[Proposal]]
-"""Asked with a photo and the (h, w) pixels where things may be, of the same view but perhaps smaller; answers with masks
-of (h, w)."""
+"""Asked with a photo and the (h, w) pixels where things may be, of the same view but perhaps smaller; answers with
+(h, w) masks."""
 
 
 def segment_proposed(frame: RGBDFrame, table: TableFrame, proposer: Proposer) -> Labels:
