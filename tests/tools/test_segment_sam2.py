@@ -1,5 +1,6 @@
 """Segmentation by a SAM 2 of the user's own: what is refused without it, and a tiny real one where transformers is."""
 
+import contextlib
 import json
 import sys
 from pathlib import Path
@@ -28,7 +29,7 @@ def installed(monkeypatch: pytest.MonkeyPatch, **offered: Any) -> None:
     """A stand-in for transformers."""
     quiet = SimpleNamespace(set_verbosity_error=lambda: None, disable_progress_bar=lambda: None)
     torch, transformers = ModuleType("torch"), ModuleType("transformers")
-    vars(torch).update(inference_mode=lambda: pytest.MonkeyPatch.context())
+    vars(torch).update(inference_mode=contextlib.nullcontext)
     vars(transformers).update(logging=quiet, **offered)
     monkeypatch.setitem(sys.modules, "torch", torch)
     monkeypatch.setitem(sys.modules, "transformers", transformers)
