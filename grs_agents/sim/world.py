@@ -124,7 +124,7 @@ def new_spec(timestep: float) -> Any:
 
 def build(
     objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
-    ties: Sequence[InstanceTie] = (), tool: Tool = "suction", arm: Arm | None = None,
+    ties: Sequence[InstanceTie] = (), tool: Tool = "suction", arm: Arm | None = None, background: str | None = None,
 ) -> World:  # fmt: skip
     """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
 
@@ -136,6 +136,7 @@ def build(
         ties: what keeps objects together.
         tool: at the end of the arm; a spatula takes nothing up, so there are no suction welds beside it.
         arm: the robot, None for the default one.
+        background: library name of what stands fixed around the robot, at the origin.
 
     Raises:
         UnknownNameError: an asset is not in the library.
@@ -150,6 +151,8 @@ def build(
     free = [item.id for item in objects if is_free(item, models[item.id])]
     for item in objects:
         _add_object(spec, item, models[item.id], library, visuals)
+    if background is not None:
+        _add_background(spec, library.model(background), library, visuals)
     if len(ties) > _FEW_TIES or (tool == "spatula" and len(free) > _CROWD):
         _for_a_crowd(spec)
     graspable = free if tool == "suction" else []
@@ -240,6 +243,21 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
         geom = _add_geom(spec, body, shape, library, f"{name}_visual_{index}")
         geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 0, 0.0, 2
         geom.rgba = item.color or shape.color or _named_color(item, library)
+
+
+def _add_background(spec: Any, shapes: ObjectModel, library: Library, visuals: bool) -> None:
+    """One body that never moves; objects and the arm bump into its boxes."""
+    body = spec.worldbody.add_body(name="background")
+    for index, shape in enumerate(shapes.colliders):
+        geom = _add_geom(spec, body, shape, library, f"background_{index}")
+        geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
+        geom.condim, geom.friction = 4, (shapes.friction, 0.01, 0.0)
+    for index, shape in enumerate(shapes.visuals if visuals else ()):
+        name = f"background_visual_{index}"
+        geom = _add_geom(spec, body, shape, library, name)
+        geom.contype, geom.conaffinity, geom.group, geom.rgba = 0, 0, 2, shape.color or _GREY
+        if shape.kind == "mesh":
+            spec.mesh(name).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # it is open: it has no volume
 
 
 def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
