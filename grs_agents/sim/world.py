@@ -262,7 +262,8 @@ def _add_background(spec: Any, name: str | None, library: Library, visuals: bool
         geom = _add_geom(spec, body, shape, library, f"background_visual_{index}")
         geom.contype, geom.conaffinity, geom.group, geom.rgba = 0, 0, 2, shape.color or _GREY
         if shape.kind == "mesh":
-            spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # it is open: it has no volume
+            # It is open, so it has no volume.
+            spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 
 
 def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
