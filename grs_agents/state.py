@@ -16,6 +16,7 @@ class RunState(TypedDict):
         notes: what a reader of the scene should know about how it was read.
         image: the scene image that vision agents see; empty for graphs without one.
         candidates: one record for each segmented candidate, with the paths of its mask and crop.
+        background: library name of the reconstructed background; empty without one.
         scene: ``SceneDescription`` as JSON.
         task: the task definition, in the paper's spelling.
         simulation: the present simulation program.
@@ -38,6 +39,7 @@ class RunState(TypedDict):
     image: str
     frame: dict[str, Any]
     candidates: list[dict[str, Any]]
+    background: str
     scene: dict[str, Any]
     task: dict[str, Any]
     simulation: str

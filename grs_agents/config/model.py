@@ -77,6 +77,18 @@ class DepthConfig(Frozen):
     field_of_view: float | None = Field(default=None, ge=5, le=150)
 
 
+class BackgroundConfig(Frozen):
+    """Whether what is around the table stands in the simulation too.
+
+    Attributes:
+        on: reconstruct it; needs the extra ``background``.
+        voxel: edge of the cells of its signed distance, metres; what is solid has cells of twice that.
+    """
+
+    on: bool = False
+    voxel: float = Field(default=0.015, ge=0.005, le=0.1)
+
+
 class PromptsConfig(Frozen):
     """Which prompt file each role uses."""
 
@@ -134,6 +146,7 @@ class Config(Frozen):
     tools: ToolsConfig = ToolsConfig()
     segment: SegmentConfig = SegmentConfig()
     depth: DepthConfig = DepthConfig()
+    background: BackgroundConfig = BackgroundConfig()
     prompts: PromptsConfig = PromptsConfig()
     limits: Limits = Limits()
     audit: AuditConfig = AuditConfig()

@@ -1,6 +1,7 @@
 """The 3D asset library: what an object is, what its URDF says, and where its files lie."""
 
 from grs_agents.library.asset import Asset, read_manifest
+from grs_agents.library.background import BACKGROUND, write_background
 from grs_agents.library.library import Library
 from grs_agents.library.proxy import write_proxy
 from grs_agents.library.shapes import ObjectModel, Shape
@@ -9,6 +10,7 @@ from grs_agents.library.urdf import read_urdf
 from grs_agents.library.urdf_text import urdf_text
 
 __all__ = [
+    "BACKGROUND",
     "Asset",
     "Library",
     "ObjectModel",
@@ -19,5 +21,6 @@ __all__ = [
     "resolve",
     "stems",
     "urdf_text",
+    "write_background",
     "write_proxy",
 ]

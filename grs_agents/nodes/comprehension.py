@@ -6,6 +6,7 @@ import numpy as np
 
 from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
+from grs_agents.nodes.background import stand_in
 from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.services import Services, Update, node
 from grs_agents.scene import (
@@ -48,8 +49,10 @@ def comprehend(state: RunState, services: Services) -> Update:
             files={**files, "masks": "scene/masks.png", "annotated": "scene/annotated.png"},
         )
     )
+    background, notes = stand_in(frame, table, candidates, services)
     return {
-        "notes": list(frame.notes),
+        "notes": [*frame.notes, *notes],
+        "background": background,
         "image": files["rgb"],
         "frame": table.model_dump(mode="json"),
         "candidates": [record.model_dump(mode="json") for record in records],
@@ -100,6 +103,7 @@ def match(state: RunState, services: Services) -> Update:
         objects=tuple(objects),
         dropped=tuple(lost),
         warnings=tuple(warnings),
+        background=state.get("background") or None,
     )
     scene.write(services.folder / "scene.json")
     services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json")))

@@ -51,7 +51,8 @@ def route(state: RunState, services: Services) -> Update:
 @node
 def audit(state: RunState, services: Services) -> Update:
     """Instantiate the program for each seed and let the trusted oracle solve the instances."""
-    measured = measure(state["simulation"], services)
+    scene = SceneDescription.model_validate(state["scene"])
+    measured = measure(state["simulation"], services, scene.background)
     report = judge(
         measured.instances,
         measured.failures,
@@ -59,7 +60,7 @@ def audit(state: RunState, services: Services) -> Update:
         services.config.audit,
         services.library,
         TaskDefinition.model_validate(state["task"]),
-        SceneDescription.model_validate(state["scene"]),
+        scene,
     )
     record_audit(report, services)
     return {"audit": report.model_dump(mode="json")}

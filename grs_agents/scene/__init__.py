@@ -1,5 +1,6 @@
 """Scene comprehension, as far as geometry goes: frame, table, segments, boxes in the robot frame."""
 
+from grs_agents.scene.background import Background, reconstruct
 from grs_agents.scene.candidates import candidates_of, place_asset, place_robot
 from grs_agents.scene.frame import Camera, Image, Mask, RGBDFrame
 from grs_agents.scene.pictures import annotate, save_candidates, save_frame
@@ -29,6 +30,7 @@ from grs_agents.scene.types import (
 
 __all__ = [
     "Aabb",
+    "Background",
     "Camera",
     "Candidate",
     "CandidateRecord",
@@ -53,6 +55,7 @@ __all__ = [
     "read_description",
     "read_masks",
     "read_scene",
+    "reconstruct",
     "save_candidates",
     "save_frame",
     "scene_name",

@@ -144,7 +144,7 @@ class DroppedCandidate(Frozen):
 
 
 class SceneDescription(Frozen):
-    """The whole scene (paper, Scene Comprehension)."""
+    """The whole scene (paper, Scene Comprehension); ``background`` is the library name of what is around it, if any."""
 
     version: int = 1
     source: str
@@ -153,6 +153,7 @@ class SceneDescription(Frozen):
     objects: tuple[SceneObject, ...]
     dropped: tuple[DroppedCandidate, ...] = ()
     warnings: tuple[str, ...] = ()
+    background: str | None = None
 
     def write(self, file: Path) -> None:
         """Write ``scene.json`` whole."""

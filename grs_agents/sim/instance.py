@@ -182,6 +182,7 @@ class TaskInstance(Frozen):
         sixdof: the program's flag.
         pos_eps, rot_eps: tolerances of ``pose`` goals, metres and radians.
         objects, ties, goals: the scene and what is to be done.
+        background: library name of what stands fixed around the robot, as it was photographed; trusted code names it.
         warnings: what the runtime had to assume.
     """
 
@@ -198,6 +199,7 @@ class TaskInstance(Frozen):
     objects: Annotated[tuple[InstanceObject, ...], Field(max_length=200)]
     ties: Annotated[tuple[InstanceTie, ...], Field(max_length=400)] = ()
     goals: Annotated[tuple[InstanceGoal, ...], Field(max_length=200)]
+    background: Annotated[str, Field(min_length=1, max_length=300)] | None = None
     warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
 
     @model_validator(mode="after")

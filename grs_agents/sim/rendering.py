@@ -58,6 +58,7 @@ class Sight:
         arm: None for the default.
         tool: at the end of the arm.
         poses: of the objects, where they do not stand as they say.
+        background: library name of what stands fixed around the robot.
     """
 
     objects: Sequence[InstanceObject]
@@ -66,6 +67,7 @@ class Sight:
     arm: Arm | None = None
     tool: world.Tool = "suction"
     poses: Sequence[Pose] | None = None
+    background: str | None = None
 
 
 def rays(view: View) -> FloatArray:
@@ -96,7 +98,9 @@ def cast(sight: Sight, eye: FloatArray, directions: FloatArray) -> Picture:
 
 
 def _seen(sight: Sight) -> world.World:
-    scene = world.build(sight.objects, sight.library, visuals=True, arm=sight.arm, tool=sight.tool)
+    scene = world.build(
+        sight.objects, sight.library, visuals=True, arm=sight.arm, tool=sight.tool, background=sight.background
+    )
     poses = [item.pose for item in sight.objects] if sight.poses is None else sight.poses
     pairs = zip(sight.objects, poses, strict=True)
     world.place(scene, [item.model_copy(update={"pose": pose}) for item, pose in pairs])

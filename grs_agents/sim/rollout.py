@@ -78,6 +78,7 @@ class InstanceTask(Task):
     def reset(self, env: Environment) -> None:
         """Add the instance's objects and goals."""
         super().reset(env)
+        env.background = self.instance.background
         self.ids = {item.id: env.insert(item) for item in self.instance.objects}
         for tie in self.instance.ties:
             env.tie(tie.model_copy(update={"parent": self.ids[tie.parent], "child": self.ids[tie.child]}))

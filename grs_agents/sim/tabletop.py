@@ -48,6 +48,7 @@ class Tabletop:
         self.library, self.budget, self.arm = library, budget, arm
         self.timestep = world.TIMESTEP
         self.tool: world.Tool = "suction"
+        self.background: str | None = None
         self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
         self._ties: list[InstanceTie] = []
@@ -65,7 +66,7 @@ class Tabletop:
         self._ties.clear()
         self._models.clear()
         self._outlines.clear()
-        self._physics, self._stale, self._vertices = None, False, 0
+        self._physics, self._stale, self._vertices, self.background = None, False, 0, None
 
     def add_object(
         self,
@@ -253,15 +254,15 @@ class Tabletop:
     def _built(self, objects: Sequence[InstanceObject]) -> world.World:
         """The compiled world of these objects; the last one again if only their places differ."""
         kinds = tuple((item.id, item.asset, tuple(sorted(item.fill.items())), item.category) for item in objects)
-        key = (self.timestep, kinds, self.ties, self.tool)
+        key = (self.timestep, kinds, self.ties, self.tool, self.background)
         if self._world is None or self._world[0] != key:
-            built = world.build(objects, self.library, self.timestep, ties=self._ties, tool=self.tool, arm=self.arm)
+            built = world.build(objects, self.library, self.timestep, False, *key[2:4], self.arm, self.background)
             self._world = (key, built)
         return self._world[1]
 
     def come_to_rest(self) -> None:
         """Let everything settle; a scene that was settled before is taken up as it came to rest then."""
-        before, known = (self.timestep, self.objects, self.ties, self.tool), self._rested
+        before, known = (self.timestep, self.objects, self.ties, self.tool, self.background), self._rested
         if known is not None and known.before == before:
             self.budget.spend(known.steps)
             self.physics.restore(known.state)

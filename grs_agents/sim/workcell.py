@@ -145,7 +145,7 @@ class Workcell(Tabletop):
         """What there is to see now."""
         joints = self.homej if self._physics is None else self._physics.joints
         poses = tuple(self.get_object_pose(number) for number in self._objects)
-        return Sight(tuple(self._objects.values()), self.library, joints, self.arm, self.tool, poses)
+        return Sight(tuple(self._objects.values()), self.library, joints, self.arm, self.tool, poses, self.background)
 
     def render_camera(
         self, config: Mapping[str, Any], *_: Any, **__: Any

@@ -124,7 +124,7 @@ def new_spec(timestep: float) -> Any:
 
 def build(
     objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
-    ties: Sequence[InstanceTie] = (), tool: Tool = "suction", arm: Arm | None = None,
+    ties: Sequence[InstanceTie] = (), tool: Tool = "suction", arm: Arm | None = None, background: str | None = None,
 ) -> World:  # fmt: skip
     """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
 
@@ -136,6 +136,7 @@ def build(
         ties: what keeps objects together.
         tool: at the end of the arm; a spatula takes nothing up, so there are no suction welds beside it.
         arm: the robot, None for the default one.
+        background: library name of what stands fixed around the robot.
 
     Raises:
         UnknownNameError: an asset is not in the library.
@@ -143,19 +144,18 @@ def build(
     """
     spec = new_spec(timestep)
     arm = arm or get_arm()
-    arm.add(spec)
-    if tool == "spatula":
-        fit_spatula(spec)
+    _add_arm(spec, arm, tool)
     models = {item.id: model_of(item, library) for item in objects}
     free = [item.id for item in objects if is_free(item, models[item.id])]
     for item in objects:
         _add_object(spec, item, models[item.id], library, visuals)
+    _add_background(spec, background, library, visuals)
     if len(ties) > _FEW_TIES or (tool == "spatula" and len(free) > _CROWD):
         _for_a_crowd(spec)
     graspable = free if tool == "suction" else []
     _add_suction(spec, graspable, timestep)
     add_ties(spec, ties, timestep)
-    model = _compiled(spec)
+    model, limp = _compiled(spec), limp_of(ties)
     bodies = {item.id: int(model.body(f"object_{item.id}").id) for item in objects}
     owner_of = {body: number for number, body in bodies.items()}
     return World(
@@ -164,14 +164,20 @@ def build(
         bodies=bodies,
         welds={number: int(model.equality(f"suction_{number}").id) for number in graspable},
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
-        limp=limp_of(ties),
-        beads=frozenset(number for number in limp_of(ties) if max(models[number].size) <= LARGEST_BEAD),
+        limp=limp,
+        beads=frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD),
         owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
         cup_geom=int(model.geom("cup").id),
         cup_body=int(model.body("cup").id),
         tip_site=int(model.site("tip").id),
         arm=arm,
     )
+
+
+def _add_arm(spec: Any, arm: Arm, tool: Tool) -> None:
+    arm.add(spec)
+    if tool == "spatula":
+        fit_spatula(spec)
 
 
 def _compiled(spec: Any) -> Any:
@@ -240,6 +246,24 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
         geom = _add_geom(spec, body, shape, library, f"{name}_visual_{index}")
         geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 0, 0.0, 2
         geom.rgba = item.color or shape.color or _named_color(item, library)
+
+
+def _add_background(spec: Any, name: str | None, library: Library, visuals: bool) -> None:
+    """One body that never moves, if there is one; objects and the arm bump into its boxes."""
+    if name is None:
+        return
+    shapes = library.model(name)
+    body = spec.worldbody.add_body(name="background")
+    for index, shape in enumerate(shapes.colliders):
+        geom = _add_geom(spec, body, shape, library, f"background_{index}")
+        geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
+        geom.condim, geom.friction = 4, (shapes.friction, 0.01, 0.0)
+    for index, shape in enumerate(shapes.visuals if visuals else ()):
+        geom = _add_geom(spec, body, shape, library, f"background_visual_{index}")
+        geom.contype, geom.conaffinity, geom.group, geom.rgba = 0, 0, 2, shape.color or _GREY
+        if shape.kind == "mesh":
+            # It is open, so it has no volume.
+            spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 
 
 def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:

@@ -129,7 +129,7 @@ class SceneStage(Stamped):
     """
 
     kind: Literal["scene_stage"] = "scene_stage"
-    stage: Literal["frame", "segmented", "described", "matched"]
+    stage: Literal["frame", "segmented", "background", "described", "matched"]
     summary: JsonObject = Field(default_factory=dict[str, Any])
     files: dict[str, str] = Field(default_factory=dict[str, str])
 
