@@ -9,7 +9,7 @@ from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.library.generate.scene_mesh import gather_posed
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.measure.symmetry import symmetry_of
+from grs_agents.scene.symmetry import symmetry_of
 from grs_agents.measure.types import FrameFigures, ObjectFigures
 from grs_agents.scene import Aabb, Candidate, TableFrame, find_table, place_asset
 from grs_agents.scene.metrics import MATCHED, overlaps

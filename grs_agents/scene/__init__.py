@@ -2,7 +2,7 @@
 
 from grs_agents.scene.candidates import candidates_of, place_asset, place_robot
 from grs_agents.scene.frame import Camera, Image, RGBDFrame
-from grs_agents.scene.pictures import annotate, save_candidates, save_frame
+from grs_agents.scene.pictures import annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.scene.reading import (
     DepthEstimate,
     Estimator,
@@ -12,6 +12,8 @@ from grs_agents.scene.reading import (
     read_scene,
     scene_name,
 )
+from grs_agents.scene.registration import Registered, register
+from grs_agents.scene.relations import Body, body_of, relations
 from grs_agents.scene.segmentation import segment
 from grs_agents.scene.table import find_table
 from grs_agents.scene.types import (
@@ -19,15 +21,18 @@ from grs_agents.scene.types import (
     Candidate,
     CandidateRecord,
     DroppedCandidate,
+    Relation,
     SceneDescription,
     SceneObject,
     TableFrame,
+    TwinReport,
     UprightBox,
     read_description,
 )
 
 __all__ = [
     "Aabb",
+    "Body",
     "Camera",
     "Candidate",
     "CandidateRecord",
@@ -36,20 +41,28 @@ __all__ = [
     "Estimator",
     "Image",
     "RGBDFrame",
+    "Registered",
+    "Relation",
     "SceneDescription",
     "SceneObject",
     "TableFrame",
+    "TwinReport",
     "UprightBox",
     "annotate",
+    "body_of",
     "candidates_of",
     "check_source",
     "find_table",
+    "load_frame",
+    "load_mask",
     "place_asset",
     "place_robot",
     "read_camera",
     "read_description",
     "read_masks",
     "read_scene",
+    "register",
+    "relations",
     "save_candidates",
     "save_frame",
     "scene_name",

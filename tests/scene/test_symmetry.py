@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from grs_agents.library import Library
 from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
-from grs_agents.measure.symmetry import symmetry_of
+from grs_agents.scene.symmetry import symmetry_of
 
 LIBRARY = Library()
 ANGLES = st.floats(-3.1, 3.1)
