@@ -8,6 +8,7 @@ from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
 from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.services import Services, Update, node
+from grs_agents.nodes.standing import stand
 from grs_agents.scene import (
     CandidateRecord,
     DepthEstimate,
@@ -50,6 +51,7 @@ def comprehend(state: RunState, services: Services) -> Update:
     return {
         "notes": list(frame.notes),
         "image": files["rgb"],
+        "camera": camera,
         "frame": table.model_dump(mode="json"),
         "candidates": [record.model_dump(mode="json") for record in records],
     }
@@ -80,6 +82,8 @@ def match(state: RunState, services: Services) -> Update:
             lost.append(DroppedCandidate(id=record.id, reason=reason))
         else:
             objects.append(object_of(found, services, [one.name for one in objects]))
+    stood = stand(objects, records, state, services)
+    objects, warnings = list(stood.objects), [*warnings, *stood.warnings]
     warnings += [
         f"{one.name} at x = {one.position[0]:.2f}, y = {one.position[1]:.2f} m is out of the arm's reach"
         for one in objects
@@ -99,6 +103,8 @@ def match(state: RunState, services: Services) -> Update:
         objects=tuple(objects),
         dropped=tuple(lost),
         warnings=tuple(warnings),
+        relations=stood.relations,
+        twin=stood.twin,
     )
     scene.write(services.folder / "scene.json")
     services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json")))

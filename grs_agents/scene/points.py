@@ -40,7 +40,7 @@ class Tree:
 
 
 def align(target: Cloud, source: Cloud, start: Array, reach: float) -> Array:
-    """The rigid transform (4, 4) that lays ``source`` on ``target``, from ``start``; partners are within ``reach`` m."""
+    """The transform (4, 4) that lays ``source`` on ``target``, from ``start``; partners are within ``reach`` m."""
     found = _library().align(
         target.cloud, source.cloud, target.tree, start, registration_type="GICP", max_correspondence_distance=reach,
         num_threads=1, max_iterations=20, rotation_epsilon=0.002, translation_epsilon=0.0002,

@@ -28,7 +28,6 @@ class Sighting:
     Attributes:
         points: (N, 3) of its surface, m, robot frame.
         frame, table: the photo and its pose.
-        thick: half the depth pixels' noise is below this, m.
     """
 
     points: Array

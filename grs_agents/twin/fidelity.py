@@ -33,9 +33,7 @@ def fidelity(
     step = -(-len(rows) // RAYS)
     rows, columns = rows[::step], columns[::step]
     camera, pose = frame.camera, np.asarray(table.T_robot_cam)
-    local = np.stack(
-        [(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=-1
-    )
+    local = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=-1)
     sight = Sight(instances([one for one in things if on_table(one)], library), library)
     picture = cast(sight, pose[:3, 3].copy(), (local @ pose[:3, :3].T)[None])
     off = np.abs(picture.depth[0] - frame.depth[rows, columns])
