@@ -68,7 +68,7 @@ class _Search:
         """What `sighting.cost` says, and what is unlikely about the pose, m."""
         turn = pose[:3, :3]
         lying = LYING * (turn[2, 2] < 0.9)
-        tilted = TILTED * (np.abs(turn[2]).max() < math.cos(math.radians(1)))
+        tilted = TILTED * (np.abs(turn[2]).max() < math.cos(math.radians(0.1)))
         return cost(self.surface, self.tree, pose, self.seen) + float(lying + tilted)
 
 
