@@ -12,7 +12,7 @@ def test_good_and_bad_jobs_side_by_side(tmp_path: Path, sample_scene: Path) -> N
     told: list[str] = []
     done = run_jobs(jobs, 2, 200, lambda one: told.append(one.job.name))
     assert [one.job.name for one in done] == ["good", "bad"] and sorted(told) == ["bad", "good"]
-    assert [one.exit_status for one in done] == [0, 2]
+    assert [one.exit_status for one in done] == [0, 2], done
     assert "nowhere" in done[1].error
     rows = [row(one) for one in done]
     assert [one["status"] for one in rows] == ["accepted", "failed"]
