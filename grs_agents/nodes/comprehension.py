@@ -66,11 +66,7 @@ def match(state: RunState, services: Services) -> Update:
     warnings = list(state.get("notes", []))
     warnings += [table.note] if table.origin == "calibrated" and table.note else []
     for record in records:
-        reply = roles.describe(services.agents, _measurements(record), [record.crop, state["image"]])
-        if isinstance(reply, NoReply):
-            warnings.append(f"candidate {record.id}: {reply}")
-            reply = _undescribed(record)
-        described[record.id] = reply
+        described[record.id] = _described(record, state["image"], services, warnings)
     summary = {str(number): one.model_dump(mode="json") for number, one in described.items()}
     services.log.append(SceneStage(stage="described", summary=summary))
     objects: list[SceneObject] = []
@@ -136,6 +132,14 @@ def _measurements(record: CandidateRecord) -> dict[str, object]:
         "outline": record.shape,
         "pixels": record.points,
     }
+
+
+def _described(record: CandidateRecord, image: str, services: Services, warnings: list[str]) -> Description:
+    reply = roles.describe(services.agents, _measurements(record), [record.crop, image])
+    if not isinstance(reply, NoReply):
+        return reply
+    warnings.append(f"candidate {record.id}: {reply}")
+    return _undescribed(record)
 
 
 def _undescribed(record: CandidateRecord) -> Description:

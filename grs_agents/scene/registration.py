@@ -157,8 +157,12 @@ def _aligned(search: _Search, start: Array, source: Cloud) -> Array:
         if facing.sum() < FEWEST:
             return pose
         target = Cloud(search.surface.points[facing])
-        pose = np.linalg.inv(align(target, source, np.linalg.inv(pose), reach))
+        pose = _inverse(align(target, source, _inverse(pose), reach))
     return pose
+
+
+def _inverse(pose: Array) -> Array:
+    return np.asarray(np.linalg.inv(pose), np.float64)
 
 
 def _straight(pose: Array, search: _Search) -> Array | None:

@@ -34,7 +34,8 @@ def fidelity(
     rows, columns = rows[::step], columns[::step]
     camera, pose = frame.camera, np.asarray(table.T_robot_cam)
     local = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=-1)
+    directions = np.asarray((local @ pose[:3, :3].T)[None], np.float64)
     sight = Sight(instances([one for one in things if on_table(one)], library), library)
-    picture = cast(sight, pose[:3, 3].copy(), (local @ pose[:3, :3].T)[None])
+    picture = cast(sight, pose[:3, 3].copy(), directions)
     off = np.abs(picture.depth[0] - frame.depth[rows, columns])
     return float(((off <= NEAR) & (picture.owner[0] >= 0)).mean())
