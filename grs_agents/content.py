@@ -6,6 +6,7 @@ user's own, laid over it with ``--content DIR``, wins where it has a file of the
 
 import importlib.util
 import sys
+import threading
 from pathlib import Path
 from types import ModuleType
 from typing import Literal
@@ -16,6 +17,8 @@ Kind = Literal["graphs", "tools", "prompts", "assets", "evals"]
 KINDS: tuple[Kind, ...] = ("graphs", "tools", "prompts", "assets", "evals")
 _SUFFIX: dict[Kind, str] = {"graphs": ".py", "tools": ".py", "prompts": ".md", "evals": ".py", "assets": ""}
 _overlays: list[Path] = []
+_loading = threading.RLock()
+"""A module is registered before it is executed: another thread must not take it half-loaded."""
 
 
 def content_root() -> Path:
@@ -81,7 +84,11 @@ def load_module(kind: Kind, name: str) -> ModuleType:
         UnknownNameError: nothing has that name.
     """
     file = path(kind, name)
-    qualified = f"grs_content.{kind}.{name}"
+    with _loading:
+        return _loaded(f"grs_content.{kind}.{name}", file)
+
+
+def _loaded(qualified: str, file: Path) -> ModuleType:
     loaded = sys.modules.get(qualified)
     if loaded is not None and loaded.__file__ == str(file):
         return loaded

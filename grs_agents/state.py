@@ -12,6 +12,7 @@ class RunState(TypedDict):
     Attributes:
         scene_path: the scene: a folder, a file, or ``bop:`` and an image of a data set.
         max_fixes: how many code and test fixes together.
+        camera: that took the photo, ``Camera`` as JSON.
         frame: the table and the robot frame laid on it, ``TableFrame`` as JSON.
         notes: what a reader of the scene should know about how it was read.
         image: the scene image that vision agents see; empty for graphs without one.
@@ -37,6 +38,7 @@ class RunState(TypedDict):
     max_fixes: int
     notes: list[str]
     image: str
+    camera: dict[str, Any]
     frame: dict[str, Any]
     candidates: list[dict[str, Any]]
     background: str

@@ -9,10 +9,11 @@ from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.library.generate.scene_mesh import gather_posed
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.measure.symmetry import symmetry_of
+from grs_agents.measure.standing import Standing
 from grs_agents.measure.types import FrameFigures, ObjectFigures
 from grs_agents.scene import Aabb, Candidate, TableFrame, find_table, place_asset
 from grs_agents.scene.metrics import MATCHED, overlaps
+from grs_agents.scene.symmetry import symmetry_of
 from grs_agents.scene.truth import LabelledScene, TrueObject
 
 Floats = npt.NDArray[np.float64]
@@ -24,6 +25,7 @@ def object_figures(
     candidates: Sequence[Candidate],
     library: Library,
     table: TableFrame | None = None,
+    stood: Standing | None = None,
 ) -> tuple[ObjectFigures, ...]:
     """What became of each object that counts.
 
@@ -33,6 +35,7 @@ def object_figures(
         candidates: measured in the robot frame of the scene's calibration, if it has one.
         library: where the true assets are looked up.
         table: the frame that the candidates were measured in, for a truth that is given in the camera's.
+        stood: where the assets stand; without it they are laid into the measured boxes.
     """
     common = overlaps(found, scene.labels, scene.ignored())
     partner = {int(common.truths[row]): (int(common.segments[column]), float(common.ious[row, column]))
@@ -52,7 +55,7 @@ def object_figures(
                 box = _box_around(_moved(scene.points[label], table))
             made = made.model_copy(update=_box_errors(box, by_number[segment]))
             if calibrated:
-                made = made.model_copy(update=_pose_errors(one, by_number[segment], library))
+                made = made.model_copy(update=_pose_errors(one, by_number[segment], library, stood or Standing()))
         figures.append(made)
     return tuple(figures)
 
@@ -66,7 +69,7 @@ def _box_errors(box: Aabb | None, candidate: Candidate) -> dict[str, object]:
     }
 
 
-def _pose_errors(one: TrueObject, candidate: Candidate, library: Library) -> dict[str, object]:
+def _pose_errors(one: TrueObject, candidate: Candidate, library: Library, stood: Standing) -> dict[str, object]:
     found: dict[str, object] = {}
     rotation = one.rotation
     if one.asset in library and one.position is not None and rotation is not None:
@@ -74,10 +77,14 @@ def _pose_errors(one: TrueObject, candidate: Candidate, library: Library) -> dic
         true = rotation_matrix(rotation)
         middle = true @ bounds.mean(axis=0) + one.position
         center, turned, _ = place_asset(candidate.upright, library.asset(one.asset).size)
+        if (registered := stood.poses.get(candidate.id)) is not None:
+            center, turned = registered.position, registered.orientation
+            found["residual"], found["method"] = registered.residual, registered.method
         symmetry = symmetry_of(one.asset, library)
         found["position"] = float(np.linalg.norm(np.subtract(center, middle)))
         found["angle"] = symmetry.angle(rotation_matrix(turned), true)
         found["symmetric"] = len(symmetry.axes) > 0
+    found["drift"] = stood.drifts.get(candidate.id)
     return found
 
 

@@ -15,9 +15,10 @@ from grs_agents.run.tables import markdown
 from grs_agents.scene.metrics import total
 
 COLUMNS = ("scene", "sensor", "tilt", "objects", "segments", "IoU", "F1@.5", "F1@.75", "over", "under", "boundary F",
-           "centre mm", "size mm", "position mm", "angle deg", "frame deg", "frame mm", "CPU s", "MiB",
-           "error")  # fmt: skip
-"""Of the table of scenes. Lengths and angles are medians over its objects."""
+           "centre mm", "size mm", "position mm", "angle deg", "drift mm", "twin", "penetration mm",
+           "frame deg", "frame mm", "CPU s", "MiB", "error")  # fmt: skip
+"""Of the table of scenes. Lengths and angles are medians over its objects; ``twin`` is the share of the objects' pixels
+at which the twin at rest is within 2 cm, ``penetration`` its deepest."""
 
 
 class Target(Frozen):
@@ -80,6 +81,7 @@ def targets(scenes: Sequence[SceneFigures]) -> list[Target]:
     score = total([scene.score for scene in scenes])
     objects = [one for scene in scenes for one in scene.objects]
     frames = [scene.frame for scene in scenes if scene.frame is not None]
+    twins = [scene.twin for scene in scenes if scene.twin is not None]
     turned = _values(objects, lambda one: None if one.symmetric else one.angle)
     pixels = [(scene.cpu_seconds, scene.width * scene.height) for scene in scenes]
     small = [seconds for seconds, count in pixels if count <= 640 * 480]
@@ -94,6 +96,12 @@ def targets(scenes: Sequence[SceneFigures]) -> list[Target]:
         Target(name="asset position, median", value=_median(_values(objects, lambda one: one.position), 1000), bound=10,
                unit="mm"),
         Target(name="asset angle, median of those not round", value=_median(turned), bound=10, unit="deg"),
+        Target(name="twin: pixels within 2 cm, mean", smaller_is_better=False, bound=0.9,
+               value=_mean([one.fidelity for one in twins if one.fidelity is not None])),
+        Target(name="twin: penetration, largest", value=max((1000 * one.penetration for one in twins), default=None),
+               bound=1, unit="mm"),
+        Target(name="twin: drift, median", value=_median(_values(objects, lambda one: one.drift), 1000), bound=10,
+               unit="mm"),
         Target(name="frame tilt, largest", value=max((one.tilt for one in frames), default=None), bound=1, unit="deg"),
         Target(name="frame height, largest", value=_largest_height([one.height for one in frames]), bound=5, unit="mm"),
         Target(name="CPU up to 640x480, largest", value=max(small, default=None), bound=1, unit="s"),
@@ -127,6 +135,7 @@ def _shared(scenes: Sequence[SceneFigures]) -> dict[str, str | int]:
     score = total([scene.score for scene in scenes])
     objects = [one for scene in scenes for one in scene.objects]
     frames = [scene.frame for scene in scenes if scene.frame is not None]
+    twins = [scene.twin for scene in scenes if scene.twin is not None]
     return {
         "objects": score.objects,
         "segments": score.segments,
@@ -140,6 +149,9 @@ def _shared(scenes: Sequence[SceneFigures]) -> dict[str, str | int]:
         "size mm": _text(_median(_values(objects, lambda one: one.size), 1000), 1),
         "position mm": _text(_median(_values(objects, lambda one: one.position), 1000), 1),
         "angle deg": _text(_median(_values(objects, lambda one: one.angle)), 1),
+        "drift mm": _text(_median(_values(objects, lambda one: one.drift), 1000), 1),
+        "twin": _text(_mean([one.fidelity for one in twins if one.fidelity is not None]), 3),
+        "penetration mm": _text(max((1000 * one.penetration for one in twins), default=None), 2),
         "frame deg": _text(max((one.tilt for one in frames), default=None), 2),
         "frame mm": _text(_largest_height([one.height for one in frames]), 1),
     }
@@ -176,6 +188,10 @@ def _values(objects: Sequence[ObjectFigures], value: Callable[[ObjectFigures], f
 
 def _median(values: Sequence[float], times: float = 1.0) -> float | None:
     return times * statistics.median(values) if values else None
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return statistics.fmean(values) if values else None
 
 
 def _largest_height(heights: Sequence[float]) -> float | None:

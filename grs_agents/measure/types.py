@@ -6,6 +6,7 @@ from typing import Any
 from pydantic import Field
 
 from grs_agents.base import Frozen
+from grs_agents.scene import TwinReport
 from grs_agents.scene.metrics import SegmentationScore
 from grs_agents.synth import Recipe
 
@@ -25,6 +26,9 @@ class ObjectFigures(Frozen):
         size: largest difference of an extent of the two.
         position, angle: error of the pose at which its asset is placed; the angle up to the asset's symmetry.
         symmetric: any turn about some axis leaves the asset as it is.
+        residual: how far its points are off the asset's surface.
+        method: ``registered``, or ``box`` where the asset is laid into the measured box.
+        drift: how far what stands for it moves until the twin is at rest.
     """
 
     id: int
@@ -37,6 +41,9 @@ class ObjectFigures(Frozen):
     position: float | None = None
     angle: float | None = None
     symmetric: bool | None = None
+    residual: float | None = None
+    method: str = ""
+    drift: float | None = None
 
 
 class FrameFigures(Frozen):
@@ -59,6 +66,7 @@ class SceneFigures(Frozen):
         score: of the segmentation.
         objects: one entry for each true object that counts.
         frame: without calibration, where the calibration is known.
+        twin: how the scene stands in MuJoCo, where true assets are known; its objects' pixels are the true ones.
         cpu_seconds: from the frame to the candidates, on one core.
         peak_mib: memory of the process that did so, imports included.
         width, height: of the picture.
@@ -71,6 +79,7 @@ class SceneFigures(Frozen):
     score: SegmentationScore
     objects: tuple[ObjectFigures, ...] = ()
     frame: FrameFigures | None = None
+    twin: TwinReport | None = None
     cpu_seconds: float = 0.0
     peak_mib: float = 0.0
     width: int = 0

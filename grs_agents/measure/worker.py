@@ -19,6 +19,7 @@ from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes, write_json
 from grs_agents.library import Library
 from grs_agents.measure.errors import frame_figures, object_figures
+from grs_agents.measure.standing import Standing, standing
 from grs_agents.measure.types import Order, Result, SceneFigures, dumped, result_file
 from grs_agents.sandbox import Limits, Sandbox
 from grs_agents.scene import Candidate, TableFrame, find_table
@@ -85,13 +86,19 @@ def _figures(order: Order, scene: LabelledScene, labels: npt.NDArray[np.int32], 
         frame = frame_figures(scene, np.random.default_rng(order.seed))
     except GrsError as failure:
         error = error or f"without calibration: {failure.message}"
+    library, stood = Library(), Standing()
+    try:
+        stood = standing(scene, labels, found.candidates, library, found.table)
+    except GrsError as failure:
+        error = error or f"twin: {failure.message}"
     return SceneFigures(
         name=order.name,
         sensor=scene.truth.sensor,
         tilt=scene.truth.tilt,
         score=score(labels, scene.labels, scene.ignored()),
-        objects=object_figures(scene, labels, found.candidates, Library(), found.table),
+        objects=object_figures(scene, labels, found.candidates, library, found.table, stood),
         frame=frame,
+        twin=stood.twin,
         width=scene.frame.camera.width,
         height=scene.frame.camera.height,
         error=error,

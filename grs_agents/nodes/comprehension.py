@@ -9,6 +9,7 @@ from grs_agents.errors import InputError
 from grs_agents.nodes.background import stand_in
 from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.services import Services, Update, node
+from grs_agents.nodes.standing import stand
 from grs_agents.scene import (
     CandidateRecord,
     DepthEstimate,
@@ -54,6 +55,7 @@ def comprehend(state: RunState, services: Services) -> Update:
         "notes": [*frame.notes, *notes],
         "background": background,
         "image": files["rgb"],
+        "camera": camera,
         "frame": table.model_dump(mode="json"),
         "candidates": [record.model_dump(mode="json") for record in records],
     }
@@ -68,11 +70,7 @@ def match(state: RunState, services: Services) -> Update:
     warnings = list(state.get("notes", []))
     warnings += [table.note] if table.origin == "calibrated" and table.note else []
     for record in records:
-        reply = roles.describe(services.agents, _measurements(record), [record.crop, state["image"]])
-        if isinstance(reply, NoReply):
-            warnings.append(f"candidate {record.id}: {reply}")
-            reply = _undescribed(record)
-        described[record.id] = reply
+        described[record.id] = _described(record, state["image"], services, warnings)
     summary = {str(number): one.model_dump(mode="json") for number, one in described.items()}
     services.log.append(SceneStage(stage="described", summary=summary))
     objects: list[SceneObject] = []
@@ -84,6 +82,8 @@ def match(state: RunState, services: Services) -> Update:
             lost.append(DroppedCandidate(id=record.id, reason=reason))
         else:
             objects.append(object_of(found, services, [one.name for one in objects]))
+    stood = stand(objects, records, state, services)
+    objects, warnings = list(stood.objects), [*warnings, *stood.warnings]
     warnings += [
         f"{one.name} at x = {one.position[0]:.2f}, y = {one.position[1]:.2f} m is out of the arm's reach"
         for one in objects
@@ -104,6 +104,8 @@ def match(state: RunState, services: Services) -> Update:
         dropped=tuple(lost),
         warnings=tuple(warnings),
         background=state.get("background") or None,
+        relations=stood.relations,
+        twin=stood.twin,
     )
     scene.write(services.folder / "scene.json")
     services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json")))
@@ -135,6 +137,14 @@ def _measurements(record: CandidateRecord) -> dict[str, object]:
         "outline": record.shape,
         "pixels": record.points,
     }
+
+
+def _described(record: CandidateRecord, image: str, services: Services, warnings: list[str]) -> Description:
+    reply = roles.describe(services.agents, _measurements(record), [record.crop, image])
+    if not isinstance(reply, NoReply):
+        return reply
+    warnings.append(f"candidate {record.id}: {reply}")
+    return _undescribed(record)
 
 
 def _undescribed(record: CandidateRecord) -> Description:

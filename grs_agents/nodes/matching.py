@@ -62,6 +62,7 @@ def object_of(found: Matched, services: Services, taken: Sequence[str]) -> Scene
         evidence=evidence,
         mask=record.mask,
         crop=record.crop,
+        method="box" if asset.category != "proxy" else "proxy",
     )
 
 

@@ -3,7 +3,7 @@
 from grs_agents.scene.background import Background, reconstruct
 from grs_agents.scene.candidates import candidates_of, place_asset, place_robot
 from grs_agents.scene.frame import Camera, Image, Mask, RGBDFrame
-from grs_agents.scene.pictures import annotate, save_candidates, save_frame
+from grs_agents.scene.pictures import annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.scene.proposals import Proposal, segment_proposed
 from grs_agents.scene.reading import (
     DepthEstimate,
@@ -14,6 +14,8 @@ from grs_agents.scene.reading import (
     read_scene,
     scene_name,
 )
+from grs_agents.scene.registration import Registered, register
+from grs_agents.scene.relations import Body, body_of, relations
 from grs_agents.scene.segmentation import segment
 from grs_agents.scene.table import find_table
 from grs_agents.scene.types import (
@@ -21,9 +23,11 @@ from grs_agents.scene.types import (
     Candidate,
     CandidateRecord,
     DroppedCandidate,
+    Relation,
     SceneDescription,
     SceneObject,
     TableFrame,
+    TwinReport,
     UprightBox,
     read_description,
 )
@@ -31,6 +35,7 @@ from grs_agents.scene.types import (
 __all__ = [
     "Aabb",
     "Background",
+    "Body",
     "Camera",
     "Candidate",
     "CandidateRecord",
@@ -41,14 +46,20 @@ __all__ = [
     "Mask",
     "Proposal",
     "RGBDFrame",
+    "Registered",
+    "Relation",
     "SceneDescription",
     "SceneObject",
     "TableFrame",
+    "TwinReport",
     "UprightBox",
     "annotate",
+    "body_of",
     "candidates_of",
     "check_source",
     "find_table",
+    "load_frame",
+    "load_mask",
     "place_asset",
     "place_robot",
     "read_camera",
@@ -56,6 +67,8 @@ __all__ = [
     "read_masks",
     "read_scene",
     "reconstruct",
+    "register",
+    "relations",
     "save_candidates",
     "save_frame",
     "scene_name",

@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.errors import InputError
 from grs_agents.files import write_bytes
-from grs_agents.scene.frame import Image, RGBDFrame
+from grs_agents.scene.frame import Camera, Image, Mask, RGBDFrame
 from grs_agents.scene.types import Candidate, CandidateRecord
 
 COLORS = ((230, 60, 60), (60, 180, 75), (60, 110, 230), (245, 160, 40), (150, 60, 190), (60, 200, 220), (230, 80, 200))
@@ -25,6 +26,31 @@ def save_frame(frame: RGBDFrame, run: Path) -> dict[str, str]:
     _write(run / "scene/rgb.png", cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
     _write(run / "scene/depth.png", units)
     return {"rgb": "scene/rgb.png", "depth": "scene/depth.png"}
+
+
+def load_frame(run: Path, camera: Camera, source: str) -> RGBDFrame:
+    """Read again what `save_frame` wrote.
+
+    Raises:
+        InputError: the pictures are gone.
+    """
+    color, depth = (cv2.imread(str(run / name), cv2.IMREAD_UNCHANGED) for name in ("scene/rgb.png", "scene/depth.png"))
+    if color is None or depth is None:
+        raise InputError(f"{run / 'scene'} lacks rgb.png or depth.png", "run again from the beginning")
+    metres = np.asarray(depth * camera.depth_scale, np.float32)
+    return RGBDFrame(np.asarray(cv2.cvtColor(color, cv2.COLOR_BGR2RGB), np.uint8), metres, camera, Path(source))
+
+
+def load_mask(file: Path) -> Mask:
+    """Read a mask that `save_candidates` wrote: (H, W) bool.
+
+    Raises:
+        InputError: it is gone.
+    """
+    image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise InputError(f"there is no mask {file}", "run again from the beginning")
+    return np.asarray(image) > 0
 
 
 def save_candidates(frame: RGBDFrame, candidates: Sequence[Candidate], run: Path) -> tuple[CandidateRecord, ...]:

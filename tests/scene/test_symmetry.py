@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from grs_agents.library import Library
 from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
-from grs_agents.measure.symmetry import symmetry_of
+from grs_agents.scene.symmetry import symmetry_of
 
 LIBRARY = Library()
 ANGLES = st.floats(-3.1, 3.1)
@@ -29,7 +29,7 @@ def test_symmetries_of_known_things(name: str, turns: int, axes: int) -> None:
     assert (len(symmetry.turns), len(symmetry.axes)) == (turns, axes)
 
 
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)
 @given(roll=ANGLES, pitch=ANGLES, yaw=ANGLES, spin=ANGLES, tilt=st.floats(0, 1.2))
 def test_a_turn_about_a_free_axis_is_no_error_and_a_tilt_of_it_is(
     roll: float, pitch: float, yaw: float, spin: float, tilt: float
@@ -40,7 +40,7 @@ def test_a_turn_about_a_free_axis_is_no_error_and_a_tilt_of_it_is(
     assert symmetry.angle(turned, true) == pytest.approx(np.rad2deg(tilt), abs=1e-3)
 
 
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)
 @given(roll=ANGLES, pitch=ANGLES, yaw=ANGLES, turn=st.integers(0, 23), small=st.floats(0, 0.5))
 def test_quarter_turns_of_a_cube_are_no_error(roll: float, pitch: float, yaw: float, turn: int, small: float) -> None:
     symmetry = symmetry_of("block/red_block.urdf", LIBRARY)

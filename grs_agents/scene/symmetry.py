@@ -63,12 +63,12 @@ def _symmetry(data: bytes, count: int) -> Symmetry:
             return False  # told by its extents alone
         return _distance(coarse @ rotation.T, fine) < bound
 
-    turns = [turn for turn in _quarter_turns() if same(turn)]
+    turns = [turn for turn in quarter_turns() if same(turn)]
     axes = [axis for axis in np.eye(3) if all(same(_turn(axis, angle)) for angle in (0.5, 1.0, 1.9))]
     return Symmetry(np.array(turns), np.array(axes).reshape(-1, 3))
 
 
-def _quarter_turns() -> list[Floats]:
+def quarter_turns() -> list[Floats]:
     """The 24 rotations of a cube, the identity first."""
     found = [
         np.eye(3)[list(order)] * np.array(signs)[:, None]

@@ -1,0 +1,30 @@
+"""Settle a described scene, compare it with its photo, and say how both went."""
+
+from collections.abc import Sequence
+
+from grs_agents.library import Library
+from grs_agents.scene import RGBDFrame, TableFrame, TwinReport
+from grs_agents.scene.frame import Mask
+from grs_agents.twin.fidelity import fidelity
+from grs_agents.twin.settle import Rest, Thing, settle
+
+
+def report_of(
+    things: Sequence[Thing], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
+) -> tuple[Rest, TwinReport]:
+    """The scene at rest, and its figures; ``mask`` (H, W) are the pixels of all objects.
+
+    Raises:
+        UnknownNameError: an asset is not in the library.
+        SimulationError: MuJoCo takes the scene for impossible.
+    """
+    rest = settle(things, library)
+    pairs = zip(things, rest.placed, strict=True)
+    resting = [one if placed is None else Thing(one.asset, placed.pose) for one, placed in pairs]
+    return rest, TwinReport(
+        found=rest.found,
+        penetration=rest.penetration,
+        drift=max((placed.drift for placed in rest.placed if placed is not None), default=0.0),
+        fidelity=fidelity(resting, library, frame, table, mask),
+        still=rest.still,
+    )

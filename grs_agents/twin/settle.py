@@ -1,0 +1,160 @@
+"""Let a described scene come to rest: first what overlaps is eased apart, then gravity acts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from grs_agents.base import Pose
+from grs_agents.library import Library
+from grs_agents.library.shapes import rotation_matrix
+from grs_agents.sim.engine import mujoco
+from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.world import World, build, place
+
+CENTER, REACH = (0.4, 0.0), 1.1
+"""Only what lies within this distance (m) of the middle of the simulated table stands on it."""
+EASED = 0.0005
+"""Things are eased apart until they overlap by less than this, m."""
+EASING = 200
+"""In at most so many steps."""
+LONGEST = 2.0
+"""Simulated seconds in which everything should come to rest."""
+STILL = 0.01
+"""What is slower than this (m/s) rests."""
+CHUNK = 25
+ROLLING = 0.004
+"""Arm of the rolling resistance (m): nothing in a photo rolls."""
+
+
+@dataclass(frozen=True)
+class Thing:
+    """An asset, and where the centre of its bounding box is (m) with its rotation (xyzw)."""
+
+    asset: str
+    pose: Pose
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Where a thing came to rest: ``pose`` as in `Thing`, and how far its centre moved, m."""
+
+    pose: Pose
+    drift: float
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A scene at rest.
+
+    Attributes:
+        placed: for each thing; ``None`` for what is off the simulated table.
+        found, penetration: the deepest overlap before and after, m.
+        still: everything came to rest.
+    """
+
+    placed: tuple[Placed | None, ...]
+    found: float
+    penetration: float
+    still: bool
+
+
+def on_table(thing: Thing) -> bool:
+    """Whether the thing is over the simulated table."""
+    x, y, z = thing.pose[0]
+    return float(np.hypot(x - CENTER[0], y - CENTER[1])) < REACH and abs(z) < REACH
+
+
+def instances(things: Sequence[Thing], library: Library) -> list[InstanceObject]:
+    """The things as objects of a simulation; ids count from 0."""
+    return [
+        InstanceObject(id=number, asset=one.asset, pose=_shifted(one.pose, -_middle(one.asset, library)))
+        for number, one in enumerate(things)
+    ]
+
+
+def settle(things: Sequence[Thing], library: Library) -> Rest:
+    """Let things come to rest, without the robot.
+
+    Raises:
+        UnknownNameError: an asset is not in the library.
+        SimulationError: MuJoCo takes the scene for impossible.
+    """
+    here = [number for number, one in enumerate(things) if on_table(one)]
+    items = instances([things[number] for number in here], library)
+    world = build(items, library)
+    place(world, items)
+    _prepare(world)
+    mujoco.mj_forward(world.model, world.data)
+    found = _deepest(world)
+    _ease(world)
+    still = _fall(world)
+    placed: list[Placed | None] = [None] * len(things)
+    for item, number in zip(items, here, strict=True):
+        pose = _shifted(_pose(world.data, world.bodies[item.id]), _middle(item.asset, library))
+        drift = float(np.linalg.norm(np.subtract(pose[0], things[number].pose[0])))
+        placed[number] = Placed(pose, drift)
+    mujoco.mj_forward(world.model, world.data)
+    return Rest(tuple(placed), found, _deepest(world), still)
+
+
+def _prepare(world: World) -> None:
+    """Take the robot out of the way, and let nothing roll."""
+    model, owners = world.model, np.asarray(world.owners)
+    # What is eased apart never moves by itself, falls asleep at once, and would sleep through gravity.
+    model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    robot = owners < 0
+    robot[model.geom("table").id] = False
+    model.geom_contype[robot], model.geom_conaffinity[robot] = 0, 0
+    model.geom_condim[owners >= 0] = 6
+    model.geom_friction[owners >= 0, 2] = ROLLING
+
+
+def _deepest(world: World) -> float:
+    """The deepest overlap, m."""
+    return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
+
+
+def _ease(world: World) -> None:
+    """Without gravity and without speed, so that overlaps are pushed apart and nothing is thrown."""
+    model, data = world.model, world.data
+    gravity = np.array(model.opt.gravity)
+    model.opt.gravity[:] = 0
+    for _ in range(EASING):
+        data.qvel[:] = 0
+        mujoco.mj_step(model, data)
+        if _deepest(world) < EASED:
+            break
+    model.opt.gravity[:] = gravity
+    data.qvel[:] = 0
+
+
+def _fall(world: World) -> bool:
+    """Let gravity act until everything rests; whether it does in time."""
+    model, data = world.model, world.data
+    first, still = world.arm.dof, 0
+    for _ in range(int(LONGEST / model.opt.timestep / CHUNK)):
+        mujoco.mj_step(model, data, CHUNK)
+        speed = np.abs(data.qvel[first:].reshape(-1, 6)) * (1, 1, 1, 0.1, 0.1, 0.1)
+        still = still + 1 if speed.max(initial=0.0) < STILL else 0
+        if still == 3:
+            return True
+    return False
+
+
+def _middle(asset: str, library: Library) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
+    """The centre of the bounding box in the asset's frame, (3,) m."""
+    return np.array(library.model(asset).bounds, np.float64).mean(axis=0)
+
+
+def _shifted(pose: Pose, offset: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> Pose:
+    """A pose moved along its own axes."""
+    x, y, z = (float(value) for value in rotation_matrix(pose[1]) @ offset + pose[0])
+    return (x, y, z), pose[1]
+
+
+def _pose(data: Any, body: int) -> Pose:
+    x, y, z = (float(value) for value in data.xpos[body])
+    w, i, j, k = (float(value) for value in data.xquat[body])
+    return (x, y, z), (i, j, k, w)

@@ -1,0 +1,29 @@
+"""A photo with depth of things on the table, without noise."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from grs_agents.library import Library
+from grs_agents.scene import Camera, RGBDFrame, TableFrame
+from grs_agents.scene.frame import Mask
+from grs_agents.sim.rendering import Sight, cast
+from grs_agents.twin import Thing
+from grs_agents.twin.settle import instances
+
+WIDTH, HEIGHT, FOCAL = 240, 180, 300.0
+
+
+def photo_of(things: Sequence[Thing], library: Library) -> tuple[RGBDFrame, TableFrame, Mask]:
+    """The photo, its pose, and the pixels of the things; the camera looks down by 45 degrees from 0.7 m."""
+    slope = np.sqrt(0.5)
+    turn = np.array([[0, -slope, slope], [-1, 0, 0], [0, -slope, -slope]])
+    eye = np.array([0.0, 0.0, 0.55])
+    camera = Camera(fx=FOCAL, fy=FOCAL, cx=WIDTH / 2, cy=HEIGHT / 2, width=WIDTH, height=HEIGHT, depth_scale=0.001)
+    rows, columns = np.indices((HEIGHT, WIDTH))
+    local = np.stack([(columns - camera.cx) / FOCAL, (rows - camera.cy) / FOCAL, np.ones((HEIGHT, WIDTH))], axis=-1)
+    picture = cast(Sight(instances(things, library), library), eye, local @ turn.T)
+    matrix = tuple((*(float(value) for value in row), float(place)) for row, place in zip(turn, eye, strict=True))
+    table = TableFrame(T_robot_cam=(*matrix, (0.0, 0.0, 0.0, 1.0)), origin="calibrated", residual=0.0, inliers=0.5)
+    return RGBDFrame(picture.color, picture.depth, camera, Path("photo")), table, picture.owner >= 0

@@ -1,0 +1,49 @@
+"""The described scene comes to rest in MuJoCo."""
+
+import numpy as np
+
+from grs_agents.library import Library
+from grs_agents.twin import Thing, fidelity, report_of, settle
+from tests.twin.photo import photo_of
+
+LIBRARY = Library()
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+MILK, BLOCK = "HOPE/Milk.urdf", "block/red_block.urdf"
+
+
+def standing(asset: str, x: float, y: float, above: float = 0.0) -> Thing:
+    """An upright asset so far above the table, m."""
+    low, high = np.array(LIBRARY.model(asset).bounds)
+    return Thing(asset, ((x, y, above + float(high[2] - low[2]) / 2), UPRIGHT))
+
+
+def test_what_stands_stays() -> None:
+    rest = settle([standing(MILK, 0.5, 0.0), standing(BLOCK, 0.4, 0.2)], LIBRARY)
+    assert rest.still and rest.penetration < 0.001
+    assert all(placed is not None and placed.drift < 0.002 for placed in rest.placed)
+
+
+def test_what_overlaps_is_eased_apart_and_not_thrown() -> None:
+    rest = settle([standing(BLOCK, 0.5, 0.0), standing(BLOCK, 0.5, 0.025)], LIBRARY)
+    assert rest.found > 0.005
+    assert rest.penetration < 0.001
+    assert all(placed is not None and placed.drift < 0.03 for placed in rest.placed)
+
+
+def test_what_hangs_in_the_air_falls() -> None:
+    (placed,) = settle([standing(BLOCK, 0.5, 0.0, above=0.05)], LIBRARY).placed
+    assert placed is not None and 0.04 < placed.drift < 0.08
+
+
+def test_what_is_off_the_table_has_no_twin() -> None:
+    far, near = settle([standing(BLOCK, 3.0, 0.0), standing(BLOCK, 0.5, 0.0)], LIBRARY).placed
+    assert far is None and near is not None
+
+
+def test_a_true_twin_shows_what_the_photo_shows() -> None:
+    things = [standing(MILK, 0.5, 0.0), standing(BLOCK, 0.4, 0.1)]
+    frame, table, mask = photo_of(things, LIBRARY)
+    _, report = report_of(things, LIBRARY, frame, table, mask)
+    assert report.fidelity is not None and report.fidelity > 0.97 and report.drift < 0.002
+    assert (fidelity(things[1:], LIBRARY, frame, table, mask) or 0.0) < 0.3
+    assert fidelity(things, LIBRARY, frame, table, np.zeros_like(mask)) is None
