@@ -18,7 +18,6 @@ from rich.table import Table
 from grs_agents.base import Frozen
 from grs_agents.content import content_root
 from grs_agents.library import Library
-from grs_agents.run.experiment import positive
 from grs_agents.sim import Environment, Task, instantiate, rollout, task_class
 
 BOX_SIZE = (0.34, 0.40, 0.10)
@@ -149,14 +148,19 @@ def scores(library: Library, seeds: int) -> list[tuple[str, float, float]]:
 
 
 def peak_memory() -> float:
-    """Peak memory of a fresh process that runs the packing task, MiB."""
+    """Peak memory of a fresh process that runs the packing task, MiB; 0 where there is no /proc.
+
+    Not ``ru_maxrss``: a process inherits that of the one it was forked from.
+    """
     code = (
-        "from grs_agents import content; from grs_agents.library import Library; import resource;"
+        "from grs_agents import content; from grs_agents.library import Library;"
         "content.load_module('evals', 'sim_speed').packing(Library());"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+        "print(next((line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')), 0))"
     )
+    if not Path("/proc/self/status").exists():
+        return 0.0
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    return int(printed) / (1024 * 1024 if sys.platform == "darwin" else 1024)
+    return int(printed) / 1024
 
 
 def measure(repeats: int, seeds: int) -> tuple[list[Figure], list[tuple[str, float, float]]]:
@@ -191,6 +195,8 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if every target is kept, 1 if not.
     """
+    from grs_agents.run.experiment import positive  # here, so that the memory figure is of the simulation alone
+
     parser = argparse.ArgumentParser(prog="grs eval sim_speed", description=__doc__)
     parser.add_argument("--repeats", type=positive, default=5, help="how often each timing is repeated")
     parser.add_argument("--seeds", type=int, default=10, help="seeds of each example program; 0 leaves them out")
