@@ -1,7 +1,6 @@
 """Containers and single-use workers, as far as stand-ins for ``docker`` and ``sandbox-exec`` can show."""
 
 import os
-import select
 import shutil
 import signal
 import subprocess
@@ -18,6 +17,7 @@ from grs_agents.config import Config
 from grs_agents.sandbox import CallResult, Choice, Limits, Sandbox, SandboxError, TestReport, hardening
 from grs_agents.sandbox.settings import ENVIRONMENT
 from tests.sandbox import docker_standin
+from tests.sandbox.processes import ends
 from tests.sandbox.test_host import HOST, OUTCOMES
 
 Execute = Callable[..., CallResult]
@@ -235,15 +235,3 @@ def descendants(pid: int) -> list[int]:
     """The process and all that it started, directly or not, as far as they still have their parents."""
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     return [pid, *(found for child in children for found in descendants(int(child)))]
-
-
-def ends(pid: int) -> bool:
-    """Whether the process, which was told to end, does."""
-    try:
-        descriptor = os.pidfd_open(pid)
-    except ProcessLookupError:
-        return True
-    try:
-        return bool(select.select([descriptor], [], [], 10)[0])
-    finally:
-        os.close(descriptor)

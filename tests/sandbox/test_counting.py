@@ -50,5 +50,6 @@ def test_lines_and_docstrings_stay() -> None:
 @pytest.mark.parametrize("name", ["sandbox", "sim", "library"])
 def test_any_program_of_our_own_still_compiles(name: str) -> None:
     folder = Path(importlib.import_module(f"grs_agents.{name}").__file__ or "").parent
-    for file in folder.glob("*.py"):
-        compile(counted(ast.parse(file.read_text("utf-8"))), file.name, "exec")
+    files = list(folder.glob("*.py"))
+    compiled = [compile(counted(ast.parse(file.read_text("utf-8"))), file.name, "exec") for file in files]
+    assert [code.co_filename for code in compiled] == [file.name for file in files] != []

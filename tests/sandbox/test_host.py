@@ -1,7 +1,6 @@
 """What a hostile snippet gets from a call: an outcome, and nothing else."""
 
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import pytest
 import grs_agents
 from grs_agents.errors import UnknownNameError
 from grs_agents.sandbox import CallResult, Limits, Sandbox, SandboxError
+from tests.sandbox.processes import ends
 
 Execute = Callable[..., CallResult]
 
@@ -224,7 +224,7 @@ def test_close_ends_every_process() -> None:
     assert sandbox._zygote is not None
     pid = sandbox._zygote.pid
     sandbox.close()
-    assert _ends(pid)
+    assert ends(pid)
     assert sandbox.call("execute", {"code": "value = {'n': 1}"}).value == {"n": 1}
     sandbox.close()
 
@@ -255,7 +255,7 @@ def test_everything_dies_with_its_host(tool_folder: Path) -> None:
         pid = int(host.stdout.readline())
     host.kill()
     host.wait()
-    assert _ends(pid), "the sandbox outlived its host"
+    assert ends(pid), "the sandbox outlived its host"
 
 
 def test_calls_leave_nothing_behind(tool_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -271,15 +271,3 @@ def test_calls_leave_nothing_behind(tool_folder: Path, tmp_path: Path, monkeypat
 def test_limits_are_checked() -> None:
     with pytest.raises(ValueError, match="wall_seconds"):
         Limits(wall_seconds=0)
-
-
-def _ends(pid: int) -> bool:
-    """Whether the process, which was told to end, does."""
-    try:
-        descriptor = os.pidfd_open(pid)
-    except ProcessLookupError:
-        return True
-    try:
-        return bool(select.select([descriptor], [], [], 10)[0])
-    finally:
-        os.close(descriptor)

@@ -1,7 +1,6 @@
 """What is started ends: with its call, with its sandbox, and with a host that is killed."""
 
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -16,6 +15,7 @@ import pytest
 import grs_agents
 from grs_agents.sandbox import Limits, Sandbox
 from grs_agents.sandbox.backends import Choice, absent
+from tests.sandbox.processes import ends
 
 NAME = "grs-lifetime"
 NAMED = f"import ctypes, os, time\nctypes.CDLL(None).prctl(15, b'{NAME}', 0, 0, 0)\n"
@@ -81,18 +81,6 @@ def running_call(root: int, but: int = 0) -> tuple[int, int]:
             if pid != but and everyone.get(pid, (0, ""))[1] == NAME:
                 return pid, everyone[pid][0]
     raise AssertionError("no call began")
-
-
-def ends(pid: int) -> bool:
-    """Whether the process is gone, or goes within some seconds."""
-    try:
-        descriptor = os.pidfd_open(pid)
-    except ProcessLookupError:
-        return True
-    try:
-        return bool(select.select([descriptor], [], [], 10)[0])
-    finally:
-        os.close(descriptor)
 
 
 def test_nothing_outlives_a_host_that_was_killed(backend: Choice, temporary: Path, tool_folder: Path) -> None:

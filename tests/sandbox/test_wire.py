@@ -27,9 +27,10 @@ def test_frames_come_back_however_the_stream_is_cut(frames: list[dict[str, objec
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_frame_or_a_frame_error(data: bytes) -> None:
     try:
-        FrameReader().feed(struct.pack("!I", len(data)) + data)
+        frames = FrameReader().feed(struct.pack("!I", len(data)) + data)
     except FrameError:
         return
+    assert FrameReader().feed(encode(frames[0])) == frames
 
 
 @pytest.mark.parametrize(
