@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.library import Library, write_proxy
-from grs_agents.scene import Candidate, Registered, TableFrame, TwinReport, register
+from grs_agents.scene import Candidate, Claim, Registered, TableFrame, TwinReport, register
 from grs_agents.scene.metrics import MATCHED, overlaps
 from grs_agents.scene.truth import LabelledScene
-from grs_agents.twin import Thing, report_of
+from grs_agents.twin import Segment, Thing, reconcile, report_of
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,8 @@ def standing(
 ) -> Standing:
     """Register the true asset of each candidate that matches an object, let proxies stand for the others, and settle.
 
+    Pieces of things whose assets are known have no proxy of their own.
+
     Args:
         scene: with its truth; without true assets there is nothing to say.
         found: (H, W) numbers of the candidates.
@@ -49,32 +51,44 @@ def standing(
     Raises:
         SimulationError: MuJoCo takes the twin for impossible.
     """
-    truth = {one.id: one.asset for one in scene.truth.objects if one.asset in library}
-    if table is None or not truth or not candidates:
+    known = {one.id: one.asset for one in scene.truth.objects if one.asset in library}
+    if table is None or not known or not candidates:
         return Standing()
-    common = overlaps(found, scene.labels, scene.ignored())
-    assets = {
-        int(common.segments[column]): truth.get(int(common.truths[row]), "")
-        for row, column in common.pairs()
-        if common.ious[row, column] >= MATCHED
-    }
+    assets = _matched(scene, found, known)
     poses: dict[int, Registered] = {}
-    things: list[Thing] = []
+    segments: list[Segment] = []
+    for one in candidates:
+        thing = None
+        if asset := assets.get(one.id, ""):
+            stood = poses[one.id] = register(asset, library, one.upright, scene.frame, table, one.mask)
+            thing = Thing(asset, (stood.position, stood.orientation))
+        segments.append(Segment(one.mask, one.upright, one.shape, thing))
+    agreed = reconcile(segments, scene.frame, table, library)
+    kept = [index for index in range(len(segments)) if index not in agreed.pieces]
     with tempfile.TemporaryDirectory(prefix="grs-twin-") as folder:
-        for one in candidates:
-            asset = assets.get(one.id, "")
-            if asset:
-                stood = poses[one.id] = register(asset, library, one.upright, scene.frame, table, one.mask)
-                things.append(Thing(asset, (stood.position, stood.orientation)))
-            else:
-                things.append(_proxy(one, Path(folder)))
-        both = library.overlay(Path(folder)) if len(poses) < len(things) else library
+        proxies = {index: _proxy(candidates[index], claim, Path(folder)) for index, claim in agreed.claims.items()}
+        things = [segments[index].known or proxies[index] for index in kept]
+        both = library.overlay(Path(folder)) if proxies else library
         rest, twin = report_of(things, both, scene.frame, table, scene.labels > 0)
-    drifts = {one.id: placed.drift for one, placed in zip(candidates, rest.placed, strict=True) if placed is not None}
+    drifts = {
+        candidates[index].id: placed.drift
+        for index, placed in zip(kept, rest.placed, strict=True)
+        if placed is not None
+    }
     return Standing(poses, drifts, twin if drifts else None)
 
 
-def _proxy(one: Candidate, folder: Path) -> Thing:
-    box = one.upright
-    asset = write_proxy(folder, f"candidate_{one.id}", one.shape, box.size, one.color, "a proxy")
+def _matched(scene: LabelledScene, found: npt.NDArray[np.int32], known: Mapping[int, str]) -> dict[int, str]:
+    """The true asset of each segment that matches an object whose asset is known, by the segment's number."""
+    common = overlaps(found, scene.labels, scene.ignored())
+    return {
+        int(common.segments[column]): known.get(int(common.truths[row]), "")
+        for row, column in common.pairs()
+        if common.ious[row, column] >= MATCHED
+    }
+
+
+def _proxy(one: Candidate, claim: Claim, folder: Path) -> Thing:
+    box = claim.box
+    asset = write_proxy(folder, f"candidate_{one.id}", claim.shape, box.size, one.color, "a proxy")
     return Thing(asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))))

@@ -83,7 +83,7 @@ def match(state: RunState, services: Services) -> Update:
         else:
             objects.append(object_of(found, services, [one.name for one in objects]))
     stood = stand(objects, records, state, services)
-    objects, warnings = list(stood.objects), [*warnings, *stood.warnings]
+    objects, warnings, lost = list(stood.objects), [*warnings, *stood.warnings], [*lost, *stood.dropped]
     warnings += [
         f"{one.name} at x = {one.position[0]:.2f}, y = {one.position[1]:.2f} m is out of the arm's reach"
         for one in objects

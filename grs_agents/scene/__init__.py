@@ -2,6 +2,8 @@
 
 from grs_agents.scene.background import Background, reconstruct
 from grs_agents.scene.candidates import candidates_of, place_asset, place_robot
+from grs_agents.scene.clipping import Claim, clipped
+from grs_agents.scene.explaining import Shell, explained, shell_of
 from grs_agents.scene.frame import Camera, Image, Mask, RGBDFrame
 from grs_agents.scene.pictures import annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.scene.proposals import Proposal, segment_proposed
@@ -39,6 +41,7 @@ __all__ = [
     "Camera",
     "Candidate",
     "CandidateRecord",
+    "Claim",
     "DepthEstimate",
     "DroppedCandidate",
     "Estimator",
@@ -50,6 +53,7 @@ __all__ = [
     "Relation",
     "SceneDescription",
     "SceneObject",
+    "Shell",
     "TableFrame",
     "TwinReport",
     "UprightBox",
@@ -57,6 +61,8 @@ __all__ = [
     "body_of",
     "candidates_of",
     "check_source",
+    "clipped",
+    "explained",
     "find_table",
     "load_frame",
     "load_mask",
@@ -74,4 +80,5 @@ __all__ = [
     "scene_name",
     "segment",
     "segment_proposed",
+    "shell_of",
 ]

@@ -15,6 +15,8 @@ ALIKE = math.cos(math.radians(12))
 """Normals of one plane are within 12 degrees of each other."""
 FACE = 0.1
 """A second plane holds at least this share of the points."""
+OBLIQUE = 0.25
+"""A side is seen whose normal is nearer to the view than this sine."""
 SHORT = 0.015
 """What is seen of an object is shorter than the asset by more than this (m), or longer: not all of it is its own."""
 LEVEL = math.cos(math.radians(6))
@@ -110,5 +112,7 @@ def _against(axes: Array, half: Array, seen: Sighting) -> Array:
     low, high = np.percentile(along, (2, 98), axis=0)
     to_eye = (seen.eye - seen.points.mean(axis=0)) @ axes
     far = float(np.linalg.norm(to_eye))
-    middle = np.where(to_eye > 0.25 * far, high - half, np.where(to_eye < -0.25 * far, low + half, (low + high) / 2))
-    return axes @ middle
+    middle = (low + high) / 2
+    near, away = to_eye > OBLIQUE * far, to_eye < -OBLIQUE * far
+    middle[near], middle[away] = (high - half)[near], (low + half)[away]
+    return np.asarray(axes @ middle, np.float64)
