@@ -19,11 +19,14 @@ from grs_agents.scene import (
     SceneObject,
     TableFrame,
     TwinReport,
+    add_candidates,
     body_of,
+    found_later,
     load_frame,
     load_mask,
     register,
     relations,
+    shell_of,
 )
 from grs_agents.state import RunState
 from grs_agents.twin import Segment, Thing, reconcile, report_of
@@ -47,18 +50,22 @@ class Stood:
 def stand(
     objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
 ) -> Stood:
-    """Register what was matched, tell the relations, and settle the twin; what MuJoCo refuses has none.
+    """Tell pieces of others and relations, fit the proxies, and settle the twin; what MuJoCo refuses has none.
+
+    Args:
+        objects: registered.
+        records: the candidates that they come from.
+        state, services: of the run.
 
     Raises:
         InputError: the pictures that the comprehension wrote are gone.
     """
     if not objects:
         return Stood(())
-    table, library = TableFrame.model_validate(state["frame"]), services.library
+    table = TableFrame.model_validate(state["frame"])
     frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
     by_number = {one.id: one for one in records}
-    placed = tuple(_registered(one, by_number[one.id], frame, table, services, library) for one in objects)
-    placed, dropped = _agreed(placed, by_number, frame, table, services)
+    placed, dropped = _agreed(objects, by_number, frame, table, services)
     library = services.library  # with the proxies that were written again
     bodies = [body_of(one.name, one.asset, (one.position, one.orientation), library) for one in placed]
     stood = Stood(placed, relations(bodies), dropped=dropped)
@@ -69,22 +76,52 @@ def stand(
         return replace(stood, warnings=(f"the scene has no twin: {error.message}",))
 
 
-def _registered(
-    one: SceneObject, record: CandidateRecord, frame: RGBDFrame, table: TableFrame, services: Services, library: Library
-) -> SceneObject:
-    if not one.matched:
-        return one
-    found = register(one.asset, library, record.upright, frame, table, load_mask(services.folder / record.mask))
-    update = {
-        "position": found.position,
-        "orientation": found.orientation,
-        "size": found.size,
-        "reachable": reachable(found.position),
-        "method": found.method,
-        "residual": found.residual,
-        "round": found.round,
-    }
-    return one.model_copy(update=update)
+def registered(
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
+) -> tuple[SceneObject, ...]:
+    """The objects with the assets that were matched where the photo shows them.
+
+    Raises:
+        InputError: the pictures that the comprehension wrote are gone.
+    """
+    table, library = TableFrame.model_validate(state["frame"]), services.library
+    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    by_number = {one.id: one for one in records}
+    placed: list[SceneObject] = []
+    for one in objects:
+        update: dict[str, object] = {}
+        if one.matched:
+            mask = load_mask(services.folder / one.mask)
+            found = register(one.asset, library, by_number[one.id].upright, frame, table, mask)
+            update = {
+                "position": found.position,
+                "orientation": found.orientation,
+                "size": found.size,
+                "reachable": reachable(found.position),
+                "method": found.method,
+                "residual": found.residual,
+                "round": found.round,
+            }
+        placed.append(one.model_copy(update=update))
+    return tuple(placed)
+
+
+def seen_later(
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
+) -> tuple[CandidateRecord, ...]:
+    """Candidates that were taken for parts of objects, whose assets do not explain them.
+
+    Raises:
+        InputError: the pictures that the comprehension wrote are gone.
+    """
+    if not objects:
+        return ()
+    table, library = TableFrame.model_validate(state["frame"]), services.library
+    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    masks = [load_mask(services.folder / one.mask) for one in objects]
+    shells = [shell_of(one.asset, (one.position, one.orientation), library) if one.matched else None for one in objects]
+    found = found_later(masks, shells, frame, table, max(one.id for one in records) + 1)
+    return add_candidates(frame, found, records, services.folder) if found else ()
 
 
 def _agreed(

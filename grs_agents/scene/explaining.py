@@ -36,11 +36,14 @@ class Shell:
         """The share of (M, 3) points, m, that lie on it."""
         low, high = self.points.min(axis=0) - ON, self.points.max(axis=0) + ON
         near = cloud[((cloud >= low) & (cloud <= high)).all(axis=1)]
-        if not len(near):
-            return 0.0
-        nearest, squares = Tree(self.points).nearest(near)
-        across = np.abs(np.einsum("ni,ni->n", near - self.points[nearest], self.normals[nearest]))
-        return float(((across < ON) & (squares < (2 * self.spacing) ** 2 + ON**2)).sum()) / len(cloud)
+        return float((self.distances(near) < ON).sum()) / len(cloud) if len(near) else 0.0
+
+    def distances(self, cloud: Array) -> Array:
+        """How far (M, 3) points are from it, (M,) m: across it where they are before or behind it."""
+        nearest, squares = Tree(self.points).nearest(cloud)
+        across = np.abs(np.einsum("ni,ni->n", cloud - self.points[nearest], self.normals[nearest]))
+        beside = np.sqrt(np.maximum(squares - across**2, 0)) > 2 * self.spacing
+        return np.where(beside, np.sqrt(squares), across)
 
 
 def shell_of(asset: str, pose: Pose, library: Library) -> Shell:
