@@ -1,0 +1,34 @@
+"""What the asset of a segment does not explain is another thing."""
+
+import numpy as np
+
+from grs_agents.library import Library
+from grs_agents.scene import found_later, shell_of
+from grs_agents.scene.leftover import left_over
+from grs_agents.twin import Thing
+from tests.twin.photo import photo_of
+
+LIBRARY = Library()
+MILK = Thing("HOPE/Milk.urdf", ((0.55, 0.0, 0.096), (0.0, 0.0, 0.0, 1.0)))
+BLOCK = Thing("block/red_block.urdf", ((0.47, 0.03, 0.02), (0.0, 0.0, 0.0, 1.0)))
+BOTH, TABLE, MASK = photo_of([MILK, BLOCK], LIBRARY)
+BLOCK_ALONE = photo_of([BLOCK], LIBRARY)[2]
+
+
+def test_what_stands_against_a_known_thing_is_found_once_that_stands() -> None:
+    shell = shell_of(MILK.asset, MILK.pose, LIBRARY)
+    (found,) = found_later([MASK], [shell], BOTH, TABLE, 7)
+    assert found.id == 7
+    assert (found.mask & BLOCK_ALONE).sum() > 0.7 * BLOCK_ALONE.sum()
+    assert (found.mask & ~BLOCK_ALONE).sum() < 0.1 * BLOCK_ALONE.sum()
+
+
+def test_an_asset_that_stands_wrongly_tells_nothing() -> None:
+    wrong = shell_of(MILK.asset, ((0.55, 0.0, 0.15), (0.0, 0.0, 0.0, 1.0)), LIBRARY)
+    assert not left_over([MASK], [wrong], BOTH, TABLE).any()
+    assert found_later([MASK], [None], BOTH, TABLE, 1) == ()
+
+
+def test_a_thing_that_its_asset_explains_leaves_nothing() -> None:
+    alone, table, mask = photo_of([MILK], LIBRARY)
+    assert not np.any(left_over([mask], [shell_of(MILK.asset, MILK.pose, LIBRARY)], alone, table))
