@@ -72,7 +72,7 @@ def paths(kind: Kind, name: str) -> list[Path]:
     Raises:
         UnknownNameError: nothing has that name; the message lists the names there are.
     """
-    public = name == Path(name).name and not name.startswith(("_", "."))
+    public = name != "" and name == Path(name).name and not name.startswith(("_", "."))
     candidates = [root / kind / f"{name}{_SUFFIX[kind]}" for root in roots()] if public else []
     found = [candidate for candidate in candidates if candidate.exists()]
     if not found:
