@@ -10,10 +10,10 @@ from grs_agents.library.importing.repair import volume
 from grs_agents.library.importing.simplify import simplified
 from grs_agents.library.importing.types import Floats, Hull, Ints, RefusedError
 
-CONVEX: Final = 0.95
-"""A mesh that fills so much of its hull is taken for convex."""
+CONVEX: Final = 0.85
+"""A mesh that fills so much of its hull is taken for convex: a carton with its gable, a can with its sunken lid."""
 _THRESHOLD: Final = 0.06
-_FACES: Final = 1500
+_FACES: Final = 1000
 _EDGES: Final = 64
 """Vertices of a convex part."""
 
@@ -90,8 +90,8 @@ def convex_parts(vertices: Floats, faces: Ints, watertight: bool, most: int) -> 
     coacd.set_log_level("error")
     found = coacd.run_coacd(
         coacd.Mesh(points, triangles.astype(np.int32)),
-        threshold=_THRESHOLD, max_convex_hull=most, preprocess_resolution=30, resolution=500,
-        mcts_nodes=8, mcts_iterations=20, mcts_max_depth=2, decimate=True, max_ch_vertex=_EDGES, seed=0,
+        threshold=_THRESHOLD, max_convex_hull=most, preprocess_resolution=30, resolution=300,
+        mcts_nodes=8, mcts_iterations=10, mcts_max_depth=2, decimate=True, max_ch_vertex=_EDGES, seed=0,
     )  # fmt: skip
     parts: list[Hull] = []
     for corners, _ in found:

@@ -1,4 +1,4 @@
-"""Reading URDF and MJCF of one rigid object whose meshes may be of any format: staged as OBJ for the library's readers."""
+"""Reading URDF and MJCF of one rigid object with meshes of any format: staged as OBJ for the library's readers."""
 
 import tempfile
 from collections.abc import Callable
@@ -151,7 +151,9 @@ def _package(name: str, folder: Folder, file: str) -> str:
 
 def _stage_mjcf(top: Element, folder: Folder, file: str, stage: Path, options: ImportOptions) -> Staged:
     compiler = {name: value for one in top.findall("compiler") for name, value in one.attrib.items()}
-    meshes, textures = (_prefix(compiler.get(f"{kind}dir", compiler.get("assetdir", ""))) for kind in ("mesh", "texture"))
+    meshes, textures = (
+        _prefix(compiler.get(f"{kind}dir", compiler.get("assetdir", ""))) for kind in ("mesh", "texture")
+    )
     for one in top.findall("compiler"):
         for name in ("meshdir", "texturedir", "assetdir"):
             one.attrib.pop(name, None)

@@ -52,12 +52,10 @@ def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | No
     return Reading(parts, unit=unit, up=up)
 
 
-def _parts(
-    path: Path, suffix: str, folder: Folder, name: str, limits: ImportLimits, image: Any | None
-) -> list[Part]:
+def _parts(path: Path, suffix: str, folder: Folder, name: str, limits: ImportLimits, image: Any | None) -> list[Part]:
     import trimesh
 
-    resolver = _Resolver(folder, name)
+    resolver = _Resolver(folder, name, blind=image is not None)
     try:
         with path.open("rb") as file:
             scene: Any = trimesh.load_scene(file, file_type=suffix[1:], resolver=resolver, process=False)
@@ -97,14 +95,16 @@ def picture_of(mesh: Any, pixels: int) -> Any | None:
 
 
 class _Resolver:
-    """What trimesh opens beside a mesh file; after a refusal nothing is opened."""
+    """What trimesh opens beside a mesh file; nothing where its picture is given (``blind``)."""
 
-    def __init__(self, folder: Folder, name: str) -> None:
-        self._folder, self._name = folder, name
+    def __init__(self, folder: Folder, name: str, *, blind: bool) -> None:
+        self._folder, self._name, self._blind = folder, name, blind
         self.refused: RefusedError | None = None
 
     def get(self, name: str) -> bytes:
         """The content of a file that the mesh names."""
+        if self._blind:
+            raise FileNotFoundError(name)
         try:
             return self._folder.path(name.strip(), self._name).read_bytes()
         except RefusedError as error:

@@ -58,7 +58,9 @@ def _palette(parts: Sequence[Part]) -> tuple[Image, Ints]:
     if not parts:
         return np.zeros((0, 0, 3), np.uint8), np.zeros(0, np.int64)
     grey = np.full((1, 3), 180, np.uint8)
-    colors = np.concatenate([np.repeat(grey, len(part.faces), 0) if part.colors is None else part.colors for part in parts])
+    colors = np.concatenate(
+        [np.repeat(grey, len(part.faces), 0) if part.colors is None else part.colors for part in parts]
+    )
     step, levels, index = 1, colors, np.zeros(0, np.int64)
     while True:
         levels, index = np.unique(colors // step * step + (step - 1) // 2, axis=0, return_inverse=True)

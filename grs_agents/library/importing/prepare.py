@@ -237,5 +237,3 @@ def _inertia(size: Vec3, mass: float) -> Vec3:
     """Of a box of these extents: what URDF readers other than ours see."""
     x, y, z = size
     return (mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12)
-
-
