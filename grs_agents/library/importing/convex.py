@@ -31,7 +31,7 @@ def hull_of(vertices: Floats, most: int = -1) -> Hull:
     mujoco = load_mujoco()
     low, extent = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
     spec = mujoco.MjSpec()
-    unit = np.unique(np.round((vertices - low) / extent, 7), axis=0)
+    unit = _distinct((vertices - low) / extent)
     if len(unit) < 4 or float(np.linalg.svd(unit - unit.mean(axis=0), compute_uv=False)[-1]) < 1e-4:
         raise RefusedError("it has no volume: all its points lie in one plane", "give a solid thing")
     mesh = spec.add_mesh(name="hull", uservert=unit.ravel().tolist(), userface=_fan(len(unit)))
@@ -44,6 +44,11 @@ def hull_of(vertices: Floats, most: int = -1) -> Hull:
     except ValueError as error:
         raise RefusedError(f"it has no volume: {str(error).splitlines()[0]}", "give a solid thing") from error
     return _hull(model, mujoco, low, extent)
+
+
+def _distinct(points: Floats) -> Floats:
+    rounded: Any = np.round(points, 7)
+    return np.asarray(np.unique(rounded, axis=0), np.float64)
 
 
 def hull_volume(hull: Hull) -> float:

@@ -127,7 +127,7 @@ def _stage_urdf(top: Element, folder: Folder, file: str, stage: Path, options: I
     for mesh in top.iter("mesh"):
         name = _package(mesh.get("filename", ""), folder, file)
         path = folder.path(name, file)
-        mesh.set("filename", _staged(staged, stage, lambda: read_mesh(folder, folder.relative(path), options.limits)))
+        mesh.set("filename", _staged(staged, stage, _reader(folder, folder.relative(path), None, options)))
     textures = {id(one) for one in top.iter("texture")}
     for material in top.iter("material"):
         for texture in [one for one in material if id(one) in textures]:

@@ -108,12 +108,12 @@ def _entries(annotations: Mapping[str, Mapping[str, Any]], wanted: set[str]) -> 
         in_title, in_tags = wanted & set(words_of(title)), wanted & set(words_of(tags))
         if in_title | in_tags >= wanted:
             license_ = str(told.get("license", ""))
-            user = told.get("user", {})
+            user = cast(Mapping[str, object], told.get("user") or {})
             yield Entry(
                 uid=str(uid),
                 title=title[:200],
                 license=_LICENSES.get(license_, license_ or "unknown"),
-                author=str(user.get("displayName", ""))[:100] if isinstance(user, Mapping) else "",
+                author=str(user.get("displayName", ""))[:100],
                 faces=int(told.get("faceCount") or 0),
                 score=len(wanted) + len(in_title),
             )

@@ -44,9 +44,8 @@ def with_fewer_faces(solid: Solid, most: int) -> tuple[Solid, list[str]]:
 
 
 def _nearest(old: Floats, new: Floats) -> Ints:
-    import small_gicp
-
-    tree = small_gicp.KdTree(old)
+    tool: Any = importlib.import_module("small_gicp")
+    tree = tool.KdTree(old)
     return np.array([int(tree.nearest_neighbor_search(point)[1]) for point in new], dtype=np.int64)
 
 
