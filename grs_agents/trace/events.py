@@ -75,7 +75,11 @@ class Prompt(Stamped):
 
 
 class Reply(Stamped):
-    """What the model answered; ``error`` says why an answer could not be used."""
+    """What the model answered; ``error`` says why an answer could not be used.
+
+    ``cached_tokens`` of the input were read from the provider's cache; ``cost`` is in US dollars, where the provider
+    tells it.
+    """
 
     kind: Literal["reply"] = "reply"
     call: Text
@@ -84,6 +88,8 @@ class Reply(Stamped):
     text: Text
     input_tokens: int = 0
     output_tokens: int = 0
+    cached_tokens: int = 0
+    cost: float | None = None
     seconds: float = 0.0
     finish_reason: Text = ""
     error: Text = ""
