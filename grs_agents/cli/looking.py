@@ -52,6 +52,21 @@ def show_step(folder: Path, number: int | None, as_json: bool) -> None:
             print(f"\n=== {visible(section.heading)}\n{visible(section.text)}".rstrip())
 
 
+def rebuilt(folder: Path) -> Path:
+    """The recording of a run, made from its events.
+
+    Raises:
+        InputError: the folder holds no run, or the run logged nothing.
+    """
+    from grs_agents.views.rerun_view import rebuild
+
+    read_record(folder)
+    recording = rebuild(folder, Library())
+    if not recording.is_file():
+        raise InputError(f"{recording} cannot be made: the run logged no event", "run the scene again")
+    return recording
+
+
 def replay_run(folder: Path, web: bool) -> int:
     """Open the viewer on a run's recording, made again from the events if it is missing.
 
@@ -62,13 +77,9 @@ def replay_run(folder: Path, web: bool) -> int:
         InputError: the folder holds no run.
     """
     from grs_agents.views import open_viewer
-    from grs_agents.views.rerun_view import rebuild
 
     read_record(folder)
     recording = folder / "trace.rrd"
     if not recording.is_file():
-        proxies = folder / "assets"
-        rebuild(folder, Library().overlay(proxies) if proxies.is_dir() else Library())
-    if not recording.is_file():
-        raise InputError(f"{recording} cannot be made: the run logged no event", "run the scene again")
+        rebuilt(folder)
     return open_viewer(recording, web=web).wait()

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from grs_agents.cli.options import Json
+from grs_agents.errors import InputError
 
 RunFolder = Annotated[Path, typer.Argument(help="A run folder.")]
 
@@ -36,7 +37,31 @@ def replay(
     sys.exit(replay_run(run, web))
 
 
+def trace(
+    run: Annotated[Path | None, typer.Argument(help="A run folder.")] = None,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of one event.")] = False,
+) -> None:
+    """Make a run's rerun recording anew from its events."""
+    from grs_agents.cli.tracing import print_schema, rebuild_trace
+
+    if schema:
+        print_schema()
+    else:
+        rebuild_trace(required(run, "grs trace"))
+
+
+def required(run: Path | None, command: str) -> Path:
+    """The run folder, which must be named.
+
+    Raises:
+        InputError: it is not.
+    """
+    if run is None:
+        raise InputError(f"{command} needs a run folder", f"{command} RUN")
+    return run
+
+
 def add_to(app: typer.Typer) -> None:
     """Give ``app`` these verbs."""
-    for verb in (show, replay):
+    for verb in (show, replay, trace):
         app.command()(verb)

@@ -12,7 +12,8 @@ from pydantic import Field, TypeAdapter
 from grs_agents.base import Frozen
 from grs_agents.trace.values import JsonObject, Text
 
-VERSION = 1
+VERSION = 2
+"""Of this vocabulary: one more whenever a reader of the last one would misread a line."""
 
 
 class Stamped(Frozen):
@@ -201,5 +202,6 @@ EVENT: TypeAdapter[Event] = TypeAdapter(Event)
 
 
 def event_schema() -> dict[str, Any]:
-    """The JSON schema of one line of ``events.jsonl``."""
-    return EVENT.json_schema()
+    """The JSON schema (2020-12) of one line of ``events.jsonl``."""
+    named = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"GRS event, version {VERSION}"}
+    return named | EVENT.json_schema(mode="serialization")
