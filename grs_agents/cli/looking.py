@@ -52,6 +52,12 @@ def show_step(folder: Path, number: int | None, as_json: bool) -> None:
             print(f"\n=== {visible(section.heading)}\n{visible(section.text)}".rstrip())
 
 
+def library_of(folder: Path) -> Library:
+    """The shipped assets with the run's own proxies laid over."""
+    proxies = folder / "assets"
+    return Library().overlay(proxies) if proxies.is_dir() else Library()
+
+
 def rebuilt(folder: Path) -> Path:
     """The recording of a run, made from its events.
 

@@ -50,6 +50,21 @@ def trace(
         rebuild_trace(required(run, "grs trace"))
 
 
+def play(
+    run: RunFolder,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Write a film instead of opening a window.", metavar="FILE.mp4|.gif")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", help="Of the rollout to play; the first one by default.", metavar="N")
+    ] = None,
+) -> None:
+    """Play a run's task, as the oracle solved it, in MuJoCo's window or into an mp4 or gif file."""
+    from grs_agents.cli.playing import play_run
+
+    sys.exit(play_run(run, out, seed))
+
+
 def required(run: Path | None, command: str) -> Path:
     """The run folder, which must be named.
 
@@ -63,5 +78,5 @@ def required(run: Path | None, command: str) -> Path:
 
 def add_to(app: typer.Typer) -> None:
     """Give ``app`` these verbs."""
-    for verb in (show, replay, trace):
+    for verb in (show, replay, trace, play):
         app.command()(verb)
