@@ -65,6 +65,18 @@ def play(
     sys.exit(play_run(run, out, seed))
 
 
+def report(
+    run: RunFolder,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The file; report.html in the run folder by default.", metavar="FILE")
+    ] = None,
+) -> None:
+    """Write a run as one HTML page that needs nothing else: photo, task, pictures, decisions, changes, tests."""
+    from grs_agents.cli.reporting import report_run
+
+    report_run(run, out)
+
+
 def required(run: Path | None, command: str) -> Path:
     """The run folder, which must be named.
 
@@ -78,5 +90,5 @@ def required(run: Path | None, command: str) -> Path:
 
 def add_to(app: typer.Typer) -> None:
     """Give ``app`` these verbs."""
-    for verb in (show, replay, trace, play):
+    for verb in (show, replay, trace, report, play):
         app.command()(verb)

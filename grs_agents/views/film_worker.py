@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -32,12 +33,13 @@ def _stage(order: dict[str, Any], textures: bool) -> tuple[Any, Any, Any]:
     from grs_agents.sim.arms import get_arm
     from grs_agents.sim.instance import TaskInstance
     from grs_agents.views.motion import read_motion
-    from grs_agents.views.stage import Stage, joint_positions
+    from grs_agents.views.stage import Stage, joint_positions, props_of
 
     instance = TaskInstance.model_validate_json(Path(order["instance"]).read_bytes())
     library = Library(*(Path(root) for root in order["roots"]))
     samples = 4 if len(order["seconds"]) <= STILLS else 0
-    stage = Stage(instance, library, get_arm(order["robot"]), textures, samples)
+    props = replace(props_of(instance, get_arm(order["robot"])), textures=textures, samples=samples)
+    stage = Stage(props, library)
     motion = read_motion(Path(order["recording"]))
     return stage, motion, joint_positions(stage.model, motion)
 

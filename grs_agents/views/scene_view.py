@@ -11,6 +11,7 @@ import rerun as rr
 from grs_agents.errors import InputError
 from grs_agents.trace import SceneStage
 from grs_agents.views.glyphs import cell, document, drawable
+from grs_agents.views.objects import label_of, name_of, rectangles
 from grs_agents.views.paths import Paths
 from grs_agents.views.recording import Recording
 
@@ -120,31 +121,19 @@ class SceneView:
     def _show_masks(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
         labels = read_picture(self._folder / self._files["masks"], cv2.IMREAD_UNCHANGED)
         present = [int(label) for label in np.unique(labels) if label]
-        names = {_label(item, index): _name(item) for index, item in enumerate(objects)}
+        names = {label_of(item, index): name_of(item) for index, item in enumerate(objects)}
         texts = [drawable(f"{label} {names.get(label, '')}".rstrip()) for label in present]
         infos = [rr.AnnotationInfo(id=0, label="background", color=(0, 0, 0, 0))]
         infos += [rr.AnnotationInfo(id=label, label=text) for label, text in zip(present, texts, strict=True)]
         recording.log(Paths.CAMERA, rr.AnnotationContext(infos))
         recording.log(f"{Paths.CAMERA}/masks", rr.SegmentationImage(labels, opacity=0.45))
-        boxes = [cv2.boundingRect((labels == label).astype(np.uint8)) for label in present]
+        boxes = list(rectangles(labels).values())
         if boxes:
             numbers = [str(label) for label in present]
-            rectangles = rr.Boxes2D(
+            drawn = rr.Boxes2D(
                 array=boxes, array_format=rr.Box2DFormat.XYWH, class_ids=present, labels=numbers, show_labels=True
             )
-            recording.log(f"{Paths.CAMERA}/boxes", rectangles)
-
-
-def _label(item: dict[str, Any], index: int) -> int:
-    """The pixel value of an object in the label picture: given, or its id, or its place in the list from 1."""
-    for key in ("label", "id"):
-        if isinstance(item.get(key), int):
-            return item[key]
-    return index + 1
-
-
-def _name(item: dict[str, Any]) -> str:
-    return str(item.get("name") or item.get("description") or f"object {item.get('id', '')}")
+            recording.log(f"{Paths.CAMERA}/boxes", drawn)
 
 
 def _objects(objects: list[dict[str, Any]]) -> str:
@@ -156,7 +145,7 @@ def _objects(objects: list[dict[str, Any]]) -> str:
             extents = np.subtract(item["box"]["high"], item["box"]["low"]) * 100
             size = " x ".join(f"{extent:.1f}" for extent in extents)
         asset = cell(item.get("asset") or "")
-        rows.append(f"| {_label(item, index)} | {cell(_name(item))} | {size} | {asset} |")
+        rows.append(f"| {label_of(item, index)} | {cell(name_of(item))} | {size} | {asset} |")
     return document("\n".join(rows))
 
 
@@ -169,7 +158,7 @@ def _show_boxes(recording: Recording, objects: list[dict[str, Any]]) -> None:
         centers=(low + high) / 2,
         sizes=high - low,
         colors=[_BOX] * len(boxed),
-        labels=[drawable(_name(item)) for item in boxed],
+        labels=[drawable(name_of(item)) for item in boxed],
         show_labels=True,
         radii=[0.001],
     )

@@ -1,5 +1,7 @@
 """A rollout as MuJoCo shows it: the arm, the table and the objects with their textures, moved by the recording."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,50 +30,73 @@ _SHADOWS = 1024
 """Pixels of a side of the map of shadows; MuJoCo's own 4096 take 0.1 s a frame without a graphics card."""
 
 
-class Stage:
-    """A model that is only looked at: its objects have no weight and stand where the recording says.
+@dataclass(frozen=True)
+class Props:
+    """What a stage shows.
 
-    Args:
-        instance: what stands on the table.
-        library: 3D assets.
-        arm: the robot.
+    Attributes:
+        objects: what stands on the table.
+        arm: the robot; None leaves it out.
+        push: the robot has a spatula.
+        background: library name of what stands fixed around it.
         textures: False paints textured things in their one named colour, for pictures made of rays.
         samples: taken of each pixel of an off-screen picture; 0 is quick and leaves edges rough.
+    """
+
+    objects: Sequence[InstanceObject]
+    arm: Arm | None = None
+    push: bool = False
+    background: str | None = None
+    textures: bool = True
+    samples: int = 4
+
+
+def props_of(instance: TaskInstance, arm: Arm) -> Props:
+    """What shows a task instance."""
+    return Props(instance.objects, arm, instance.primitive == "push", instance.background)
+
+
+class Stage:
+    """A model that is only looked at: its objects have no weight and stand where they are put.
+
+    Args:
+        props: what it shows.
+        library: 3D assets.
 
     Attributes:
         model, data: MuJoCo's, in the state last shown.
     """
 
-    def __init__(
-        self, instance: TaskInstance, library: Library, arm: Arm, textures: bool = True, samples: int = 4
-    ) -> None:
-        spec = world.new_spec(instance.timestep)
+    def __init__(self, props: Props, library: Library) -> None:
+        spec = world.new_spec(world.TIMESTEP)
         spec.visual.global_.offwidth = spec.visual.global_.offheight = _LARGEST_PICTURE
-        spec.visual.quality.offsamples, spec.visual.quality.shadowsize = samples, _SHADOWS
+        spec.visual.quality.offsamples, spec.visual.quality.shadowsize = props.samples, _SHADOWS
         spec.visual.headlight.ambient = (0.35, 0.35, 0.35)
         _add_sky(spec)
-        arm.add(spec)
-        if instance.primitive == "push":
-            fit_spatula(spec)
-        for item in instance.objects:
+        if props.arm is not None:
+            props.arm.add(spec)
+            if props.push:
+                fit_spatula(spec)
+        for item in props.objects:
             body = spec.worldbody.add_body(name=f"object_{item.id}", mocap=True)
             shapes = world.model_of(item, library)
             for index, shape in enumerate(shapes.visuals or shapes.colliders):
-                paint = _color(item, shape, library, textures)
+                paint = _color(item, shape, library, props.textures)
                 _add_shape(spec, body, shape, library, f"object_{item.id}_{index}", paint)
-        if instance.background is not None:
+        if props.background is not None:
             body = spec.worldbody.add_body(name="background")
-            for index, shape in enumerate(library.model(instance.background).visuals):
+            for index, shape in enumerate(library.model(props.background).visuals):
                 geom = _add_shape(spec, body, shape, library, f"background_{index}", shape.color or _GREY)
-                spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+                if shape.kind == "mesh":  # it is open, so it has no volume
+                    spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
         self.model: Any = spec.compile()
         self.data: Any = mujoco.MjData(self.model)
-        self._mocap = {
-            f"object_{item.id}": int(self.model.body(f"object_{item.id}").mocapid[0]) for item in instance.objects
-        }
-        for item in instance.objects:
-            self._move(f"object_{item.id}", np.array(item.pose[0]), np.array(item.pose[1]))
-        self.data.qpos[: arm.dof] = arm.home
+        names = [f"object_{item.id}" for item in props.objects]
+        self._mocap = {name: int(self.model.body(name).mocapid[0]) for name in names}
+        for name, item in zip(names, props.objects, strict=True):
+            self._move(name, np.array(item.pose[0]), np.array(item.pose[1]))
+        if props.arm is not None:
+            self.data.qpos[: props.arm.dof] = props.arm.home
         mujoco.mj_forward(self.model, self.data)
 
     def show(self, motion: Motion, frame: int, joints: FloatArray) -> None:
