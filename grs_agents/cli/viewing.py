@@ -77,6 +77,18 @@ def report(
     report_run(run, out)
 
 
+def share(
+    run: RunFolder,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The zip file; beside the run folder by default.", metavar="FILE.zip")
+    ] = None,
+) -> None:
+    """Pack a run into one zip file without keys and home folders, with its recording and report."""
+    from grs_agents.cli.sharing import share_run
+
+    share_run(run, out)
+
+
 def required(run: Path | None, command: str) -> Path:
     """The run folder, which must be named.
 
@@ -90,5 +102,5 @@ def required(run: Path | None, command: str) -> Path:
 
 def add_to(app: typer.Typer) -> None:
     """Give ``app`` these verbs."""
-    for verb in (show, replay, trace, report, play):
+    for verb in (show, replay, trace, report, play, share):
         app.command()(verb)
