@@ -1,6 +1,7 @@
 """``grs show`` and ``grs replay``."""
 
 import json
+import tempfile
 from pathlib import Path
 
 from rich.console import Console
@@ -73,19 +74,24 @@ def rebuilt(folder: Path) -> Path:
     return recording
 
 
-def replay_run(folder: Path, web: bool) -> int:
-    """Open the viewer on a run's recording, made again from the events if it is missing.
+def replay_run(folder: Path, beside: Path | None, web: bool) -> int:
+    """Open the viewer on a run's recording, made again from the events if it is missing, or on two runs side by side.
 
     Returns:
         The viewer's exit status.
 
     Raises:
-        InputError: the folder holds no run.
+        InputError: a folder holds no run.
     """
     from grs_agents.views import open_viewer
 
     read_record(folder)
-    recording = folder / "trace.rrd"
-    if not recording.is_file():
-        rebuilt(folder)
-    return open_viewer(recording, web=web).wait()
+    if beside is None:
+        recording = folder / "trace.rrd"
+        return open_viewer(recording if recording.is_file() else rebuilt(folder), web=web).wait()
+    from grs_agents.views.rerun_view import compare
+
+    read_record(beside)
+    with tempfile.TemporaryDirectory() as temporary:
+        runs = [(folder, Library()), (beside, Library())]
+        return open_viewer(compare(runs, Path(temporary) / "both.rrd"), web=web).wait()

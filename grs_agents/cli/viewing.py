@@ -29,12 +29,13 @@ def show(
 
 def replay(
     run: RunFolder,
+    beside: Annotated[Path | None, typer.Argument(help="Another run to show beside it.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Open the viewer in a browser.")] = False,
 ) -> None:
-    """Open a run's trace in the rerun viewer, on 127.0.0.1."""
+    """Open a run's trace, or two side by side, in the rerun viewer, on 127.0.0.1."""
     from grs_agents.cli.looking import replay_run
 
-    sys.exit(replay_run(run, web))
+    sys.exit(replay_run(run, beside, web))
 
 
 def trace(

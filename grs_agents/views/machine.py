@@ -11,13 +11,14 @@ _PLACES: dict[str, tuple[float, float]] = {
     "describe": (1, -0.8), "comprehend": (0, 0), "match": (1, 0), "generate_task": (2, 0),
     "run_tests": (0, 1), "generate_tests": (1, 1), "generate_sim": (2, 1),
     "audit": (0, 2), "route": (1, 2), "fix_code": (2, 2),
-    "conclude": (0, 3), "fix_tests": (1, 3), END: (0, 3.7), "hide_image": (2, -0.8),
+    "conclude": (-0.9, 2), "fix_tests": (1, 3), END: (-0.9, 3), "hide_image": (2, -0.8),
 }  # fmt: skip
 _EDGES: tuple[Edge, ...] = (
     ("comprehend", "describe"), ("describe", "match"), ("comprehend", "match"), ("match", "generate_task"),
     ("generate_task", "generate_sim"), ("generate_sim", "generate_tests"), ("generate_tests", "run_tests"),
     ("run_tests", "route"), ("run_tests", "audit"), ("audit", "route"), ("audit", END),
-    ("audit", "conclude"), ("conclude", END), ("route", "fix_code"), ("route", "fix_tests"), ("fix_code", "run_tests"), ("fix_tests", "run_tests"),
+    ("audit", "conclude"), ("conclude", END),
+    ("route", "fix_code"), ("route", "fix_tests"), ("fix_code", "run_tests"), ("fix_tests", "run_tests"),
 )  # fmt: skip
 _OPTIONAL = frozenset({"describe", "conclude", "hide_image"})
 _WITHOUT: dict[str, frozenset[str]] = {

@@ -9,11 +9,14 @@ import numpy.typing as npt
 import rerun as rr
 
 from grs_agents.errors import InputError
+from grs_agents.library import Library
 from grs_agents.trace import SceneStage
 from grs_agents.views.glyphs import cell, document, drawable
 from grs_agents.views.objects import label_of, name_of, rectangles
 from grs_agents.views.paths import Paths
 from grs_agents.views.recording import Recording
+from grs_agents.views.shape_view import show_asset
+from grs_agents.views.twin import run_library, twin_objects
 
 MOST_POINTS = 40_000
 """Points of the cloud that are kept, evenly spread over the picture."""
@@ -42,8 +45,8 @@ def log_picture(recording: Recording, path: str, file: Path) -> None:
 class SceneView:
     """Shows scene stages; camera, picture and depth of an earlier stage serve later ones."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, library: Library) -> None:
+        self._folder, self._library = folder, library
         self._files: dict[str, str] = {}
         self._camera: dict[str, Any] = {}
         self._depth_scale: float | None = None
@@ -69,6 +72,19 @@ class SceneView:
             _show_boxes(recording, objects)
             table = rr.TextDocument(_objects(objects), media_type=rr.MediaType.MARKDOWN)
             recording.log(Paths.OBJECTS, table)
+            self._show_twin(recording, objects)
+        background = event.summary.get("asset" if event.stage == "background" else "background")
+        if background:
+            show_asset(recording, Paths.SURROUNDINGS, str(background), run_library(self._folder, self._library))
+
+    def _show_twin(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
+        """The assets that stand for the objects, where they do; the viewer draws them from the camera of the photo."""
+        library = run_library(self._folder, self._library)
+        for item in twin_objects(objects, library):
+            path, (position, quaternion) = f"{Paths.TWIN}/object_{item.id}", item.pose
+            pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion))
+            recording.log(path, pose)
+            show_asset(recording, path, item.asset, library)
 
     def _show_camera(self, recording: Recording) -> None:
         camera = self._camera

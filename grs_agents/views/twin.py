@@ -1,6 +1,7 @@
 """The described scene as assets that stand where the photo shows them, and as the camera of the photo would see it."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,12 @@ from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.world import model_of
+
+
+def run_library(folder: Path, library: Library) -> Library:
+    """``library`` with the assets laid over that the run has made so far."""
+    own = folder / "assets"
+    return library.overlay(own) if (own / "manifest.json").is_file() else library
 
 
 def twin_objects(objects: Sequence[dict[str, Any]], library: Library) -> list[InstanceObject]:

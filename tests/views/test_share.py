@@ -18,8 +18,14 @@ from grs_agents.views.scrub import REMOVED, Scrubber, picture_alone, scrubber
 from grs_agents.views.share import share
 
 KEY = "zq7Qm-very-secret"
-KNOWN = ("sk-proj-abcdefghijklmnop1234", "AIzaSyA1234567890abcdefghijklmnopqrstuv",
-         "ghp_abcdefghijklmnop1234567890", "hf_abcdefghijklmnopqrstuvwx", "AKIAABCDEFGHIJKLMNOP", "eyJhbGciOiJI.eyJzdWIiOiIx.SflKxwRJSMeKKF2QT4")  # fmt: skip
+KNOWN = (
+    "sk-proj-abcdefghijklmnop1234",
+    "AIzaSyA1234567890abcdefghijklmnopqrstuv",
+    "ghp_abcdefghijklmnop1234567890",
+    "hf_abcdefghijklmnopqrstuvwx",
+    "AKIAABCDEFGHIJKLMNOP",
+    "eyJhbGciOiJI.eyJzdWIiOiIx.SflKxwRJSMeKKF2QT4",
+)
 
 
 def a_scrubber(folder: Path) -> Scrubber:
