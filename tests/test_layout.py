@@ -19,7 +19,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"sim", "scene", "sandbox", "models"}),
     frozenset({"toolkit", "synth", "twin"}),
     frozenset({"agents", "tools/", "export"}),
-    frozenset({"audit", "policies"}),
+    frozenset({"audit", "policies", "curate"}),
     frozenset({"state"}),
     frozenset({"nodes"}),
     frozenset({"graphs/"}),
