@@ -50,9 +50,11 @@ class Brinks:
         no edges of a wall.
         """
         columns = self._columns(near, far)
+        if len(columns) < max(SPAN * width, FEWEST):
+            return False
         own = np.isin(columns, self._columns(near, near)).sum()
         other = max(int(own), len(self._columns(far, near)))
-        return len(columns) >= max(SPAN * width, FEWEST) and other <= SPAN * len(columns)
+        return other <= SPAN * len(columns)
 
     def _columns(self, near: int, far: int) -> npt.NDArray[np.int64]:
         return self.columns[(self.near == near) & (self.far == far)]

@@ -2,6 +2,7 @@
 parts that hang in the air, and fragments."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -48,6 +49,11 @@ class Part:
     top: float
     count: int
 
+    @cached_property
+    def ends(self) -> tuple[Array, Array]:
+        """Lowest and highest corner of the points, (3,) m."""
+        return self.cloud.min(axis=0), self.cloud.max(axis=0)
+
 
 def part_of(points: Array) -> Part | None:
     """Measure a patch's (N, 3) points; ``None`` where too few are known."""
@@ -64,10 +70,8 @@ def part_of(points: Array) -> Part | None:
 
 def gap(one: Part, other: Part) -> float:
     """The smallest distance between two parts' points, metres; at least 0.05 where they are far from each other."""
-    apart = max(
-        (one.cloud.min(axis=0) - other.cloud.max(axis=0)).max(),
-        (other.cloud.min(axis=0) - one.cloud.max(axis=0)).max(),
-    )
+    (low, high), (least, most) = one.ends, other.ends
+    apart = max((low - most).max(), (least - high).max())
     if apart > 0.05:
         return float(apart)
     few, many = one.cloud[::2], other.cloud[::2]
@@ -160,8 +164,10 @@ class Merger:
         ]
         if any(self.brinks.closes(near, far, top) for near, far in walls):
             return True
+        if distance >= RIM_GAP:
+            return False
         beside = bool(walls) or distance < TOUCHING or covered(one, other, TOUCHING) > WITHIN
-        return beside and distance < RIM_GAP and self._open(one, other)
+        return beside and self._open(one, other)
 
     def _carried(self, small: int) -> bool:
         one = self.parts[small]

@@ -1,6 +1,7 @@
 """Register a matched asset to an object's points: from several turns, by what the camera saw and could see through."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,8 @@ SLID = 8
 """So many of the starts are also tried with either end of the object at either end of the asset."""
 APART = 0.02
 """Starts that look alike and are nearer than this (m) are one."""
+STEPS = ((0.008, 0.16), (0.004, 0.08), (0.002, 0.04), (0.001, 0.02))
+"""A pose is shifted by so many m, and turned by so many rad, to see whether that costs less."""
 REFINED = 2
 """So many of the aligned poses are refined."""
 REACH = 0.03
@@ -154,8 +157,8 @@ def _searched(search: _Search) -> Array:
         poses += [aligned] if straight is None else [aligned, straight]
     stack = np.stack(poses)
     best = stack[np.argsort(search.costs(stack, MEDIUM), kind="stable")[:REFINED]]
-    refined = np.stack([_refined(one, search) for one in best])
-    return refined[int(search.costs(refined).argmin())]
+    refined = np.stack([_refined(one, search, STEPS, MEDIUM) for one in best])
+    return _refined(refined[int(search.costs(refined).argmin())], search, STEPS[-2:], 1)
 
 
 def _unlike(poses: Array, symmetry: Symmetry) -> list[Array]:
@@ -205,17 +208,17 @@ def _straight(pose: Array, search: _Search) -> Array | None:
     return pose_of(whole, np.array([pose[0, 3], pose[1, 3], (search.bottom if rests else bottom) + height]))
 
 
-def _refined(pose: Array, search: _Search) -> Array:
-    """Shift and turn about z in ever smaller steps for as long as it costs less."""
-    best, least = pose, float(search.costs(pose[None], MEDIUM)[0])
-    for shift, angle in ((0.008, 0.16), (0.004, 0.08), (0.002, 0.04), (0.001, 0.02)):
+def _refined(pose: Array, search: _Search, steps: Sequence[tuple[float, float]], factor: int) -> Array:
+    """Shift and turn about z in ever smaller steps for as long as it costs less, by one of ``factor`` samples."""
+    best, least = pose, float(search.costs(pose[None], factor)[0])
+    for shift, angle in steps:
         for _ in range(3):
             tried = np.stack([best] * 8)
             for axis in range(3):
                 tried[2 * axis, axis, 3] += shift
                 tried[2 * axis + 1, axis, 3] -= shift
             tried[6, :3, :3], tried[7, :3, :3] = about_z(angle) @ best[:3, :3], about_z(-angle) @ best[:3, :3]
-            values = search.costs(tried, MEDIUM)
+            values = search.costs(tried, factor)
             first = int(values.argmin())
             if values[first] >= least:
                 break
