@@ -74,6 +74,8 @@ def _parts(path: Path, suffix: str, folder: Folder, name: str, limits: ImportLim
         remedy = 'run: pip install "grs-agents[assets]"' if error.name in ("collada", "lxml") else "convert it to GLB"
         raise RefusedError(f"{name} needs the package {error.name}", remedy) from error
     except _FAULTS as error:
+        if resolver.refused is not None:
+            raise resolver.refused from error
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
         raise RefusedError(f"{name} cannot be read: {reason}", "export it again") from error
     if resolver.refused is not None:
