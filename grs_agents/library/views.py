@@ -1,6 +1,6 @@
 """Pictures of an asset from given directions, drawn by a z-buffer with its textures: no GL, no randomness.
 
-The same asset gives the same picture on every machine. `grs_agents.library.views_gl` draws with EGL or OSMesa.
+The same asset gives the same picture on every machine, which a graphics driver would not promise.
 """
 
 from collections.abc import Sequence

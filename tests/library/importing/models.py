@@ -165,7 +165,8 @@ def write_malformed(folder: Path) -> dict[str, str]:
         "nan.obj": "not finite", "points.obj": "face", "flat.obj": "one plane", "wild.obj": "", "noise.glb": "",
         "static.stl": "", "huge.ply": "10000000 faces", "vast.stl": "", "bare.obj": "does not exist",
         "sly.obj": "leaves the source", "rooted.obj": "no relative path", "sly_library.obj": "leaves the source",
-        "bomb_picture.obj": "bomb.png", "sly_urdf/sly.urdf": "leaves the source", "sly_mjcf/sly.xml": "leaves the source",
+        "bomb_picture.obj": "bomb.png", "sly_urdf/sly.urdf": "leaves the source",
+        "sly_mjcf/sly.xml": "leaves the source",
         "entities.urdf": "entities", "entities.dae": "entities", "sly_buffer.gltf": "leaves the source",
     }  # fmt: skip
 
