@@ -13,7 +13,7 @@ PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "base", "__version__"}),
-    frozenset({"files", "workspace"}),
+    frozenset({"files", "pretrained", "workspace"}),
     frozenset({"content", "config", "trace"}),
     frozenset({"library"}),
     frozenset({"sim", "scene", "sandbox", "models"}),
