@@ -44,17 +44,19 @@ def baked(old: Solid, vertices: Floats, faces: Ints, edge: int) -> Solid:
 
 def _covered(count: int, cell: int, inner: int, columns: int) -> tuple[Ints, Floats, Ints]:
     """For every texel of the texture: its face, its weights in that face's corners, and its number."""
-    y, x = np.mgrid[0:cell, 0:cell]
-    u, v = (x.ravel() - _MARGIN) / (inner - 1), (y.ravel() - _MARGIN) / (inner - 1)
+    texel = np.arange(cell * cell, dtype=np.int64)
+    x, y = texel % cell, texel // cell
+    u, v = (x - _MARGIN) / (inner - 1), (y - _MARGIN) / (inner - 1)
     first = u + v <= (cell - 1 - 2 * _MARGIN) / (inner - 1)
-    mirrored_u, mirrored_v = ((cell - 1 - one.ravel() - _MARGIN) / (inner - 1) for one in (x, y))
-    own_u, own_v = np.where(first, u, mirrored_u), np.where(first, v, mirrored_v)
-    weights = np.clip(np.stack([1 - own_u - own_v, own_u, own_v], axis=1), 0, None)
+    mirrored_u, mirrored_v = ((cell - 1 - one - _MARGIN) / (inner - 1) for one in (x, y))
+    own_u: Floats = np.where(first, u, mirrored_u)
+    own_v: Floats = np.where(first, v, mirrored_v)
+    weights: Floats = np.clip(np.stack([1 - own_u - own_v, own_u, own_v], axis=1), 0, None)
     weights /= weights.sum(axis=1, keepdims=True)
     squares = np.arange(-(-count // 2))
     owner = (2 * squares[:, None] + np.where(first, 0, 1)).ravel()
     base = (squares // columns) * cell * columns * cell + (squares % columns) * cell
-    where = (base[:, None] + y.ravel() * columns * cell + x.ravel()).ravel()
+    where = (base[:, None] + y * columns * cell + x).ravel()
     real = owner < count
     return owner[real], np.tile(weights, (len(squares), 1))[real], where[real]
 
