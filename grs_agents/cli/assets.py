@@ -41,7 +41,7 @@ def import_assets(
         Literal["auto", "x", "y", "z"], typer.Option("--up", help="Axis that points up, where a mesh does not say.")
     ] = "auto",
     license_: Annotated[str | None, typer.Option("--license", help="Of all of the source.")] = None,
-    faces: Annotated[int, typer.Option("--faces", help="Most triangles of what is seen.", min=100)] = 20_000,
+    faces: Annotated[int, typer.Option("--faces", help="Most triangles of what is seen.", min=100)] = 12_000,
     jobs: Annotated[int, typer.Option("--jobs", help="Processes.", min=1, max=64)] = 1,
     again: Annotated[bool, typer.Option("--again", help="Import what was imported before, too.")] = False,
     download: Annotated[

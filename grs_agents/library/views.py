@@ -1,6 +1,6 @@
 """Pictures of an asset from given directions, drawn by a z-buffer with its textures: no GL, no randomness.
 
-The same asset gives the same picture on every machine. `grs_agents.library.views_gl` draws with EGL or OSMesa.
+The same asset gives the same picture on every machine, which a graphics driver would not promise.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ _FINER: Final = 2
 """Each pixel is the mean of so many rows and columns of samples."""
 _AROUND: Final = 0.55
 """Share of the light that comes from everywhere; the rest comes from the camera."""
-_TEXTURE_EDGE: Final = 512
+_TEXTURE_EDGE: Final = 1024
 _MOST_PIXELS: Final = 64_000_000
 _HORIZON: Final = (5.0, 65.0)
 """Degrees above the table from which random views look."""
@@ -144,7 +144,7 @@ def paint(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Pai
 
 
 def read_texture(path: Path) -> Image:
-    """A texture as (H, W, 3) uint8 RGB, its longer side at most 512 px.
+    """A texture as (H, W, 3) uint8 RGB, its longer side at most 1024 px.
 
     Raises:
         InputError: it is no picture, or one of more than 64 million pixels.

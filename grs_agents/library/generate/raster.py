@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -62,14 +62,15 @@ def _draw_small(
     buffer: Buffer, index: Ints, corners: Floats, nearness: Floats, area: Floats, low: Ints, high: Ints, window: int
 ) -> None:
     """Draw many triangles at once, each into a window of ``window`` x ``window`` pixels."""
-    x: Ints = low[index, 0][:, None] + np.arange(window)
-    y: Ints = low[index, 1][:, None] + np.arange(window)
+    starts, span = cast(Any, low[index]), np.arange(window)
+    x, y = starts[:, :1] + span, starts[:, 1:] + span
     inside = (x <= high[index, 0, None])[:, None, :] & (y <= high[index, 1, None])[:, :, None]
     u, v, w = _weights(corners[index][:, :, :, None, None], x[:, None, :], y[:, :, None], area[index, None, None])
     near = nearness[index][:, :, None, None]
     depth = u * near[:, 0] + v * near[:, 1] + w * near[:, 2]
     one, row, column = np.nonzero(inside & (u >= 0) & (v >= 0) & (w >= 0))
-    pixel, triangle = y[one, row] * buffer.triangle.shape[1] + x[one, column], index[one]
+    pixel = (y[one, row] * buffer.triangle.shape[1] + x[one, column]).astype(np.int64)
+    triangle = index[one]
     value = depth[one, row, column]
     order = np.lexsort((triangle, -value, pixel))
     first = order[np.r_[True, np.diff(pixel[order]) > 0]] if len(order) else order
@@ -87,7 +88,9 @@ def _draw_large(
     _merge(buffer, pixel, np.full(len(pixel), index), depth[rows, columns])
 
 
-def _weights(corners: Floats, x: Ints, y: Ints, area: Floats | float) -> tuple[Floats, Floats, Floats]:
+def _weights(
+    corners: Floats, x: Floats | Ints, y: Floats | Ints, area: Floats | float
+) -> tuple[Floats, Floats, Floats]:
     """Barycentric weights of pixels (x, y) in triangles (N, 3, 2, ...)."""
     (ax, ay), (bx, by), (cx, cy) = ((corners[:, corner, 0], corners[:, corner, 1]) for corner in range(3))
     u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from grs_agents.errors import InputError
 from grs_agents.files import unwritable, write_json
 from grs_agents.library.asset import MANIFEST, Asset, Manifest, read_manifest
-from grs_agents.library.importing.types import ImportOptions, Outcome
+from grs_agents.library.importing.inside import Folder
+from grs_agents.library.importing.types import ImportOptions, Outcome, RefusedError
 
 _VERSION = "1"
 """Of what the importer makes; a new one imports everything again."""
@@ -59,19 +59,19 @@ def key_of(content: str, options: ImportOptions, license_: str) -> str:
     return hashlib.sha256(f"{_VERSION} {content} {told} {license_}".encode()).hexdigest()
 
 
-def content_of(root: Path, files: tuple[str, ...]) -> str:
+def content_of(folder: Folder, files: tuple[str, ...]) -> str:
     """SHA-256 of the files of an item.
 
     Raises:
-        InputError: one cannot be read.
+        RefusedError: one is too large, leaves the folder or cannot be read.
     """
     digest = hashlib.sha256()
     for name in files:
         try:
-            with (root / name).open("rb") as file:
+            with folder.path(name).open("rb") as file:
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         except OSError as error:
-            raise InputError(f"cannot read {root / name}: {error.strerror}", "make it readable") from error
+            raise RefusedError(f"cannot read {name}: {error.strerror}", "make it readable") from error
     return digest.hexdigest()
 
 

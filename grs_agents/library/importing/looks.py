@@ -10,6 +10,26 @@ from grs_agents.library.importing.types import Floats, Image, Ints, RefusedError
 _PLAIN = (180, 180, 180)
 
 
+def check_picture(path: Path, pixels: int) -> None:
+    """See by its header that a file is a picture of at most ``pixels``: other readers would go on without it.
+
+    Raises:
+        RefusedError: it is not.
+    """
+    from PIL import Image as Pictures
+
+    try:
+        with Pictures.open(path) as opened:
+            _check_size(path.name, opened.size, pixels)
+    except (OSError, ValueError, SyntaxError, Pictures.DecompressionBombError) as error:
+        raise RefusedError(f"{path.name} is no picture: {str(error)[:120]}", "convert it to PNG") from error
+
+
+def _check_size(name: str, size: tuple[int, int], pixels: int) -> None:
+    if size[0] * size[1] > pixels or min(size) < 1:
+        raise RefusedError(f"{name} has {size[0]} x {size[1]} px, {pixels} are the most", "make it smaller")
+
+
 def picture(source: Any, pixels: int) -> Image:
     """A picture as (H, W, 3) uint8 RGB, what is transparent over white.
 
@@ -25,8 +45,7 @@ def picture(source: Any, pixels: int) -> Image:
     name = source.name if isinstance(source, Path) else "the texture"
     try:
         opened: Any = Pictures.open(source) if isinstance(source, Path) else source
-        if opened.width * opened.height > pixels or min(opened.size) < 1:
-            raise RefusedError(f"{name} has {opened.width} x {opened.height} px, {pixels} are the most", "shrink it")
+        _check_size(name, opened.size, pixels)
         if opened.mode in ("RGBA", "LA", "PA") or "transparency" in opened.info:
             white: Any = Pictures.new("RGBA", opened.size, (255, 255, 255, 255))
             white.alpha_composite(opened.convert("RGBA"))

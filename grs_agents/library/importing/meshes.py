@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.library.importing.inside import Folder, mtl_pictures
-from grs_agents.library.importing.looks import colors_of, picture, uvs_of
+from grs_agents.library.importing.looks import check_picture, colors_of, picture, uvs_of
 from grs_agents.library.importing.types import ImportLimits, Part, Reading, RefusedError, Unit, Up
 from grs_agents.library.safe_xml import refuse_doctype
 
@@ -44,7 +44,8 @@ def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | No
     if suffix == ".msh":
         return Reading([_msh(path, image)], unit=unit, up=up)
     if suffix == ".obj" and texture is None:
-        mtl_pictures(folder, name)
+        for one in mtl_pictures(folder, name)[1]:
+            check_picture(folder.path(one), limits.pixels)
     if suffix == ".dae":
         refuse_doctype(path.read_bytes(), lambda what, remedy: RefusedError(f"{name}: {what}", remedy))
         unit, up = "m", "z"  # trimesh applies what the file says
@@ -73,6 +74,8 @@ def _parts(path: Path, suffix: str, folder: Folder, name: str, limits: ImportLim
         remedy = 'run: pip install "grs-agents[assets]"' if error.name in ("collada", "lxml") else "convert it to GLB"
         raise RefusedError(f"{name} needs the package {error.name}", remedy) from error
     except _FAULTS as error:
+        if resolver.refused is not None:
+            raise resolver.refused from error
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
         raise RefusedError(f"{name} cannot be read: {reason}", "export it again") from error
     if resolver.refused is not None:

@@ -56,5 +56,5 @@ def _continued(color: Floats, weight: Floats) -> Floats:
     if (weight > 0).all() or min(weight.shape) < _SMALLEST:
         return own
     coarse = _continued(_halved(color), _halved(weight[:, :, None])[:, :, 0])
-    rows, columns = (np.arange(size) // 2 for size in weight.shape)
-    return np.where((weight > 0)[:, :, None], own, coarse[rows][:, columns])
+    larger = coarse.repeat(2, axis=0).repeat(2, axis=1)[: weight.shape[0], : weight.shape[1]]
+    return np.where((weight > 0)[:, :, None], own, larger)

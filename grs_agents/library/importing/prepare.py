@@ -111,7 +111,7 @@ def prepare(folder: Folder, item: Item, options: ImportOptions, shipped: tuple[A
         notes.append(f"it does not rest as it stands: {standing}")
     shape = (*sorted(size), area(solid.vertices, solid.faces), solid_volume)
     hollow = is_hollow(solid)
-    solid, told = with_fewer_faces(solid, options.faces)
+    solid, told = with_fewer_faces(solid, options.faces, options.texture)
     names = colors(solid)
     return Prepared(
         solid=solid,

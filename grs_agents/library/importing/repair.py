@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -157,7 +158,10 @@ def _ring(after: dict[int, list[int]]) -> list[int]:
         if not choices:
             del after[here]
         if following in walk:
-            return walk[walk.index(following) :]
+            begin = walk.index(following)
+            for one, other in pairwise(walk[: begin + 1]):
+                after.setdefault(one, []).append(other)  # the way to the ring is part of another one
+            return walk[begin:]
         walk.append(following)
 
 

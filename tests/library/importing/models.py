@@ -1,0 +1,192 @@
+"""Small real models, written by trimesh, and broken ones, written by hand."""
+
+import io
+import json
+import struct
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from PIL import Image
+
+RED, BLUE = (220, 30, 30), (30, 60, 200)
+
+
+def picture(path: Path, top: tuple[int, int, int] = RED, bottom: tuple[int, int, int] = BLUE) -> Path:
+    """A PNG whose upper half has one colour and whose lower half another."""
+    pixels = np.zeros((32, 32, 3), np.uint8)
+    pixels[:16], pixels[16:] = top, bottom
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(pixels).save(path)
+    return path
+
+
+def textured_box(folder: Path, name: str, size: tuple[float, float, float], texture: str = "texture_map.png") -> Path:
+    """An OBJ box with an MTL and a texture: the picture's upper half is on the upper half of the sides."""
+    x, y, z = (extent / 2 for extent in size)
+    ring = [(x, -y), (x, y), (-x, y), (-x, -y)]
+    lines = [f"mtllib {name}.mtl", "usemtl paint"]
+    lines += [f"v {a} {b} {c}" for c in (-z, z) for a, b in ring]
+    lines += ["vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1"]
+    for one in range(4):
+        other = (one + 1) % 4
+        a, b, c, d = one + 1, other + 1, other + 5, one + 5
+        lines += [f"f {a}/1 {b}/2 {c}/3", f"f {a}/1 {c}/3 {d}/4"]
+    lines += ["f 1/1 4/1 3/1", "f 1/1 3/1 2/1", "f 5/4 6/4 7/4", "f 5/4 7/4 8/4"]
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{name}.obj"
+    path.write_text("\n".join([*lines, ""]))
+    (folder / f"{name}.mtl").write_text(f"newmtl paint\nmap_Kd {texture}\n")
+    return path
+
+
+def bowl(scale: float = 1.0) -> Any:
+    """A closed bowl, 16 cm wide, 6 cm high, 8 mm thick."""
+    outer = np.array([(0.0, -0.03), (0.05, -0.03), (0.08, 0.03), (0.072, 0.03), (0.046, -0.022), (0.0, -0.022)])
+    return trimesh.creation.revolve(outer * scale, sections=24)
+
+
+def write_many(folder: Path) -> None:
+    """A folder with an OBJ, a GLB, an STL in millimetres, a PLY, and a URDF and an MJCF with meshes of their own."""
+    textured_box(folder / "carton", "carton", (0.07, 0.07, 0.19))
+    picture(folder / "carton" / "texture_map.png")
+    box = trimesh.creation.box((0.06, 0.16, 0.10))
+    box.visual = trimesh.visual.TextureVisuals(
+        material=trimesh.visual.material.PBRMaterial(baseColorFactor=[20, 160, 60, 255])
+    )
+    (folder / "crate.glb").write_bytes(trimesh.Scene(box).export(file_type="glb"))
+    trimesh.creation.cylinder(33, 80).export(folder / "tin.stl")
+    bowl().export(folder / "bowl.ply")
+    write_urdf(folder / "robot" / "block.urdf")
+    write_mjcf(folder / "scenes" / "can.xml")
+
+
+def write_urdf(path: Path, mesh: str = "package://things/meshes/block.stl") -> Path:
+    """A URDF whose only link has an STL mesh, a mass of 0.4 kg and a friction of 0.9."""
+    (path.parent / "meshes").mkdir(parents=True, exist_ok=True)
+    trimesh.creation.box((0.08, 0.05, 0.04)).export(path.parent / "meshes" / "block.stl")
+    shape = f'<origin xyz="0 0 0.02"/><geometry><mesh filename="{mesh}"/></geometry>'
+    path.write_text(
+        '<robot name="block"><link name="block"><contact><lateral_friction value="0.9"/></contact>'
+        '<inertial><mass value="0.4"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+        f'<visual>{shape}<material name="m"><color rgba="0.9 0.8 0.1 1"/></material></visual>'
+        f"<collision>{shape}</collision></link></robot>"
+    )
+    return path
+
+
+def write_mjcf(path: Path, file: str = "can.obj", texture: str = "label.png") -> Path:
+    """An MJCF of one body: a textured mesh to look at and a cylinder to touch."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    textured_box(path.parent / "parts", "can", (6.6, 6.6, 8.4), "label.png")
+    picture(path.parent / "parts" / "label.png")
+    path.write_text(
+        '<mujoco><compiler meshdir="parts" texturedir="parts"/><asset>'
+        f'<texture name="t" type="2d" file="{texture}"/><material name="m" texture="t"/>'
+        f'<mesh name="can" file="{file}" scale="0.01 0.01 0.01"/></asset>'
+        '<worldbody><body><geom type="mesh" mesh="can" material="m" contype="0" conaffinity="0"/>'
+        '<geom type="cylinder" size="0.033 0.042" density="800" friction="0.7 0 0"/></body></worldbody></mujoco>'
+    )
+    return path
+
+
+def write_ycb(root: Path) -> Path:
+    """A YCB-style folder with one object and a point cloud that is not read."""
+    home = root / "006_mustard_bottle"
+    textured_box(home / "google_16k", "textured", (0.058, 0.096, 0.19))
+    picture(home / "google_16k" / "texture_map.png", (230, 190, 20), (230, 190, 20))
+    (home / "clouds").mkdir()
+    (home / "clouds" / "merged_cloud.ply").write_bytes(b"ply\n")
+    return root
+
+
+def write_gso(root: Path) -> Path:
+    """A folder as Google Scanned Objects has them: the picture is not beside the mesh that names it."""
+    home = root / "Red_Block_Toy"
+    textured_box(home / "meshes", "model", (0.05, 0.05, 0.05), "texture.png")
+    (home / "meshes" / "model.mtl").write_text("newmtl paint\nmap_Kd texture.png\n")
+    picture(home / "materials" / "textures" / "texture.png", RED, RED)
+    return root
+
+
+def write_hope(root: Path) -> Path:
+    """Two kinds as the HOPE packages have them, in centimetres with y up or z up, and a recoloured copy."""
+    home = root / "stable_hope_objects"
+    textured_box(home / "milk", "textured", (7.2, 19.0, 7.3))
+    textured_box(home / "bbq_sauce", "bbq_sauce", (6.5, 4.3, 14.8))
+    textured_box(home / "red_milk", "textured", (7.2, 19.0, 7.3))
+    write_msh(home / "cookies" / "visual" / "cookies_vis.msh", (12.3, 16.7, 4.0))
+    for kind in ("milk", "bbq_sauce", "red_milk", "cookies"):
+        picture(home / kind / "texture_map.png")
+    return root
+
+
+def write_msh(path: Path, size: tuple[float, float, float]) -> None:
+    """A box in MuJoCo's binary format."""
+    box: Any = trimesh.creation.box(size)
+    vertices, faces = np.asarray(box.vertices, "<f4"), np.asarray(box.faces, "<i4")
+    uvs = np.zeros((len(vertices), 2), "<f4")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    counts = struct.pack("<4i", len(vertices), 0, len(vertices), len(faces))
+    path.write_bytes(counts + vertices.tobytes() + uvs.tobytes() + faces.tobytes())
+
+
+def write_malformed(folder: Path) -> dict[str, str]:
+    """Files that must be refused; what the reason of each must tell."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "nan.obj").write_text("v 0 0 0\nv 1 nan 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 2 3 4\nf 1 2 4\n")
+    (folder / "points.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n")
+    (folder / "flat.obj").write_text("v 0 0 0\nv .1 0 0\nv 0 .1 0\nv .1 .1 0\nf 1 2 3\nf 2 4 3\n")
+    (folder / "wild.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
+    (folder / "noise.glb").write_bytes(b"glTF" + bytes(range(200)))
+    (folder / "static.stl").write_bytes(b"solid nothing")
+    header = b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nelement face 10000000\nend_header\n"
+    (folder / "huge.ply").write_bytes(header)
+    with (folder / "vast.stl").open("wb") as file:
+        file.write(bytes(80) + struct.pack("<I", 10_000_000))
+        file.truncate(84 + 50 * 10_000_000)
+    textured_box(folder, "bare", (0.05, 0.05, 0.05), "nowhere.png")
+    textured_box(folder, "sly", (0.05, 0.05, 0.06), "../../../etc/passwd")
+    textured_box(folder, "rooted", (0.05, 0.05, 0.07), "/etc/hostname")
+    (folder / "sly_library.obj").write_text("mtllib ../../secret.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
+    textured_box(folder, "bomb_picture", (0.05, 0.05, 0.08), "bomb.png")
+    Image.new("L", (20_000, 20_000)).save(folder / "bomb.png")
+    write_urdf(folder / "sly_urdf" / "sly.urdf", "../../../../etc/passwd")
+    write_mjcf(folder / "sly_mjcf" / "sly.xml", "../../../../../etc/passwd")
+    entity = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+    (folder / "entities.urdf").write_text(f'{entity}<robot name="&b;"><link name="x"/></robot>')
+    (folder / "entities.dae").write_text(f"{entity}<COLLADA>&b;</COLLADA>")
+    uri = {"asset": {"version": "2.0"}, "buffers": [{"uri": "../../../../etc/passwd", "byteLength": 4}]}
+    uri |= {"bufferViews": [{"buffer": 0, "byteLength": 4}], "meshes": [], "scenes": [{"nodes": []}], "scene": 0}
+    (folder / "sly_buffer.gltf").write_text(json.dumps(uri))
+    return {
+        "nan.obj": "not finite", "points.obj": "face", "flat.obj": "one plane", "wild.obj": "", "noise.glb": "",
+        "static.stl": "", "huge.ply": "10000000 faces", "vast.stl": "", "bare.obj": "does not exist",
+        "sly.obj": "leaves the source", "rooted.obj": "no relative path", "sly_library.obj": "leaves the source",
+        "bomb_picture.obj": "bomb.png", "sly_urdf/sly.urdf": "leaves the source",
+        "sly_mjcf/sly.xml": "leaves the source",
+        "entities.urdf": "entities", "entities.dae": "entities", "sly_buffer.gltf": "leaves the source",
+    }  # fmt: skip
+
+
+def zip_bomb(path: Path, megabytes: int = 120) -> Path:
+    """A zip file of one mesh that unpacks to ``megabytes``, 1000 times its size."""
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as zipped,
+        zipped.open("big.obj", "w", force_zip64=True) as file,
+    ):
+        for _ in range(megabytes):
+            file.write(bytes(1_000_000))
+    return path
+
+
+def zipped(path: Path, files: dict[str, bytes]) -> Path:
+    """A zip file."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    path.write_bytes(buffer.getvalue())
+    return path

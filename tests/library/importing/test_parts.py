@@ -1,0 +1,128 @@
+"""Units, hulls, one mesh of many, simplification, and the names that must not be followed."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from grs_agents.library.importing.convex import convex_parts, hull_of, hull_volume
+from grs_agents.library.importing.find import slug_of
+from grs_agents.library.importing.inside import Folder
+from grs_agents.library.importing.one_mesh import one_mesh
+from grs_agents.library.importing.rest import rest
+from grs_agents.library.importing.simplify import with_fewer_faces
+from grs_agents.library.importing.types import Hull, Part, RefusedError, Up
+from grs_agents.library.importing.units import guess_unit, turn_up, up_by_height
+from grs_agents.library.physics import Quantity
+from tests.library.importing import models
+
+
+@pytest.mark.parametrize(("extent", "unit"), [(0.19, "m"), (19.0, "cm"), (190.0, "mm"), (1.5, "m"), (2500.0, "mm")])
+def test_the_unit_is_that_in_which_a_thing_is_usual(extent: float, unit: str) -> None:
+    assert guess_unit(extent)[0] == unit
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_what_is_up_comes_to_z(axis: Up) -> None:
+    turn = turn_up(axis)
+    assert np.allclose(turn @ np.eye(3)["xyz".index(axis)], (0, 0, 1))
+    assert np.isclose(np.linalg.det(turn), 1)
+
+
+def test_a_known_height_tells_the_axis() -> None:
+    assert up_by_height(np.array([0.065, 0.043, 0.148]), 0.148, "y") == "z"
+    assert up_by_height(np.array([0.072, 0.19, 0.073]), 0.19, "y") == "y"
+    assert up_by_height(np.array([0.1, 0.1, 0.1]), 0.1, "y") == "y"
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000), st.integers(8, 80))
+def test_a_hull_is_convex_and_holds_its_points(seed: int, count: int) -> None:
+    points = np.random.default_rng(seed).uniform(-0.05, 0.05, (count, 3)) + np.array([0.3, -2, 1])
+    hull = hull_of(points)
+    corners = hull.vertices[hull.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    away = np.einsum("fk,nfk->nf", normals, points[:, None] - corners[None, :, 0])
+    assert (away <= 1e-9).all()
+    assert 0 < hull_volume(hull) <= 0.001
+
+
+def test_without_a_decomposer_a_bowl_collides_as_its_hull_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "coacd", None)
+    bowl = models.bowl()
+    parts, notes = convex_parts(np.asarray(bowl.vertices), np.asarray(bowl.faces), True, 16)
+    assert len(parts) == 1 and "grs-agents[assets]" in notes[0]
+
+
+def test_a_decomposed_bowl_has_room_inside() -> None:
+    pytest.importorskip("coacd")
+    bowl = models.bowl()
+    parts, _ = convex_parts(np.asarray(bowl.vertices), np.asarray(bowl.faces), True, 16)
+    assert 4 <= len(parts) <= 16
+    assert sum(map(hull_volume, parts)) < 0.6 * hull_volume(hull_of(np.asarray(bowl.vertices)))
+
+
+def test_what_cannot_stand_falls() -> None:
+    cone = trimesh.creation.cone(0.03, 0.1)
+    upright = Hull(np.asarray(cone.vertices), np.asarray(cone.faces))
+    assert rest([upright], 0.2, 0.6).stable
+    assert not rest([Hull(-upright.vertices, upright.faces)], 0.2, 0.6).stable
+
+
+def test_parts_become_one_mesh_that_looks_the_same() -> None:
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    vertices, faces = np.asarray(box.vertices), np.asarray(box.faces)
+    uvs = np.tile([[0.2, 0.2], [0.8, 0.2], [0.5, 0.8]], (12, 1, 1))
+    red = np.full((16, 16, 3), models.RED, np.uint8)
+    plain = np.full((12, 3), models.BLUE, np.uint8)
+    merged = one_mesh([Part(vertices, faces, uvs, red), Part(vertices + 1, faces, None, None, plain)], 256)
+    assert len(merged.faces) == 24 and len(merged.vertices) == 16
+    height, width = merged.image.shape[:2]
+    at = merged.uvs.mean(axis=1)
+    texels = merged.image[((1 - at[:, 1]) * height).astype(int), (at[:, 0] * width).astype(int)]
+    assert (texels[:12] == models.RED).all()
+    assert np.abs(texels[12:].astype(int) - models.BLUE).max() <= 1
+
+
+def test_a_simplified_mesh_keeps_its_size_and_its_colours() -> None:
+    pytest.importorskip("fast_simplification")
+    ball = trimesh.creation.icosphere(4, 0.05)
+    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
+    height = vertices[faces].mean(axis=1)[:, 2]
+    colors = np.where(height[:, None] > 0, models.RED, models.BLUE).astype(np.uint8)
+    solid = one_mesh([Part(vertices, faces, None, None, colors)], 256)
+    fewer, notes = with_fewer_faces(solid, 500, 256)
+    assert len(fewer.faces) <= 520 and notes
+    assert np.allclose(np.ptp(fewer.vertices, axis=0), 0.1, atol=0.004)
+    rows, columns = fewer.image.shape[:2]
+    at, middle = fewer.uvs.mean(axis=1), fewer.vertices[fewer.faces].mean(axis=1)
+    texels = fewer.image[((1 - at[:, 1]) * rows).astype(int), (at[:, 0] * columns).astype(int)]
+    clear = np.abs(middle[:, 2]) > 0.01
+    assert ((texels[:, 0] > 128) == (middle[:, 2] > 0))[clear].all()
+
+
+@given(st.text(max_size=40))
+def test_a_slug_is_a_safe_file_name(name: str) -> None:
+    slug = slug_of(name)
+    assert slug and len(slug) <= 70 and slug.replace("_", "").replace("-", "").isalnum() and slug.isascii()
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/passwd", "a/../../x", "~/x", "c:\\x", "", "a\0b", "link"])
+def test_names_that_leave_the_folder_are_refused(tmp_path: Path, name: str) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    (tmp_path / "x").write_text("secret")
+    (home / "link").symlink_to(tmp_path / "x")
+    with pytest.raises(RefusedError):
+        Folder(home, 1000).path(name)
+
+
+@given(st.floats(0.001, 10), st.floats(0, 1), st.integers(0, 1000))
+def test_a_drawn_quantity_stays_near_its_value(value: float, deviation: float, seed: int) -> None:
+    drawn = Quantity(value=value, deviation=deviation).draw(np.random.default_rng(seed))
+    assert value / 4.001 <= drawn <= value * 4.001
+    assert deviation or drawn == value
