@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Final, cast
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -62,8 +62,9 @@ def _draw_small(
     buffer: Buffer, index: Ints, corners: Floats, nearness: Floats, area: Floats, low: Ints, high: Ints, window: int
 ) -> None:
     """Draw many triangles at once, each into a window of ``window`` x ``window`` pixels."""
-    starts, span = cast(Any, low[index]), np.arange(window)
-    x, y = starts[:, :1] + span, starts[:, 1:] + span
+    span = np.arange(window)
+    x: Ints = np.add.outer(low[index, 0], span)
+    y: Ints = np.add.outer(low[index, 1], span)
     inside = (x <= high[index, 0, None])[:, None, :] & (y <= high[index, 1, None])[:, :, None]
     u, v, w = _weights(corners[index][:, :, :, None, None], x[:, None, :], y[:, :, None], area[index, None, None])
     near = nearness[index][:, :, None, None]
