@@ -27,15 +27,19 @@ class Recording:
         path: the ``.rrd`` file; what it held is replaced.
         run_id: two files of one run open as one recording.
         blueprint: how the viewer lays the recording out.
+        live: address of a viewer that shows it while it is written, or None.
     """
 
-    def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint) -> None:
+    def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint, live: str | None = None) -> None:
         self.moment = Moment()
         self._path = path
         self._prefix = ""
         self._broken = False
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
-        self._stream.save(path, default_blueprint=blueprint)
+        if live is None:
+            self._stream.save(path, default_blueprint=blueprint)
+        else:
+            self._stream.set_sinks(rr.FileSink(path), rr.GrpcSink(live), default_blueprint=blueprint)
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._stream.send_recording_name(run_id)
