@@ -67,6 +67,7 @@ class Clumsy(BaseChatModel):
     inner: BaseChatModel
     faults: int
     made: int = 0
+    good: str = ""
 
     @property
     def _llm_type(self) -> str:
@@ -80,12 +81,12 @@ class Clumsy(BaseChatModel):
         **kwargs: Any,
     ) -> ChatResult:
         reply = self.inner.invoke(messages)
-        text = str(reply.text)
-        if "self.max_steps" in text and self.made < self.faults:
+        self.good = text = self.good or str(reply.text)
+        if self.made < self.faults:
             self.made += 1
             text = re.sub(r"self\.max_steps = \d+", f"self.max_steps = 1  # try {self.made}", text)
         told = AIMessage(text, response_metadata=reply.response_metadata)
-        told.usage_metadata = reply.usage_metadata if isinstance(reply, AIMessage) else None
+        told.usage_metadata = reply.usage_metadata
         return ChatResult(generations=[ChatGeneration(message=told)])
 
 
@@ -122,9 +123,10 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
     """Run the graph ``grs`` on ``scene`` with ``fixes`` fixes and see what its trace costs."""
     from grs_agents.views.rerun_view import TRACE, RerunView
 
-    config = load_config(None, [f"max_fixes={fixes}", "audit.seeds=3", "policy=always_code"]).config
+    config = load_config(None, [f"max_fixes={fixes + 1}", "audit.seeds=3", "policy=always_code"]).config
     begin = _cpu_seconds()
-    with TimedLog(folder / "events.jsonl") as log:
+    log = TimedLog(folder / "events.jsonl")
+    with log:
         with open_sandbox(config) as sandbox:
             agents = ClumsyAgents(config=config, log=log, folder=folder)
             agents.faults = fixes
@@ -134,7 +136,7 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
             log.subscribe(view)
             log.append(RunStarted(run_id="trace_cost", graph="grs", seed=config.seed))
             graph = content.load_module("graphs", "grs").build().compile()
-            state = {"scene_path": str(scene), "max_fixes": fixes, "fixes": 0, "history": []}
+            state: dict[str, Any] = {"scene_path": str(scene), "max_fixes": fixes + 1, "fixes": 0, "history": []}
             ended = graph.invoke(state, {"recursion_limit": 25 + 4 * fixes}, context=services)
             log.append(RunEnded(status=str(ended["status"]), reason=str(ended.get("reason", ""))))
         last = time.process_time()
