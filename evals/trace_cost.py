@@ -170,7 +170,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as temporary:
-        folder: Path = chosen.out or Path(temporary)
+        folder: Path = (chosen.out or Path(temporary)).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         cost = measure(chosen.scene, folder, chosen.fixes)
     if chosen.json:
