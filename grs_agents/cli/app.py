@@ -8,6 +8,7 @@ import typer
 
 from grs_agents import __version__, content
 from grs_agents.cli import viewing
+from grs_agents.cli.assets import assets_app
 from grs_agents.cli.options import (
     ConfigFile,
     Json,
@@ -31,6 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+app.add_typer(assets_app)
 Scene = Annotated[
     Path,
     typer.Argument(

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from grs_agents.agents import Description, Match, NoReply
 from grs_agents.base import Quat
-from grs_agents.library import write_proxy
+from grs_agents.library import Asset, write_proxy
 from grs_agents.nodes.services import Services
-from grs_agents.scene import CandidateRecord, SceneObject, place_asset
+from grs_agents.scene import CandidateRecord, SceneObject, UprightBox, place_asset
+from grs_agents.scene.types import Solid
 from grs_agents.workspace import reachable
 
 
@@ -40,11 +41,8 @@ def object_of(found: Matched, services: Services, taken: Sequence[str]) -> Scene
         name, evidence = _unique(asset.kind, taken), reply.reason
     else:
         name = _unique(f"{description.color} {description.category}", taken)
-        folder = services.folder / "assets"
-        folder.mkdir(exist_ok=True)
-        sizes = record.upright.size
-        asset = write_proxy(folder, name, record.shape, sizes, record.color, description.description)
-        position, orientation, size = record.upright.center, _about_z(record.upright.yaw), asset.size
+        asset = write_stand_in(name, record, record.upright, record.shape, description.description, services)
+        position, orientation, size = record.upright.center, about_z(record.upright.yaw), asset.size
         evidence = str(reply) if isinstance(reply, NoReply) else (reply.reason if reply else "")
     return SceneObject(
         id=record.id,
@@ -66,6 +64,15 @@ def object_of(found: Matched, services: Services, taken: Sequence[str]) -> Scene
     )
 
 
+def write_stand_in(
+    name: str, record: CandidateRecord, box: UprightBox, shape: Solid, description: str, services: Services
+) -> Asset:
+    """Write the proxy of an object into the library of the run; one of that name is replaced."""
+    folder = services.folder / "assets"
+    folder.mkdir(exist_ok=True)
+    return write_proxy(folder, name, shape, box.size, record.color, description)
+
+
 def _unique(words: str, taken: Sequence[str]) -> str:
     """``words`` as a slug with a number that no other object of the scene has."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", words)
@@ -76,5 +83,6 @@ def _unique(words: str, taken: Sequence[str]) -> str:
     return f"{slug}_{number}"
 
 
-def _about_z(yaw: float) -> Quat:
+def about_z(yaw: float) -> Quat:
+    """A rotation (xyzw) by a yaw, rad."""
     return (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
