@@ -38,7 +38,6 @@ def test_a_headless_viewer_draws_the_run(script: Callable[[], Any], library: Lib
         first, later = picture(client, began), picture(client, played)
     assert state.recordings[0].location.endswith("recording_id=sample-run")
     assert {timeline.name for timeline in state.recordings[0].timelines} == {"replay", "event", "attempt", "sim_time"}
-    assert state.current_timeline == "replay"
     assert {"State machine", "Photo", "Twin, same camera", "Rollout", "What changed", "Test report"} <= views
     assert not [report for view in state.views for report in view.reports]
     assert first.shape == later.shape == (900, 1600, 3)
