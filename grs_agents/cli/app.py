@@ -12,11 +12,13 @@ from grs_agents.cli.assets import assets_app
 from grs_agents.cli.options import (
     ConfigFile,
     Json,
+    Otel,
     Out,
     Resume,
     Seed,
     Settings,
     Unsafe,
+    View,
     effective,
     refuse_changes,
     refuse_graph,
@@ -72,12 +74,15 @@ def run(
     resume: Resume = False,
     json: Json = False,
     unsafe: Unsafe = False,
+    view: View = False,
+    otel: Otel = False,
 ) -> None:
     """Make a validated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 bad input, 3 our error."""
-    from grs_agents.cli.running import run_graph
+    from grs_agents.cli.running import Watching, run_graph
 
     refuse_changes(resume, config, settings, seed, unsafe)
-    sys.exit(run_graph("run", scene, effective(config, settings, seed, unsafe).config, out, resume, json))
+    chosen = effective(config, settings, seed, unsafe).config
+    sys.exit(run_graph("run", scene, chosen, out, resume, json, Watching(view, otel)))
 
 
 @app.command()

@@ -4,6 +4,8 @@ import sys
 import traceback
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -18,13 +20,30 @@ from grs_agents.scene import SceneDescription, read_description
 from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
 
 
-def run_graph(command: str, scene: Path, config: Config, out: Path | None, resume: bool, as_json: bool) -> int:
+@dataclass(frozen=True)
+class Watching:
+    """Who watches a run beside its recording: a viewer's window, an OpenTelemetry backend."""
+
+    view: bool = False
+    otel: bool = False
+
+
+def run_graph(
+    command: str,
+    scene: Path,
+    config: Config,
+    out: Path | None,
+    resume: bool,
+    as_json: bool,
+    watching: Watching | None = None,
+) -> int:
     """Run the configured graph with its recording and live progress, and print the end.
 
     Returns:
         The exit status.
     """
-    folder, record, problem = execute(Order(command, scene, config, out, resume), follow)
+    order = Order(command, scene, config, out, resume)
+    folder, record, problem = execute(order, partial(follow, watching=watching or Watching()))
     if as_json:
         print(record.model_dump_json(indent=2))
     elif problem is None:
@@ -70,19 +89,30 @@ def objects_table(scene: SceneDescription) -> Table:
 
 
 @contextmanager
-def follow(folder: Path, log: EventLog) -> Generator[None]:
-    """Let the terminal's progress and the rerun recording follow the log; both are closed whatever happens."""
-    from grs_agents.views import Progress
-    from grs_agents.views.rerun_view import RerunView
+def follow(folder: Path, log: EventLog, watching: Watching) -> Generator[None]:
+    """Let progress, recording and whoever watches follow the log; all are closed whatever happens.
 
-    view = RerunView(folder, Library())
+    Raises:
+        GrsError: there is no viewer to open, or OpenTelemetry is not installed.
+    """
+    from grs_agents.views import Progress, live_viewer
+    from grs_agents.views.rerun_view import RerunView
+    from grs_agents.views.spans import SpanView, otlp_provider
+
+    live = live_viewer()[1] if watching.view else None
+    spans = SpanView(otlp_provider()) if watching.otel else None
+    view = RerunView(folder, Library(), live)
     with Progress() as progress:
         log.subscribe(_without_errors(progress))
         log.subscribe(view)
+        if spans:
+            log.subscribe(spans)
         try:
             yield
         finally:
             view.finish()
+            if spans:
+                spans.finish()
 
 
 def _without_errors(progress: Callable[[Event], None]) -> Callable[[Event], None]:

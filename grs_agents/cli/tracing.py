@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from grs_agents.cli.looking import rebuilt
+from grs_agents.run import read_record
 from grs_agents.trace import event_schema, read_events
 
 
@@ -21,3 +22,21 @@ def rebuild_trace(folder: Path) -> None:
     recording = rebuilt(folder)
     count = len(read_events(folder / "events.jsonl"))
     print(f"{recording}: {count} events, {recording.stat().st_size / 2**20:.1f} MiB")
+
+
+def send_spans(folder: Path) -> None:
+    """Send a run as OpenTelemetry spans to where the ``OTEL_*`` variables say.
+
+    Raises:
+        InputError: the folder holds no run.
+        ConfigError: OpenTelemetry is not installed.
+    """
+    from grs_agents.views.spans import SpanView, otlp_provider
+
+    read_record(folder)
+    events = read_events(folder / "events.jsonl")
+    view = SpanView(otlp_provider())
+    for event in events:
+        view(event)
+    view.finish()
+    print(f"{folder}: {len(events)} events sent as spans")

@@ -41,12 +41,17 @@ def replay(
 def trace(
     run: Annotated[Path | None, typer.Argument(help="A run folder.")] = None,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of one event.")] = False,
+    otel: Annotated[
+        bool, typer.Option("--otel", help="Send the run as OpenTelemetry spans to where OTEL_* variables say.")
+    ] = False,
 ) -> None:
-    """Make a run's rerun recording anew from its events."""
-    from grs_agents.cli.tracing import print_schema, rebuild_trace
+    """Make a run's rerun recording anew from its events, or send it as OpenTelemetry spans."""
+    from grs_agents.cli.tracing import print_schema, rebuild_trace, send_spans
 
     if schema:
         print_schema()
+    elif otel:
+        send_spans(required(run, "grs trace --otel"))
     else:
         rebuild_trace(required(run, "grs trace"))
 

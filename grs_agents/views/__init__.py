@@ -8,7 +8,7 @@ from grs_agents.views.step_text import failed_step, find_step, sections, visible
 from grs_agents.views.steps import Step, Steps, steps
 from grs_agents.views.terminal import Progress, summary_table
 from grs_agents.views.tree import step_record, steps_tree
-from grs_agents.views.viewer import open_viewer, viewer_command
+from grs_agents.views.viewer import live_viewer, open_viewer, viewer_command
 
 __all__ = [
     "Progress",
@@ -16,6 +16,7 @@ __all__ = [
     "Steps",
     "failed_step",
     "find_step",
+    "live_viewer",
     "open_viewer",
     "sections",
     "step_record",

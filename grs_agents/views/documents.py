@@ -18,7 +18,8 @@ from grs_agents.views.glyphs import cell, document, fenced
 
 def started(event: RunStarted) -> str:
     """What the run is, before any decision."""
-    return document(f"### Run {event.run_id}\n\nGraph **{event.graph}**, seed {event.seed}.\n")
+    hint = "Press play below: a second is one step, then the rollouts in real time. The tabs above show each stage."
+    return document(f"### Run {event.run_id}\n\nGraph **{event.graph}**, seed {event.seed}.\n\n{hint}\n")
 
 
 def ended(event: RunEnded) -> str:

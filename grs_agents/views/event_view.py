@@ -42,10 +42,11 @@ class EventView:
         folder: the run, to which the paths in events are relative.
         library: where the meshes of assets lie.
         to: the file to write, or a recording to write into, which is then not closed here.
+        live: address of a viewer that shows it while it is written, or None.
     """
 
-    def __init__(self, folder: Path, library: Library, to: Path | Recording) -> None:
-        self._folder, self._to = folder, to
+    def __init__(self, folder: Path, library: Library, to: Path | Recording, live: str | None = None) -> None:
+        self._folder, self._to, self._live = folder, to, live
         self._run_id = folder.name
         self._clock = Clock()
         self._machine = MachineView()
@@ -86,7 +87,7 @@ class EventView:
             if isinstance(self._to, Recording):
                 recording = self._to
             else:
-                recording = Recording(self._to, self._run_id, blueprint(self._machine.nodes))
+                recording = Recording(self._to, self._run_id, blueprint(self._machine.nodes), self._live)
             for outcome, color in (("passed", (46, 204, 113)), ("failed", (231, 76, 60))):
                 lines = rr.SeriesLines(names=outcome, colors=[color])
                 recording.log(f"{Paths.METRICS}/tests/{outcome}", lines, static=True)

@@ -82,6 +82,20 @@ def read_motion(file: Path) -> Motion:
         raise InputError(f"cannot read the rollout {file}: {error}", "run again") from error
 
 
+def read_seconds(file: Path) -> float:
+    """How long the recording of a rollout is, without the rest of it.
+
+    Raises:
+        InputError: the file is missing or no recording.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as found:
+            times = np.asarray(found["times"], dtype=np.float64)
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"cannot read the rollout {file}: {error}", "run again") from error
+    return float(times[-1] - times[0]) if times.size else 0.0
+
+
 def holds(motion: Motion) -> list[Hold]:
     """When the tool held which body, in order: the body moved as the tool did, near it."""
     found: list[Hold] = []

@@ -27,7 +27,8 @@ def rectangles(labels: npt.NDArray[Any]) -> dict[int, Rectangle]:
     found: dict[int, Rectangle] = {}
     for label in np.unique(labels):
         if label:
-            rows, columns = np.nonzero(labels == label)
-            left, top = int(columns.min()), int(rows.min())
-            found[int(label)] = (left, top, int(columns.max()) - left + 1, int(rows.max()) - top + 1)
+            mask = labels == label
+            rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+            left, top = int(columns[0]), int(rows[0])
+            found[int(label)] = (left, top, int(columns[-1]) - left + 1, int(rows[-1]) - top + 1)
     return found

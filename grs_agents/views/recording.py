@@ -1,6 +1,7 @@
 """A rerun recording file with the four timelines; nothing is ever sent over a network."""
 
 import shutil
+import threading
 from collections.abc import Iterable
 from copy import copy
 from pathlib import Path
@@ -27,15 +28,20 @@ class Recording:
         path: the ``.rrd`` file; what it held is replaced.
         run_id: two files of one run open as one recording.
         blueprint: how the viewer lays the recording out.
+        live: address of a viewer that shows it while it is written, or None.
     """
 
-    def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint) -> None:
+    def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint, live: str | None = None) -> None:
         self.moment = Moment()
         self._path = path
         self._prefix = ""
         self._broken = False
+        self._clocks: list[tuple[Moment, int] | None] = [None]  # one for all that lie below other paths
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
-        self._stream.save(path, default_blueprint=blueprint)
+        if live is None:
+            self._stream.save(path, default_blueprint=blueprint)
+        else:
+            self._stream.set_sinks(rr.FileSink(path), rr.GrpcSink(live), default_blueprint=blueprint)
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._stream.send_recording_name(run_id)
@@ -58,12 +64,19 @@ class Recording:
 
     def log(self, path: str, *archetypes: rr.AsComponents, static: bool = False) -> None:
         """Log at the present moment, or for all time."""
-        if not static:  # rerun keeps the time for each thread, so it is set before every call
+        if not static:
+            self._keep_time()
+        self._stream.log(f"{self._prefix}{path}", *archetypes, static=static, strict=True)
+
+    def _keep_time(self) -> None:
+        """Set the clocks, which rerun keeps for each thread, unless they stand right already."""
+        now = (self.moment, threading.get_ident())
+        if now != self._clocks[0]:
             self._stream.set_time("replay", duration=self.moment.replay)
             self._stream.set_time("event", sequence=self.moment.event)
             self._stream.set_time("attempt", sequence=self.moment.attempt)
             self._stream.set_time("sim_time", duration=self.moment.simulated)
-        self._stream.log(f"{self._prefix}{path}", *archetypes, static=static, strict=True)
+            self._clocks[0] = now
 
     def columns(self, path: str, seconds: npt.NDArray[np.float64], columns: Iterable[rr.ComponentColumn]) -> None:
         """Log one row for each of ``seconds`` (N,) after the present moment; each column has N rows."""

@@ -22,14 +22,17 @@ class RerunView:
     Args:
         run_folder: the run; its ``events.jsonl`` may hold earlier events.
         library: where the meshes of assets lie, the run's own proxies laid over.
+        live: address of a viewer that shows the run as it goes on, or None.
     """
 
-    def __init__(self, run_folder: Path, library: Library) -> None:
+    def __init__(self, run_folder: Path, library: Library, live: str | None = None) -> None:
         self._folder, self._library = run_folder, library
         log = run_folder / "events.jsonl"
         earlier = read_events(log) if log.exists() else []
         self._resumed = bool(earlier) and (run_folder / TRACE).exists()
-        self._view = EventView(run_folder, library, _next_part(run_folder) if self._resumed else run_folder / TRACE)
+        self._live = live is not None
+        file = _next_part(run_folder) if self._resumed else run_folder / TRACE
+        self._view = EventView(run_folder, library, file, live)
         for event in earlier:
             if self._resumed:
                 self._view.skip(event)
@@ -41,9 +44,13 @@ class RerunView:
         self._view.write(event)
 
     def finish(self) -> None:
-        """Close the file; after a resumption write one ``trace.rrd`` of all parts, from the events."""
+        """Close the file.
+
+        After a resumption ``trace.rrd`` is written anew from the events, of all parts; so it is if a viewer was shown
+        the run, since one that is closed half-way takes the file down with it.
+        """
         self._view.close()
-        if self._resumed:
+        if self._resumed or self._live:
             rebuild(self._folder, self._library)
 
 

@@ -12,7 +12,7 @@ from grs_agents.sim.instance import InstanceGoal, InstanceObject, TaskInstance
 from grs_agents.sim.world import model_of
 from grs_agents.trace import Rollout
 from grs_agents.views.glyphs import drawable
-from grs_agents.views.motion import Motion, holds, read_motion
+from grs_agents.views.motion import Motion, holds, read_motion, read_seconds
 from grs_agents.views.paths import Paths
 from grs_agents.views.recording import Recording
 from grs_agents.views.shape_view import geometry, show_asset
@@ -34,7 +34,7 @@ def duration(folder: Path, event: Rollout) -> float:
     """Simulated seconds of the rollout's recording; 0 where it has none."""
     if event.recording is None or not (folder / event.recording).exists():
         return 0.0
-    return read_motion(folder / event.recording).seconds
+    return read_seconds(folder / event.recording)
 
 
 class RolloutView:

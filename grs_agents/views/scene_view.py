@@ -1,5 +1,6 @@
 """The photo in the recording: picture, depth, masks, boxes in two and three dimensions, point cloud."""
 
+import colorsys
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ from grs_agents.views.twin import run_library, twin_objects
 MOST_POINTS = 40_000
 """Points of the cloud that are kept, evenly spread over the picture."""
 _BOX = (255, 205, 60)
+_TINT = 0.4
+"""How much a mask covers of the photo."""
 Image = npt.NDArray[Any]
 
 
@@ -139,10 +142,12 @@ class SceneView:
         present = [int(label) for label in np.unique(labels) if label]
         names = {label_of(item, index): name_of(item) for index, item in enumerate(objects)}
         texts = [drawable(f"{label} {names.get(label, '')}".rstrip()) for label in present]
-        infos = [rr.AnnotationInfo(id=0, label="background", color=(0, 0, 0, 0))]
-        infos += [rr.AnnotationInfo(id=label, label=text) for label, text in zip(present, texts, strict=True)]
+        infos = [
+            rr.AnnotationInfo(id=label, label=text, color=_color(label))
+            for label, text in zip(present, texts, strict=True)
+        ]
         recording.log(Paths.CAMERA, rr.AnnotationContext(infos))
-        recording.log(f"{Paths.CAMERA}/masks", rr.SegmentationImage(labels, opacity=0.45))
+        self._show_tinted(recording, labels, present)
         boxes = list(rectangles(labels).values())
         if boxes:
             numbers = [str(label) for label in present]
@@ -150,6 +155,25 @@ class SceneView:
                 array=boxes, array_format=rr.Box2DFormat.XYWH, class_ids=present, labels=numbers, show_labels=True
             )
             recording.log(f"{Paths.CAMERA}/boxes", drawn)
+
+    def _show_tinted(self, recording: Recording, labels: Image, present: list[int]) -> None:
+        """The photo with each mask in its colour; laid over it, a segmentation image would tint its background too."""
+        if "rgb" not in self._files:
+            return
+        image = cv2.cvtColor(read_picture(self._folder / self._files["rgb"], cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+        if image.shape[:2] != labels.shape:
+            return
+        colors = np.zeros((int(labels.max()) + 1, 3), np.uint8)
+        for label in present:
+            colors[label] = _color(label)
+        tinted = np.where(labels[..., None] > 0, (1 - _TINT) * image + _TINT * colors[labels], image).astype(np.uint8)
+        recording.log(f"{Paths.CAMERA}/masks", rr.Image(tinted, draw_order=1.0).compress(jpeg_quality=85))
+
+
+def _color(label: int) -> tuple[int, int, int]:
+    """A colour that is far from those of the labels before."""
+    red, green, blue = colorsys.hsv_to_rgb(label * 0.618034 % 1.0, 0.75, 1.0)
+    return round(255 * red), round(255 * green), round(255 * blue)
 
 
 def _objects(objects: list[dict[str, Any]]) -> str:

@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import shlex
+import socket
 import subprocess
 import sys
 import tempfile
@@ -69,6 +70,25 @@ def has_display(environment: Mapping[str, str] = os.environ, platform: str = sys
     return not platform.startswith("linux") or bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
 
 
+def live_viewer() -> tuple[subprocess.Popen[bytes], str]:
+    """Open an empty viewer in a window, and return its process and the address to send a recording to.
+
+    Raises:
+        GrsError: no display, no viewer, or the viewer ended at once.
+    """
+    if not has_display():
+        raise GrsError("no display to open the viewer on", "leave --view out, and open the run later: grs replay RUN")
+    port = _free_port()
+    command = [str(rerun_program()), "--bind", LOOPBACK, "--port", str(port), "--expect-data-soon"]
+    return _started(command), f"rerun+http://{LOOPBACK}:{port}/proxy"
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        return int(probe.getsockname()[1])
+
+
 def open_viewer(path: Path, web: bool = False) -> subprocess.Popen[bytes]:
     """Open the recording of a run folder (or file) and return the viewer's process.
 
@@ -87,6 +107,15 @@ def open_viewer(path: Path, web: bool = False) -> subprocess.Popen[bytes]:
             "no display to open the viewer on",
             f"add --web, or copy {files} to a machine with a screen and run there: rerun {files}",
         )
+    return _started(command)
+
+
+def _started(command: list[str]) -> subprocess.Popen[bytes]:
+    """The process of a viewer that did not end at once.
+
+    Raises:
+        GrsError: it did.
+    """
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=viewer_environment()

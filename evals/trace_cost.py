@@ -1,0 +1,186 @@
+"""What tracing costs: the size of the recording and its share of the CPU time, in a run with many fixes."""
+
+import argparse
+import json
+import re
+import resource
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from langchain_core.callbacks import CallbackManagerForLLMRun
+from langchain_core.language_models.chat_models import BaseChatModel
+from langchain_core.messages import AIMessage, BaseMessage
+from langchain_core.outputs import ChatGeneration, ChatResult
+from rich.console import Console
+from rich.table import Table
+
+from grs_agents import content
+from grs_agents.agents import Agents
+from grs_agents.base import Frozen
+from grs_agents.config import load_config
+from grs_agents.library import Library
+from grs_agents.nodes import Services
+from grs_agents.policies import load_policy
+from grs_agents.run.isolation import open_sandbox
+from grs_agents.trace import Event, EventLog, RunEnded, RunStarted, read_events
+
+LARGEST_MIB, LARGEST_SHARE = 15.0, 0.05
+"""The bounds of a run with ten fixes and three rollouts."""
+
+
+class Cost(Frozen):
+    """What one run cost.
+
+    Attributes:
+        status: how it ended.
+        fixes, rollouts, events: what was recorded.
+        mib: size of ``trace.rrd``.
+        trace_seconds: CPU time of log and recording.
+        run_seconds: CPU time of the run without them, the sandbox included.
+    """
+
+    status: str
+    fixes: int
+    rollouts: int
+    events: int
+    mib: float
+    trace_seconds: float
+    run_seconds: float
+
+    @property
+    def share(self) -> float:
+        """What tracing adds to the run's CPU time."""
+        return self.trace_seconds / self.run_seconds
+
+    @property
+    def kept(self) -> bool:
+        """Whether both bounds are kept."""
+        return self.mib <= LARGEST_MIB and self.share <= LARGEST_SHARE
+
+
+class Clumsy(BaseChatModel):
+    """The offline model, whose simulation programs stop too early until it has been told ``faults`` times."""
+
+    inner: BaseChatModel
+    faults: int
+    made: int = 0
+    good: str = ""
+
+    @property
+    def _llm_type(self) -> str:
+        return "clumsy"
+
+    def _generate(
+        self,
+        messages: list[BaseMessage],
+        stop: list[str] | None = None,
+        run_manager: CallbackManagerForLLMRun | None = None,
+        **kwargs: Any,
+    ) -> ChatResult:
+        reply = self.inner.invoke(messages)
+        self.good = text = self.good or str(reply.text)
+        if self.made < self.faults:
+            self.made += 1
+            text = re.sub(r"self\.max_steps = \d+", f"self.max_steps = 1  # try {self.made}", text)
+        told = AIMessage(text, response_metadata=reply.response_metadata)
+        told.usage_metadata = reply.usage_metadata
+        return ChatResult(generations=[ChatGeneration(message=told)])
+
+
+class ClumsyAgents(Agents):
+    """Agents of which those that write simulations share one clumsy model."""
+
+    faults = 10
+    _clumsy: Clumsy | None = None
+
+    def model(self, role: str) -> BaseChatModel:
+        """The chat model that serves ``role``."""
+        if role not in ("simulation", "fix_code"):
+            return super().model(role)
+        if self._clumsy is None:
+            self._clumsy = Clumsy(inner=super().model(role), faults=self.faults)
+        return self._clumsy
+
+
+class TimedLog(EventLog):
+    """An event log that adds up the CPU time of writing and of its subscribers."""
+
+    seconds = 0.0
+
+    def append(self, event: Event) -> Event:
+        """As ever, on the clock."""
+        begin = time.process_time()
+        try:
+            return super().append(event)
+        finally:
+            self.seconds += time.process_time() - begin
+
+
+def measure(scene: Path, folder: Path, fixes: int) -> Cost:
+    """Run the graph ``grs`` on ``scene`` with ``fixes`` fixes and see what its trace costs."""
+    from grs_agents.views.rerun_view import TRACE, RerunView
+
+    config = load_config(None, [f"max_fixes={fixes + 1}", "audit.seeds=3", "policy=always_code"]).config
+    begin = _cpu_seconds()
+    log = TimedLog(folder / "events.jsonl")
+    with log:
+        with open_sandbox(config) as sandbox:
+            agents = ClumsyAgents(config=config, log=log, folder=folder)
+            agents.faults = fixes
+            policy = load_policy(config.policy)
+            services = Services(config, log, agents, policy, sandbox, folder)
+            view = RerunView(folder, Library())
+            log.subscribe(view)
+            log.append(RunStarted(run_id="trace_cost", graph="grs", seed=config.seed))
+            graph = content.load_module("graphs", "grs").build().compile()
+            state: dict[str, Any] = {"scene_path": str(scene), "max_fixes": fixes + 1, "fixes": 0, "history": []}
+            ended = graph.invoke(state, {"recursion_limit": 25 + 4 * fixes}, context=services)
+            log.append(RunEnded(status=str(ended["status"]), reason=str(ended.get("reason", ""))))
+        last = time.process_time()
+        view.finish()
+        spent = log.seconds + time.process_time() - last
+    whole = _cpu_seconds() - begin
+    kinds = [event.kind for event in read_events(folder / "events.jsonl")]
+    return Cost(
+        status=str(ended["status"]),
+        fixes=int(ended["fixes"]),
+        rollouts=kinds.count("rollout"),
+        events=len(kinds),
+        mib=(folder / TRACE).stat().st_size / 2**20,
+        trace_seconds=spent,
+        run_seconds=whole - spent,
+    )
+
+
+def _cpu_seconds() -> float:
+    """CPU time of this process and of all its children that have ended."""
+    used = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(each.ru_utime + each.ru_stime for each in used)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Measure, print, and return 0 if the bounds are kept, else 1."""
+    parser = argparse.ArgumentParser(prog="grs eval trace_cost", description=__doc__)
+    parser.add_argument("--scene", type=Path, default=content.path("assets", "scenes") / "groceries")
+    parser.add_argument("--fixes", type=int, default=10)
+    parser.add_argument("--out", type=Path, help="keep the run here")
+    parser.add_argument("--json", action="store_true")
+    chosen = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder: Path = (chosen.out or Path(temporary)).resolve()
+        folder.mkdir(parents=True, exist_ok=True)
+        cost = measure(chosen.scene, folder, chosen.fixes)
+    if chosen.json:
+        print(json.dumps({**cost.model_dump(), "share": cost.share, "kept": cost.kept}, indent=2))
+    else:
+        table = Table("what", "value", "bound")
+        table.add_row("run", f"{cost.status}, {cost.fixes} fixes, {cost.rollouts} rollouts, {cost.events} events", "")
+        table.add_row("recording", f"{cost.mib:.1f} MiB", f"{LARGEST_MIB:.0f} MiB")
+        table.add_row("CPU time of the run", f"{cost.run_seconds:.1f} s", "")
+        table.add_row("CPU time of tracing", f"{cost.trace_seconds:.2f} s, {100 * cost.share:.1f} %",
+                      f"{100 * LARGEST_SHARE:.0f} %")  # fmt: skip
+        Console().print(table)
+    return 0 if cost.kept else 1

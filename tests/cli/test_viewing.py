@@ -1,0 +1,71 @@
+"""The verbs that look at a run."""
+
+import json
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from grs_agents.config import Config
+from grs_agents.run import RunRecord
+from grs_agents.trace import EventLog
+from grs_agents.views import film
+from tests.cli.command import grs
+from tests.views.conftest import Script
+
+KEY = "a-very-secret-key-of-mine"
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a made-up run."""
+    monkeypatch.setattr(film, "_backends", lambda: ("rays",))
+    monkeypatch.setenv("COLUMNS", "160")
+    folder = tmp_path / "run"
+    folder.mkdir()
+    script = Script(EventLog(folder / "events.jsonl"), folder)
+    script.before_fix()
+    script.after_fix()
+    script.log.close()
+    RunRecord(
+        id="sample-run", status="accepted", reason=f"said {KEY}", exit_status=0, command="run",
+        source="/home/ada/photo", graph="grs", config=Config().model_dump(mode="json"),
+        versions={"grs-agents": "0"}, seeds=(0, 1),
+    ).write(folder)  # fmt: skip
+    return folder
+
+
+def test_show_is_a_tree_a_step_or_json(run: Path) -> None:
+    assert "└─ ✓ route" in grs("show", "run", folder=run.parent).stdout
+    failed = grs("show", "run", "--failed", folder=run.parent).stdout
+    assert failed.startswith("step 4: run_tests") and "AssertionError: 0.25 < 0.99" in failed
+    step = json.loads(grs("show", "run", "--step", "6", "--json", folder=run.parent).stdout)
+    assert [event["kind"] for event in step["events"]][1:4] == ["prompt", "reply", "program_version"]
+    whole = json.loads(grs("show", "run", "--json", folder=run.parent).stdout)
+    assert whole["run"]["status"] == "accepted" and len(whole["steps"]) == 8
+    assert "one of 1 to 8" in grs("show", "run", "--step", "9", folder=run.parent).stderr
+
+
+def test_trace_makes_the_recording_and_prints_the_schema(run: Path) -> None:
+    done = grs("trace", "run", folder=run.parent)
+    assert done.returncode == 0 and (run / "trace.rrd").stat().st_size > 10_000
+    assert "discriminator" in json.loads(grs("trace", "--schema", folder=run.parent).stdout)
+    assert "needs a run folder" in grs("trace", folder=run.parent).stderr
+
+
+def test_report_and_play_write_files(run: Path) -> None:
+    assert grs("report", "run", folder=run.parent).returncode == 0
+    assert "max_steps" in (run / "report.html").read_text("utf-8")
+    assert grs("play", "run", "--out", "film.avi", folder=run.parent).returncode == 2
+    assert "name one of 0, 1" in grs("play", "run", "--seed", "5", "--out", "a.gif", folder=run.parent).stderr
+
+
+def test_share_holds_neither_key_nor_home(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MY_API_KEY", KEY)
+    done = grs("share", "run", folder=run.parent)
+    assert done.returncode == 0, done.stderr
+    with zipfile.ZipFile(run.parent / "run.zip") as archive:
+        content = {name: archive.read(name) for name in archive.namelist()}
+    assert {"run/trace.rrd", "run/report.html", "run/events.jsonl"} <= set(content)
+    assert not any(KEY.encode() in data or b"/home/ada" in data for data in content.values())
+    assert b"~/photo" in content["run/run.json"]

@@ -1,0 +1,74 @@
+"""A real viewer without a display: opens recordings, goes to a moment, and is photographed."""
+
+import contextlib
+import os
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from rerun.experimental import ViewerClient
+
+from grs_agents.views.viewer import rerun_program, viewer_environment
+
+VULKAN_DRIVERS = [Path(root) / "vulkan" / "icd.d" for root in ("/usr/share", "/etc", "/usr/local/share")]
+needs_vulkan = pytest.mark.skipif(
+    not any(list(folder.glob("*.json")) for folder in VULKAN_DRIVERS if folder.is_dir()),
+    reason="no Vulkan driver: install mesa-vulkan-drivers",
+)
+PATIENCE = 90.0
+Image = npt.NDArray[np.uint8]
+
+
+def free_port() -> int:
+    """A port that nothing listens to."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextlib.contextmanager
+def headless(recording: Path) -> Iterator[ViewerClient]:
+    """A viewer of 1600 x 900 that has loaded ``recording``."""
+    port = free_port()
+    command = [str(rerun_program()), "--headless", "--bind", "127.0.0.1", "--port", str(port)]
+    command += [str(recording), "--window-size", "1600x900"]
+    process = subprocess.Popen(command, env={**os.environ, **viewer_environment()}, stderr=subprocess.DEVNULL)
+    try:
+        yield _connected(f"rerun+http://127.0.0.1:{port}/proxy")
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+def _connected(url: str) -> ViewerClient:
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            client = ViewerClient.connect(url)
+            recordings = client.get_state().recordings
+            if recordings and "replay" in {timeline.name for timeline in recordings[0].timelines}:
+                return client
+        except Exception:
+            if time.monotonic() > end:
+                raise
+        time.sleep(0.2)
+
+
+def picture(client: ViewerClient, seconds: float) -> Image:
+    """The whole viewer at a moment of the timeline ``replay``."""
+    client.set_time("replay", duration=seconds, play_state="paused")
+    before: Image | None = None
+    end = time.monotonic() + PATIENCE
+    while True:  # until two pictures in a row agree and show something
+        data = np.frombuffer(client.take_screenshot(max_size=1600), np.uint8)
+        image = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
+        if (before is not None and (image == before).all() and image.std() > 10) or time.monotonic() > end:
+            return image
+        before = image
+        time.sleep(0.5)
