@@ -81,7 +81,8 @@ def _draw_small(
 def _draw_large(
     buffer: Buffer, index: int, corners: Floats, nearness: Floats, area: float, low: Ints, high: Ints
 ) -> None:
-    x, y = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)[:, None]
+    x = np.arange(int(low[0]), int(high[0]) + 1)
+    y = np.arange(int(low[1]), int(high[1]) + 1)[:, None]
     u, v, w = _weights(corners[None], x, y, area)
     depth = u * nearness[0] + v * nearness[1] + w * nearness[2]
     rows, columns = np.nonzero((u >= 0) & (v >= 0) & (w >= 0))
