@@ -7,6 +7,7 @@ import numpy as np
 from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
 from grs_agents.nodes.background import stand_in
+from grs_agents.nodes.corresponding import correspond
 from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.services import Services, Update, node
 from grs_agents.nodes.standing import stand
@@ -75,9 +76,12 @@ def match(state: RunState, services: Services) -> Update:
     services.log.append(SceneStage(stage="described", summary=summary))
     objects: list[SceneObject] = []
     lost: list[DroppedCandidate] = []
+    told = {record.id: _measurements(record) for record in records}
+    answers = correspond(records, described, told, state, services)
+    warnings += answers.notes
     for record in records:
-        found = _matched(record, described[record.id], state["image"], services, warnings)
-        reason = dropped(found)
+        found = Matched(record, described[record.id], answers.matches.get(record.id))
+        reason = dropped(found, services.config.match.proxies)
         if reason:
             lost.append(DroppedCandidate(id=record.id, reason=reason))
         else:
@@ -156,27 +160,3 @@ def _undescribed(record: CandidateRecord) -> Description:
         shape=record.shape,
         category="object",
     )
-
-
-def _matched(
-    record: CandidateRecord, description: Description, image: str, services: Services, warnings: list[str]
-) -> Matched:
-    """Ask the matcher; a segment that the describer calls no object is not asked about."""
-    if not description.is_object:
-        return Matched(record, description, None)
-    assets = [
-        {
-            "name": asset.name,
-            "description": asset.description,
-            "color": asset.color,
-            "category": asset.category,
-            "size": [round(value, 3) for value in asset.size],
-        }
-        for asset in services.library.things()
-        if asset.category != "proxy"
-    ]
-    candidate = {**_measurements(record), **description.model_dump(exclude={"is_object"})}
-    reply = roles.match(services.agents, candidate, assets, [record.crop, image])
-    if isinstance(reply, NoReply):
-        warnings.append(f"candidate {record.id}: {reply}; a proxy stands for it")
-    return Matched(record, description, reply)
