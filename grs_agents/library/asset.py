@@ -2,11 +2,13 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
 from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import InputError
+from grs_agents.library.physics import Origin, Physics, Quantity
 
 MANIFEST = "manifest.json"
 
@@ -29,6 +31,9 @@ class Asset(Frozen):
         everyday: it may be what a photo shows; the toys and fixtures of published programs are not.
         template: defaults of its placeholders (``{"DIM": (x, y, z), "COLOR": (r, g, b, a)}``); empty for an
             ordinary asset.
+        physics: mass, friction and restitution with their provenance; None where only ``mass`` and ``friction`` are
+            known, see `physical`.
+        origin: where an imported asset comes from; None for those that GRS ships and for proxies.
     """
 
     name: str
@@ -43,6 +48,22 @@ class Asset(Frozen):
     fixture: bool = False
     everyday: bool = True
     template: dict[str, tuple[float | str, ...]] = Field(default_factory=dict)
+    physics: Physics | None = None
+    origin: Origin | None = None
+
+    @model_serializer(mode="wrap")
+    def _brief(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What is not known is left out of manifests."""
+        return {name: value for name, value in written(self).items() if value is not None}
+
+    def physical(self) -> Physics:
+        """Its physics; where only mass and friction are known, they are taken for estimates."""
+        if self.physics is not None:
+            return self.physics
+        return Physics(
+            mass=Quantity(value=self.mass, provenance="estimate", deviation=0.3),
+            friction=Quantity(value=self.friction, provenance="default", deviation=0.3),
+        )
 
 
 class Manifest(Frozen):

@@ -60,3 +60,33 @@ def parse(text: str, fault: Fault) -> ElementTree.Element:
         return ElementTree.fromstring(text)
     except (expat.ExpatError, ElementTree.ParseError, ValueError) as error:
         raise fault(f"not XML: {error}", "correct the file") from error
+
+
+def refuse_doctype(data: bytes, fault: Fault, depth: int = 64) -> None:
+    """Check XML of any length that another reader is to read: no document types, no entities, not too deep.
+
+    Raises:
+        InputError: it is not XML, or XML that we do not trust.
+    """
+    guard, open_tags = expat.ParserCreate(), 0
+
+    def refuse(*_: object) -> None:
+        raise fault("document types and entities are refused", "remove <!DOCTYPE ...>")
+
+    def enter(tag: str, _: dict[str, str]) -> None:
+        nonlocal open_tags
+        open_tags += 1
+        if open_tags > depth:
+            raise fault(f"<{tag}> is nested deeper than {depth}", "simplify the file")
+
+    def leave(_: str) -> None:
+        nonlocal open_tags
+        open_tags -= 1
+
+    guard.StartDoctypeDeclHandler = refuse
+    guard.EntityDeclHandler = refuse
+    guard.StartElementHandler, guard.EndElementHandler = enter, leave
+    try:
+        guard.Parse(data, True)
+    except (expat.ExpatError, ValueError) as error:
+        raise fault(f"not XML: {error}", "correct the file") from error

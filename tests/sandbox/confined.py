@@ -59,6 +59,7 @@ def forked(check: Callable[[], object]) -> Got:
     if child == 0:
         try:
             os.close(reading)
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the command line's handler may be in this process
             _report(check, writing)
         finally:
             os._exit(70)

@@ -1,12 +1,18 @@
 """A small z-buffer: which triangle each pixel sees. No GL, no randomness."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+_WINDOWS: Final = (2, 4, 8, 16)
+"""Triangles up to these extents (px) are drawn many at once."""
+_SAMPLES: Final = 400_000
 
 
 @dataclass(frozen=True)
@@ -31,27 +37,68 @@ def rasterise(corners: Floats, nearness: Floats, width: int, height: int) -> Buf
             over depth for a perspective camera, minus depth for a parallel one.
         width, height: of the picture, px.
     """
-    triangle = np.full((height, width), -1, dtype=np.int64)
-    best = np.full((height, width), -np.inf)
+    buffer = Buffer(np.full((height, width), -1, dtype=np.int64), np.full((height, width), -np.inf))
     low = np.maximum(np.ceil(corners.min(axis=1)), 0).astype(int)
     high = np.minimum(np.floor(corners.max(axis=1)), (width - 1, height - 1)).astype(int)
-    for index in np.flatnonzero((low <= high).all(axis=1)):
-        (left, top), (right, bottom) = low[index], high[index]
-        window = (slice(top, bottom + 1), slice(left, right + 1))
-        x = np.arange(left, right + 1, dtype=np.float64)
-        y = np.arange(top, bottom + 1, dtype=np.float64)[:, None]
-        (ax, ay), (bx, by), (cx, cy) = corners[index]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if abs(area) < 1e-12:
-            continue
-        u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
-        v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
-        w = 1.0 - u - v
-        depth = u * nearness[index, 0] + v * nearness[index, 1] + w * nearness[index, 2]
-        seen = (u >= 0) & (v >= 0) & (w >= 0) & (depth > best[window])
-        best[window][seen] = depth[seen]
-        triangle[window][seen] = index
-    return Buffer(triangle, best)
+    edges = np.roll(corners, -1, axis=1) - corners
+    area = edges[:, 0, 0] * -edges[:, 2, 1] - edges[:, 0, 1] * -edges[:, 2, 0]
+    drawn = np.flatnonzero((low <= high).all(axis=1) & (np.abs(area) >= 1e-12))
+    extent = (high - low + 1)[drawn].max(axis=1) if len(drawn) else np.zeros(0)
+    for smallest, largest in pairwise((0, *_WINDOWS)):
+        for part in _portions(drawn[(extent > smallest) & (extent <= largest)], largest):
+            _draw_small(buffer, part, corners, nearness, area, low, high, largest)
+    for index in drawn[extent > _WINDOWS[-1]]:
+        _draw_large(buffer, index, corners[index], nearness[index], float(area[index]), low[index], high[index])
+    return buffer
+
+
+def _portions(index: Ints, window: int) -> Iterator[Ints]:
+    """Parts whose samples fit in little memory."""
+    step = max(1, _SAMPLES // window**2)
+    return (index[begin : begin + step] for begin in range(0, len(index), step))
+
+
+def _draw_small(
+    buffer: Buffer, index: Ints, corners: Floats, nearness: Floats, area: Floats, low: Ints, high: Ints, window: int
+) -> None:
+    """Draw many triangles at once, each into a window of ``window`` x ``window`` pixels."""
+    x, y = low[index, 0, None] + np.arange(window), low[index, 1, None] + np.arange(window)
+    inside = (x <= high[index, 0, None])[:, None, :] & (y <= high[index, 1, None])[:, :, None]
+    u, v, w = _weights(corners[index][:, :, :, None, None], x[:, None, :], y[:, :, None], area[index, None, None])
+    near = nearness[index][:, :, None, None]
+    depth = u * near[:, 0] + v * near[:, 1] + w * near[:, 2]
+    one, row, column = np.nonzero(inside & (u >= 0) & (v >= 0) & (w >= 0))
+    pixel, triangle = y[one, row] * buffer.triangle.shape[1] + x[one, column], index[one]
+    value = depth[one, row, column]
+    order = np.lexsort((triangle, -value, pixel))
+    first = order[np.r_[True, np.diff(pixel[order]) > 0]] if len(order) else order
+    _merge(buffer, pixel[first], triangle[first], value[first])
+
+
+def _draw_large(
+    buffer: Buffer, index: int, corners: Floats, nearness: Floats, area: float, low: Ints, high: Ints
+) -> None:
+    x, y = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)[:, None]
+    u, v, w = _weights(corners[None], x, y, area)
+    depth = u * nearness[0] + v * nearness[1] + w * nearness[2]
+    rows, columns = np.nonzero((u >= 0) & (v >= 0) & (w >= 0))
+    pixel = (rows + low[1]) * buffer.triangle.shape[1] + columns + low[0]
+    _merge(buffer, pixel, np.full(len(pixel), index), depth[rows, columns])
+
+
+def _weights(corners: Floats, x: Ints, y: Ints, area: Floats | float) -> tuple[Floats, Floats, Floats]:
+    """Barycentric weights of pixels (x, y) in triangles (N, 3, 2, ...)."""
+    (ax, ay), (bx, by), (cx, cy) = ((corners[:, corner, 0], corners[:, corner, 1]) for corner in range(3))
+    u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
+    v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+    return u, v, 1.0 - u - v
+
+
+def _merge(buffer: Buffer, pixel: Ints, triangle: Ints, nearness: Floats) -> None:
+    """Take what is nearer than what was seen, and of equals the triangle that comes first; each pixel once."""
+    best, owner = buffer.nearness.ravel(), buffer.triangle.ravel()
+    nearer = (nearness > best[pixel]) | ((nearness == best[pixel]) & (triangle < owner[pixel]))
+    best[pixel[nearer]], owner[pixel[nearer]] = nearness[nearer], triangle[nearer]
 
 
 def barycentric(points: Floats, triangles: Floats) -> Floats:

@@ -1,0 +1,65 @@
+"""Names of files that strangers wrote: only what lies inside the source is opened, and only what is small enough."""
+
+from pathlib import Path
+from typing import Final
+from urllib.parse import unquote
+
+from grs_agents.library.importing.types import RefusedError
+
+_CONTROL: Final = 32
+
+
+class Folder:
+    """The folder of a source; every file is named relative to it and stays inside it.
+
+    Args:
+        root: the folder.
+        most: bytes of the largest file that is opened.
+    """
+
+    def __init__(self, root: Path, most: int) -> None:
+        self.root, self.most = root.resolve(), most
+
+    def path(self, name: str, beside: str = "", *, said_by: str = "") -> Path:
+        """The file called ``name``, relative to the file ``beside`` (itself relative to the root).
+
+        Raises:
+            RefusedError: it leaves the folder, is not a file, is too large or not there.
+        """
+        by = f"{said_by or beside or self.root.name} names "
+        if not name or name.startswith(("/", "~")) or any(ord(letter) < _CONTROL or letter in ":\\" for letter in name):
+            raise RefusedError(f"{by}{name[:120]!r}, which is no relative path", "name files relative to the file")
+        path = (self.root / beside).parent / name if beside else self.root / name
+        resolved = path.resolve()
+        if not resolved.is_relative_to(self.root):
+            raise RefusedError(f"{by}{name[:120]!r}, which leaves the source folder", "keep files inside the source")
+        if not resolved.is_file():
+            raise RefusedError(f"{by}{name[:120]!r}, which does not exist", "put the file there")
+        if (size := resolved.stat().st_size) > self.most:
+            raise RefusedError(f"{name[:120]} has {size} bytes, {self.most} are the most", "simplify it")
+        return resolved
+
+    def relative(self, path: Path) -> str:
+        """The name of a file inside the folder."""
+        return path.resolve().relative_to(self.root).as_posix()
+
+
+def mtl_pictures(folder: Folder, obj: str) -> tuple[list[str], list[str]]:
+    """The material files and colour pictures that an OBJ file names, relative to the folder.
+
+    Raises:
+        RefusedError: a name leaves the folder, or a file is not there.
+    """
+    materials: list[str] = []
+    pictures: list[str] = []
+    with folder.path(obj).open(encoding="utf-8", errors="replace") as lines:
+        names = [line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and line.strip() != "mtllib"]
+    for name in names:
+        path = folder.path(name, obj)
+        materials.append(folder.relative(path))
+        for line in path.read_text("utf-8", errors="replace").splitlines():
+            words = line.split()
+            if len(words) > 1 and words[0].lower() == "map_kd":
+                picture = folder.path(unquote(words[-1]), materials[-1])
+                pictures.append(folder.relative(picture))
+    return materials, pictures

@@ -1,0 +1,88 @@
+"""What an import has done so far: one line for each item, so that it can go on where it stopped."""
+
+import hashlib
+import os
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from grs_agents.errors import InputError
+from grs_agents.files import unwritable, write_json
+from grs_agents.library.asset import MANIFEST, Asset, Manifest, read_manifest
+from grs_agents.library.importing.types import ImportOptions, Outcome
+
+_VERSION = "1"
+"""Of what the importer makes; a new one imports everything again."""
+
+
+class Journal:
+    """The outcomes of one collection; the last line of an item counts.
+
+    Args:
+        root: of the library.
+        collection: folder of the library.
+
+    Raises:
+        InputError: the journal cannot be read.
+    """
+
+    def __init__(self, root: Path, collection: str) -> None:
+        self.path = root / "imports" / f"{collection}.jsonl"
+        self.outcomes: dict[str, Outcome] = {}
+        if self.path.is_file():
+            for line in self.path.read_text("utf-8", errors="replace").splitlines():
+                try:
+                    outcome = Outcome.model_validate_json(line)
+                except ValidationError:
+                    continue  # an import was stopped while it wrote this line
+                self.outcomes[outcome.source] = outcome
+
+    def add(self, outcome: Outcome) -> None:
+        """Remember an outcome, on disk too.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        self.outcomes[outcome.source] = outcome
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open("a+b") as file:
+                torn = file.tell() > 0 and (file.seek(-1, os.SEEK_END), file.read(1))[1] != b"\n"
+                file.write((b"\n" if torn else b"") + outcome.model_dump_json().encode() + b"\n")
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+
+
+def key_of(content: str, options: ImportOptions, license_: str) -> str:
+    """What an asset is made from, as one number: while it stays the same, so does the asset."""
+    told = options.model_dump_json(exclude={"limits", "license"})
+    return hashlib.sha256(f"{_VERSION} {content} {told} {license_}".encode()).hexdigest()
+
+
+def content_of(root: Path, files: tuple[str, ...]) -> str:
+    """SHA-256 of the files of an item.
+
+    Raises:
+        InputError: one cannot be read.
+    """
+    digest = hashlib.sha256()
+    for name in files:
+        try:
+            with (root / name).open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+        except OSError as error:
+            raise InputError(f"cannot read {root / name}: {error.strerror}", "make it readable") from error
+    return digest.hexdigest()
+
+
+def write_entries(root: Path, assets: list[Asset], removed: set[str]) -> None:
+    """Put entries into the manifest in place of those of the same name, and take ``removed`` out.
+
+    Raises:
+        InputError: the manifest is faulty or cannot be written.
+    """
+    root.mkdir(parents=True, exist_ok=True)
+    entries = {asset.name: asset for asset in read_manifest(root).assets if asset.name not in removed}
+    entries |= {asset.name: asset for asset in assets}
+    manifest = Manifest(assets=tuple(entries[name] for name in sorted(entries)))
+    write_json(root / MANIFEST, manifest.model_dump(mode="json"))

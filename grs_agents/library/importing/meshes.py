@@ -1,0 +1,170 @@
+"""Reading mesh files: OBJ, GLB, glTF, STL, PLY, DAE and MuJoCo's MSH, with every file they name checked first."""
+
+import struct
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from grs_agents.library.importing.inside import Folder, mtl_pictures
+from grs_agents.library.importing.looks import colors_of, picture, uvs_of
+from grs_agents.library.importing.types import ImportLimits, Part, Reading, RefusedError, Unit, Up
+from grs_agents.library.safe_xml import refuse_doctype
+
+SUFFIXES: Final = (".obj", ".glb", ".gltf", ".stl", ".ply", ".dae", ".msh")
+_UNITS: Final[dict[str, Unit]] = {".glb": "m", ".gltf": "m", ".msh": "auto"}
+_UPS: Final[dict[str, Up]] = {".glb": "y", ".gltf": "y"}
+_STL_HEADER, _STL_FACE = 84, 50
+
+
+def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | None = None) -> Reading:
+    """The parts of a mesh file.
+
+    Args:
+        folder: the source.
+        name: of the file, relative to the source.
+        limits: what it may cost.
+        texture: a picture for all of it, relative to the source.
+
+    Raises:
+        RefusedError: it is broken, too large, or names files that it must not.
+    """
+    path = folder.path(name)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise RefusedError(f"{name} is not one of {', '.join(SUFFIXES)}", "convert it")
+    _refuse_large(path, suffix, limits)
+    image = picture(folder.path(texture), limits.pixels) if texture else None
+    unit, up = _UNITS.get(suffix, "auto"), _UPS.get(suffix, "auto")
+    if suffix == ".msh":
+        return Reading([_msh(path, image)], unit=unit, up=up)
+    if suffix == ".obj" and texture is None:
+        mtl_pictures(folder, name)
+    if suffix == ".dae":
+        refuse_doctype(path.read_bytes(), lambda what, remedy: RefusedError(f"{name}: {what}", remedy))
+        unit, up = "m", "z"  # trimesh applies what the file says
+    parts = _parts(path, suffix, folder, name, limits, image)
+    faces = sum(len(part.faces) for part in parts)
+    if faces == 0:
+        raise RefusedError(f"{name} has no faces", "export the surface, not its points")
+    if faces > limits.faces:
+        raise RefusedError(f"{name} has {faces} faces, {limits.faces} are the most", "simplify it")
+    return Reading(parts, unit=unit, up=up)
+
+
+def _parts(
+    path: Path, suffix: str, folder: Folder, name: str, limits: ImportLimits, image: Any | None
+) -> list[Part]:
+    import trimesh
+
+    resolver = _Resolver(folder, name)
+    try:
+        with path.open("rb") as file:
+            scene: Any = trimesh.load_scene(file, file_type=suffix[1:], resolver=resolver, process=False)
+        found: list[Any] = [one for one in scene.dump() if hasattr(one, "faces")]
+    except RefusedError:
+        raise
+    except MemoryError as error:
+        raise RefusedError(f"{name} needs more memory than {limits.memory} bytes", "simplify it") from error
+    except ModuleNotFoundError as error:
+        remedy = 'run: pip install "grs-agents[assets]"' if error.name in ("collada", "lxml") else "convert it to GLB"
+        raise RefusedError(f"{name} needs the package {error.name}", remedy) from error
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OSError, NotImplementedError, struct.error,
+            AssertionError, RecursionError, ImportError, ZeroDivisionError, OverflowError, SyntaxError) as error:  # fmt: skip
+        reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
+        raise RefusedError(f"{name} cannot be read: {reason}", "export it again") from error
+    if resolver.refused is not None:
+        raise resolver.refused
+    return [_part(one, image, limits, name) for one in found if len(one.faces)]
+
+
+def _part(mesh: Any, image: Any | None, limits: ImportLimits, name: str) -> Part:
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise RefusedError(f"{name}: a face names vertex {faces.max()} of {len(vertices)}", "export it again")
+    if not np.isfinite(vertices[faces]).all():
+        raise RefusedError(f"{name} has vertices that are not finite numbers (NaN or infinity)", "export it again")
+    uvs = uvs_of(mesh, faces)
+    own = image if image is not None and uvs is not None else picture_of(mesh, limits.pixels)
+    return Part(vertices, faces, uvs if own is not None else None, own, colors_of(mesh, len(faces)))
+
+
+def picture_of(mesh: Any, pixels: int) -> Any | None:
+    """The colour picture of a trimesh mesh's material, (H, W, 3) uint8 RGB, or None."""
+    material = getattr(mesh.visual, "material", None)
+    found = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    return None if found is None else picture(found, pixels)
+
+
+class _Resolver:
+    """What trimesh opens beside a mesh file; after a refusal nothing is opened."""
+
+    def __init__(self, folder: Folder, name: str) -> None:
+        self._folder, self._name = folder, name
+        self.refused: RefusedError | None = None
+
+    def get(self, name: str) -> bytes:
+        """The content of a file that the mesh names."""
+        try:
+            return self._folder.path(name.strip(), self._name).read_bytes()
+        except RefusedError as error:
+            self.refused = self.refused or error
+            raise FileNotFoundError(name) from error
+
+    def keys(self) -> list[str]:
+        """None: there is nothing to guess from."""
+        return []
+
+    def namespaced(self, namespace: str) -> "_Resolver":
+        """The same files."""
+        return self
+
+    def write(self, name: str, data: bytes) -> None:
+        """Nothing is written."""
+        raise FileNotFoundError(name)
+
+    def __getitem__(self, name: str) -> bytes:
+        return self.get(name)
+
+    def __contains__(self, name: str) -> bool:
+        return False
+
+
+def _refuse_large(path: Path, suffix: str, limits: ImportLimits) -> None:
+    """Refuse files whose header promises more faces than there may be, before anything is made of them."""
+    with path.open("rb") as file:
+        head = file.read(4096)
+    faces = 0
+    if suffix == ".stl" and len(head) >= _STL_HEADER:
+        (promised,) = struct.unpack("<I", head[80:84])
+        faces = promised if path.stat().st_size == _STL_HEADER + _STL_FACE * promised else 0
+    elif suffix == ".ply":
+        words = head.split(b"end_header")[0].split()
+        counts = [words[at + 2] for at in range(len(words) - 2) if words[at : at + 2] == [b"element", b"face"]]
+        faces = int(counts[0]) if counts and counts[0].isdigit() else 0
+    elif suffix == ".obj":
+        with path.open("rb") as file:
+            faces = sum(line.startswith(b"f ") for line in file)
+    if faces > limits.faces:
+        raise RefusedError(f"{path.name} has {faces} faces, {limits.faces} are the most", "simplify it")
+
+
+def _msh(path: Path, image: Any | None) -> Part:
+    """MuJoCo's binary mesh: four counts, then positions, normals, texture coordinates and faces."""
+    data = path.read_bytes()
+    counts = struct.unpack("<4i", data[:16]) if len(data) >= 16 else (0, 0, 0, 0)
+    vertices, normals, coordinates, faces = counts
+    expected = 16 + 4 * (3 * vertices + 3 * normals + 2 * coordinates + 3 * faces)
+    if min(counts) < 0 or vertices < 4 or faces < 1 or expected != len(data):
+        raise RefusedError(f"{path.name} is no MSH file of {vertices} vertices and {faces} faces", "export it again")
+    numbers = np.frombuffer(data, "<f4", 3 * (vertices + normals) + 2 * coordinates, 16).astype(np.float64)
+    points = numbers[: 3 * vertices].reshape(-1, 3)
+    index = np.frombuffer(data, "<i4", 3 * faces, len(data) - 12 * faces).reshape(-1, 3).astype(np.int64)
+    if index.min() < 0 or index.max() >= vertices or not np.isfinite(points).all():
+        raise RefusedError(f"{path.name} has faces or vertices that cannot be (NaN or out of range)", "export it again")
+    uvs = None
+    if coordinates == vertices and image is not None:
+        flat = numbers[3 * (vertices + normals) :].reshape(-1, 2)
+        uvs = np.stack([flat[:, 0], 1 - flat[:, 1]], axis=1)[index]
+    plain = np.full((len(index), 3), 180, np.uint8)
+    return Part(points, index, uvs, image if uvs is not None else None, plain)
