@@ -69,7 +69,7 @@ def light_of(tried: Sequence[Sequence[Pair]]) -> Light:
     if len(sure) < 3:
         return DAYLIGHT
     tint = np.median([one.tint for one in sure], axis=0)
-    return Light(float(np.median([one.gain for one in sure])), np.asarray(tint, np.float64), 0.12)
+    return Light(float(np.median([one.gain for one in sure])), np.asarray(tint, np.float64), 0.15)
 
 
 def relit(catalogue: Catalogue, some: Sequence[Pair], seen: Observation, view: View, light: Light) -> list[Pair]:

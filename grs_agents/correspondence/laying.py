@@ -18,7 +18,7 @@ AIR = 0.008
 KEPT = 8
 """So many of the turns are told of colours."""
 _ROUNDS = 4
-_TRIED = 12
+_TRIED = 14
 _PROBES = 250
 _RIDGE = (2e-3, 2e-3, 2e-3, 0.05, 0.05, 0.05)
 
@@ -40,18 +40,20 @@ class Laid:
 
 def lay(asset: Appearance, tree: Tree, seen: Observation, view: View) -> Laid:
     """The poses in which the asset fits best."""
-    turns = np.stack([_about_z(seen.upright.yaw) @ turn for turn in _turns(asset.round)])
-    extents = np.abs(np.stack(_turns(asset.round))) @ asset.half
+    quarter = np.stack(_turns(asset.round))
+    yaws = [seen.upright.yaw + between for between in (0.0, np.pi / 6, -np.pi / 6)]
+    turns = np.concatenate([_about_z(yaw) @ quarter for yaw in yaws])
+    extents = np.tile(np.abs(quarter) @ asset.half, (len(yaws), 1))
     top = seen.upright.center[2] + seen.upright.size[2] / 2
     centres = np.empty((len(turns), 3))
     centres[:, :2] = seen.upright.center[:2]
     centres[:, 2] = np.maximum(top - extents[:, 2], extents[:, 2] - 0.01)
     poses = np.tile(np.eye(4), (len(turns), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = turns, centres
-    begin = _off(asset, tree, poses, seen.points)
+    begin = _off(asset, tree, poses, seen.points[::4])
     poses = poses[np.argsort(begin, kind="stable")[:_TRIED]]
     for _ in range(_ROUNDS):
-        poses = _stepped(asset, tree, poses, seen.points)
+        poses = _stepped(asset, tree, poses, seen.points[::2])
     off, air = _off(asset, tree, poses, seen.points), _air(asset, poses, view)
     best = np.argsort(off + 0.7 * air, kind="stable")[:KEPT]
     return Laid(poses[best], off[best], air[best])

@@ -43,6 +43,7 @@ class MatchRequest:
         seed: of the order in which assets are shown to a model.
         model: folder of the weights that a tool needs, if any.
         ocr: read what is printed, where a tool can.
+        sized: go by size and place; false only to measure what they are worth.
         index: folder of an index of the library, for one too large to compare everything.
     """
 
@@ -53,6 +54,7 @@ class MatchRequest:
     seed: int = 0
     model: str | None = None
     ocr: bool = True
+    sized: bool = True
     index: str | None = None
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
 from grs_agents.nodes.background import stand_in
-from grs_agents.nodes.corresponding import correspond
+from grs_agents.nodes.corresponding import correspond, measurements
 from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.services import Services, Update, node
 from grs_agents.nodes.standing import stand
@@ -76,8 +76,7 @@ def match(state: RunState, services: Services) -> Update:
     services.log.append(SceneStage(stage="described", summary=summary))
     objects: list[SceneObject] = []
     lost: list[DroppedCandidate] = []
-    told = {record.id: _measurements(record) for record in records}
-    answers = correspond(records, described, told, state, services)
+    answers = correspond(records, described, state, services)
     warnings += answers.notes
     for record in records:
         found = Matched(record, described[record.id], answers.matches.get(record.id))
@@ -132,19 +131,8 @@ def _estimator(services: Services) -> Estimator:
     return estimate
 
 
-def _measurements(record: CandidateRecord) -> dict[str, object]:
-    return {
-        "id": record.id,
-        "size_m": [round(value, 3) for value in record.upright.size],
-        "position_m": [round(value, 3) for value in record.upright.center],
-        "mean_color_rgb": [round(value, 2) for value in record.color],
-        "outline": record.shape,
-        "pixels": record.points,
-    }
-
-
 def _described(record: CandidateRecord, image: str, services: Services, warnings: list[str]) -> Description:
-    reply = roles.describe(services.agents, _measurements(record), [record.crop, image])
+    reply = roles.describe(services.agents, measurements(record), [record.crop, image])
     if not isinstance(reply, NoReply):
         return reply
     warnings.append(f"candidate {record.id}: {reply}")
