@@ -1,29 +1,45 @@
-"""What the index of assets costs with as many as Objaverse holds, and how many of the true nearest it finds."""
+"""What the index of assets costs with as many as Objaverse holds, and how many of the nearest it finds; synthetic data."""
 
 import argparse
 import json
-import resource
-import sys
 import tempfile
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from grs_agents.correspondence.embedding import Vectors, embed
-from grs_agents.correspondence.index import AssetIndex
-from grs_agents.correspondence.tone import histograms
-from grs_agents.errors import InputError
-from grs_agents.files import write_json
-from grs_agents.measure.process import run_alone
+from grs_agents.measure.retrieval import measured, targets
 from grs_agents.run.experiment import positive
 
-_KINDS = ("can", "box", "bottle", "jar", "carton", "mug", "bowl", "plate", "toy", "tool", "book", "shoe", "lamp", "cup",
-          "basket", "knife", "spoon", "pan", "brush", "ball", "car", "figure", "vase", "clock", "chair")  # fmt: skip
-_COLORS = ("red", "green", "blue", "yellow", "white", "black", "brown", "orange", "pink", "purple", "gray", "cyan")
-_LOOKS = ("wooden", "plastic", "metal", "glass", "striped", "dotted", "plain", "worn", "shiny", "small", "large", "old")
-_MEBIBYTE = 1024 * 1024 if sys.platform == "darwin" else 1024
+
+def main(arguments: Sequence[str]) -> int:
+    """Build an index of synthetic assets, search it and add to it.
+
+    Returns:
+        0 if every target is reached, 1 if not.
+
+    Raises:
+        GrsError: faiss is not installed.
+    """
+    parser = argparse.ArgumentParser(prog="grs eval retrieval_scale", description=__doc__)
+    parser.add_argument("--assets", type=positive, default=150_000, help="how many")
+    parser.add_argument("--queries", type=positive, default=200, help="how many searches")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory(prefix="grs-index-") as folder:
+        figures = measured(Path(folder) / "index", options.assets, options.queries, options.seed)
+    bounds = targets(figures)
+    if options.json:
+        told = [{**one.model_dump(), "reached": one.reached} for one in bounds]
+        print(
+            json.dumps({"assets": options.assets, "data": "synthetic", "figures": figures, "targets": told}, indent=2)
+        )
+    else:
+        limits = {one.name: f"{'<=' if one.smaller_is_better else '>='} {one.bound:g}" for one in bounds}
+        shown = Table("figure", "measured", "target", title=f"{options.assets} synthetic assets")
+        for name, value in figures.items():
+            shown.add_row(name, f"{value:.4g}", limits.get(name, ""))
+        Console().print(shown)
+    return 0 if all(one.reached for one in bounds) else 1

@@ -77,7 +77,9 @@ def _appearance(name: str, roots: tuple[object, ...], path: object, modified: in
     colors = _colors(triangles, chosen, weights)
     half = (high - low) / 2
     facing = np.clip(directions() @ normals.T, 0, None)
-    return Appearance(points, normals, tone(_smoothed(points, colors)), half, histograms(colors, facing), _axis(points, half))
+    return Appearance(
+        points, normals, tone(_smoothed(points, colors)), half, histograms(colors, facing), _axis(points, half)
+    )
 
 
 def _colors(triangles: Triangles, chosen: npt.NDArray[np.int64], weights: Array) -> Array:

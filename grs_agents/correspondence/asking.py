@@ -40,7 +40,9 @@ def by_both(request: MatchRequest, library: Library, method: str) -> MatchResult
     ranked = ranked_of(request, library)
     for one in request.segments:
         proposed, _ = ranked[one.id]
-        scores = {name: round(value, 4) for name, value in zip(proposed.names[:TOLD], proposed.likelihoods, strict=False)}
+        scores = {
+            name: round(value, 4) for name, value in zip(proposed.names[:TOLD], proposed.likelihoods, strict=False)
+        }
         assets = [library.asset(name) for name in scores]
         said = request.ask(one, shuffled(assets, request.seed, one.id), True, True)
         others = [name for name in scores if name != said.asset]

@@ -7,6 +7,7 @@ Nothing is learnt and nothing is downloaded: words are hashed, looks projected, 
 import hashlib
 import re
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,7 @@ from grs_agents.scene.frame import Array
 
 WORDS, LOOK, SIZE = 192, 96, 96
 DIMENSIONS = WORDS + LOOK + SIZE
-_WEIGHTS = (0.45, 0.3, 0.25)
+WEIGHTS = (0.45, 0.3, 0.25)
 """Of words, look and size; they add up to 1."""
 _WIDTH = 0.25
 """Sizes whose logarithms differ by so much are about as alike as not."""
@@ -32,8 +33,8 @@ def embed(description: str = "", look: npt.NDArray[np.float32] | None = None, si
         look: (BINS,) square roots of shares of tones (`grs_agents.correspondence.tone`); of several views their mean.
         size: extents in m, in any order.
     """
-    parts = [words_vector(description), _look_vector(look), size_vector(size)]
-    scaled = [np.sqrt(weight) * part for weight, part in zip(_WEIGHTS, parts, strict=True)]
+    parts = [words_vector(description), np.zeros(LOOK) if look is None else look_vector(look), size_vector(size)]
+    scaled = [np.sqrt(weight) * part for weight, part in zip(WEIGHTS, parts, strict=True)]
     return np.concatenate(scaled).astype(np.float32)
 
 
@@ -54,12 +55,10 @@ def _hashed(token: str) -> tuple[int, float]:
     return int.from_bytes(digest[:4], "little") % WORDS, 1.0 if digest[4] & 1 else -1.0
 
 
-def _look_vector(look: npt.NDArray[np.float32] | None) -> Array:
-    if look is None:
-        return np.zeros(LOOK)
+def look_vector(look: npt.NDArray[np.floating[Any]]) -> Array:
+    """(..., LOOK) of length 1, of square roots of shares of tones (..., BINS)."""
     found = look.astype(np.float64) @ _projection()
-    length = float(np.linalg.norm(found))
-    return found / length if length else found
+    return found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-12)
 
 
 @lru_cache(maxsize=1)
@@ -71,6 +70,10 @@ def size_vector(size: Vec3 | None) -> Array:
     """(SIZE,) of length 1, whose product with another is near a Gaussian of how much the logarithms differ."""
     if size is None:
         return np.zeros(SIZE)
-    waves = np.random.default_rng(2).normal(size=(3, SIZE // 2)) / _WIDTH
-    phases = np.log(np.sort(np.maximum(size, 1e-4))) @ waves
+    phases = np.log(np.sort(np.maximum(size, 1e-4))) @ _waves()
     return np.concatenate([np.cos(phases), np.sin(phases)]) / np.sqrt(SIZE / 2)
+
+
+@lru_cache(maxsize=1)
+def _waves() -> Array:
+    return np.random.default_rng(2).normal(size=(3, SIZE // 2)) / _WIDTH

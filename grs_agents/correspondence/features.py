@@ -15,7 +15,7 @@ NAMES = ("off", "air", "large", "small", "seen", "tones", "tones behind", "agree
          "gain", "bright", "one")  # fmt: skip
 """What `numbers` tells, in this order; the first five are about size and place."""
 GEOMETRY = 5
-SHORTLIST = 12
+SHORTLIST = 10
 """So many assets are laid into a candidate's points."""
 _LEVEL = 0.3
 _SLACK = 0.004

@@ -40,16 +40,7 @@ class Laid:
 
 def lay(asset: Appearance, tree: Tree, seen: Observation, view: View) -> Laid:
     """The poses in which the asset fits best."""
-    quarter = np.stack(_turns(asset.round))
-    yaws = [seen.upright.yaw + between for between in (0.0, np.pi / 6, -np.pi / 6)]
-    turns = np.concatenate([_about_z(yaw) @ quarter for yaw in yaws])
-    extents = np.tile(np.abs(quarter) @ asset.half, (len(yaws), 1))
-    top = seen.upright.center[2] + seen.upright.size[2] / 2
-    centres = np.empty((len(turns), 3))
-    centres[:, :2] = seen.upright.center[:2]
-    centres[:, 2] = np.maximum(top - extents[:, 2], extents[:, 2] - 0.01)
-    poses = np.tile(np.eye(4), (len(turns), 1, 1))
-    poses[:, :3, :3], poses[:, :3, 3] = turns, centres
+    poses = np.concatenate([_upright(asset, seen), _leaning(asset, seen, view)])
     begin = _off(asset, tree, poses, seen.points[::4])
     poses = poses[np.argsort(begin, kind="stable")[:_TRIED]]
     for _ in range(_ROUNDS):
@@ -57,6 +48,37 @@ def lay(asset: Appearance, tree: Tree, seen: Observation, view: View) -> Laid:
     off, air = _off(asset, tree, poses, seen.points), _air(asset, poses, view)
     best = np.argsort(off + 0.7 * air, kind="stable")[:KEPT]
     return Laid(poses[best], off[best], air[best])
+
+
+def _upright(asset: Appearance, seen: Observation) -> Array:
+    """Poses (K, 4, 4) on each of its sides, under the top that was measured, at some yaws."""
+    quarter = np.stack(_turns(asset.round))
+    yaws = [seen.upright.yaw + between for between in (0.0, np.pi / 6, -np.pi / 6)]
+    extents = np.abs(quarter) @ asset.half
+    poses = np.tile(np.eye(4), (len(yaws), len(quarter), 1, 1))
+    poses[:, :, :3, :3] = np.stack([_about_z(yaw) for yaw in yaws])[:, None] @ quarter
+    top = seen.upright.center[2] + seen.upright.size[2] / 2
+    poses[:, :, :2, 3] = seen.upright.center[:2]
+    poses[:, :, 2, 3] = np.maximum(top - extents[:, 2], extents[:, 2] - 0.01)
+    return poses.reshape(-1, 4, 4)
+
+
+def _leaning(asset: Appearance, seen: Observation, view: View) -> Array:
+    """Poses (K, 4, 4) along the principal axes of the points, their near side where the points begin."""
+    middle = seen.points.mean(axis=0)
+    _, axes = np.linalg.eigh((seen.points - middle).T @ (seen.points - middle))
+    axes = axes * np.where(axes.T @ (view.eye - middle) < 0, -1.0, 1.0)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    local = (seen.points - middle) @ axes
+    low, high = np.percentile(local, (2, 98), axis=0)
+    quarter = np.stack(_turns(asset.round))
+    extents = np.abs(quarter) @ asset.half
+    places = np.tile((low + high) / 2, (len(quarter), 1))
+    places[:, 0] = high[0] - extents[:, 0]  # the flattest direction is the one that was seen head-on
+    poses = np.tile(np.eye(4), (len(quarter), 1, 1))
+    poses[:, :3, :3] = axes @ quarter
+    poses[:, :3, 3] = places @ axes.T + middle
+    return poses
 
 
 @lru_cache(maxsize=4)

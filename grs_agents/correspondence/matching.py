@@ -1,16 +1,21 @@
 """The match by features: what the camera measured against what the library holds, without any model."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
-from grs_agents.correspondence.catalogue import Catalogue, catalogue_of
-from grs_agents.correspondence.observation import Observation, View, observe, view_of
+from grs_agents.correspondence.catalogue import catalogue_of
+from grs_agents.correspondence.embedding import embed
+from grs_agents.correspondence.index import AssetIndex
+from grs_agents.correspondence.observation import Observation, observe, view_of
+from grs_agents.correspondence.painting import DAYLIGHT
 from grs_agents.correspondence.ranking import Ranked, Use, implausible, rank
 from grs_agents.correspondence.types import MatchRequest, MatchResult
+from grs_agents.errors import InputError
 from grs_agents.library import Asset, Library
 from grs_agents.scene import MatchEvidence
 
-LEAST = 0.5
-"""An asset is matched if it is likelier than not."""
+_LOOKED_UP = 40
+"""So many assets of an index are compared with each candidate."""
 TOLD = 5
 """So many assets are told of each candidate."""
 
@@ -21,7 +26,7 @@ def offered(library: Library) -> tuple[Asset, ...]:
 
 
 def by_features(request: MatchRequest, library: Library, method: str, use: Use = "all") -> MatchResult:
-    """The likeliest asset for each candidate; ``no_asset`` where none is likelier than not.
+    """The likeliest asset for each candidate; ``no_asset`` where it is likelier that it is none of them.
 
     Raises:
         InputError: the files of an asset are faulty.
@@ -38,23 +43,35 @@ def ranked_of(request: MatchRequest, library: Library, use: Use = "all") -> dict
         return {}
     view = view_of(request.frame, request.table)
     observed = [observe(view, one.mask, one.upright) for one in request.segments]
-    ranked = _all_ranked(catalogue_of(offered(library), library), observed, view, use)
+    assets = offered(library) if request.index is None else _indexed(Path(request.index), observed, library)
+    ranked = [found for found, _ in rank(catalogue_of(assets, library), observed, view, use)] if assets else []
+    ranked = ranked or [Ranked((), (), ()) for _ in observed]
     return {
         one.id: (found, implausible(seen))
         for one, found, seen in zip(request.segments, ranked, observed, strict=True)
     }  # fmt: skip
 
 
-def _all_ranked(catalogue: Catalogue, observed: Sequence[Observation], view: View, use: Use) -> list[Ranked]:
-    return [ranked for ranked, _ in rank(catalogue, observed, view, use)]
+def _indexed(folder: Path, observed: Sequence[Observation], library: Library) -> tuple[Asset, ...]:
+    """The assets of an index that look most like one of the candidates, as far as the library still has them."""
+    index = AssetIndex(folder)
+    if not len(index):
+        raise InputError(f"the index in {folder} is empty", "fill it with `grs assets index`")
+    names: set[str] = set()
+    for seen in observed:
+        query = embed(look=seen.histogram(DAYLIGHT.tint), size=seen.upright.size)
+        names.update(name for name, _ in index.search(query, _LOOKED_UP))
+    return tuple(library.asset(name) for name in sorted(names) if name in library)
 
 
 def _answer(ranked: Ranked, nothing: str, method: str) -> MatchEvidence:
     scores = {name: round(value, 4) for name, value in zip(ranked.names[:TOLD], ranked.likelihoods, strict=False)}
     if nothing:
         return MatchEvidence(match="no_object", method=method, scores=scores, reason=nothing)
-    best = ranked.likelihoods[0]
-    if best < LEAST:
+    best = ranked.likelihoods[0] if ranked.names else 0.0
+    if not ranked.names:
+        return MatchEvidence(match="no_asset", method=method, reason="there is no asset to compare it with")
+    if best <= 1 - sum(ranked.likelihoods):
         return MatchEvidence(
             match="no_asset",
             method=method,

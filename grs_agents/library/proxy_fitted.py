@@ -100,7 +100,9 @@ def write_fitted_proxy(
         InputError: the slug, size or colour is out of range, or the folder cannot be written.
     """
     check_proxy(slug, size, color)
-    extents = _round_size(size) if kind in ("cylinder", "bowl") else (round(size[0], 5), round(size[1], 5), round(size[2], 5))
+    extents = (
+        _round_size(size) if kind in ("cylinder", "bowl") else (round(size[0], 5), round(size[1], 5), round(size[2], 5))
+    )
     hollow = kind in ("bowl", "open box")
     filling = {"cylinder": math.pi / 4, "hull": 0.7}.get(kind, 1.0) * (_SHELL if hollow else 1.0)
     mass = round(min(max(math.prod(extents) * filling * _DENSITY, _MASS_RANGE[0]), _MASS_RANGE[1]), 4)

@@ -89,7 +89,9 @@ def _tests(found: Sequence[Matching]) -> list[dict[str, Any]]:
     methods, models = [one.order.method.name for one in found], [one.order.model for one in found]
     asked = [index for index, model in enumerate(models) if model != "-"]
     told = [("Kruskal-Wallis", kruskal_wallis(_by(methods, values), "method"))]
-    told.append(("Kruskal-Wallis", kruskal_wallis(_by([models[i] for i in asked], [values[i] for i in asked]), "model")))
+    told.append(
+        ("Kruskal-Wallis", kruskal_wallis(_by([models[i] for i in asked], [values[i] for i in asked]), "model"))
+    )
     if asked:
         both = scheirer_ray_hare(
             [values[i] for i in asked], [methods[i] for i in asked], [models[i] for i in asked]

@@ -12,6 +12,7 @@ from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.services import Services, Update, node
 from grs_agents.nodes.standing import stand
 from grs_agents.scene import (
+    Camera,
     CandidateRecord,
     DepthEstimate,
     DroppedCandidate,
@@ -21,6 +22,7 @@ from grs_agents.scene import (
     SceneObject,
     TableFrame,
     find_table,
+    load_frame,
     place_robot,
     read_scene,
     save_candidates,
@@ -76,7 +78,8 @@ def match(state: RunState, services: Services) -> Update:
     services.log.append(SceneStage(stage="described", summary=summary))
     objects: list[SceneObject] = []
     lost: list[DroppedCandidate] = []
-    answers = correspond(records, described, state, services)
+    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    answers = correspond(records, described, frame, state, services)
     warnings += answers.notes
     for record in records:
         found = Matched(record, described[record.id], answers.matches.get(record.id))
@@ -84,7 +87,7 @@ def match(state: RunState, services: Services) -> Update:
         if reason:
             lost.append(DroppedCandidate(id=record.id, reason=reason))
         else:
-            objects.append(object_of(found, services, [one.name for one in objects]))
+            objects.append(object_of(found, services, [one.name for one in objects], (frame, table)))
     stood = stand(objects, records, state, services)
     objects, warnings = list(stood.objects), [*warnings, *stood.warnings]
     warnings += [

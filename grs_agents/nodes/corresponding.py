@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from grs_agents.agents import Agents, Description, NoReply, roles
 from grs_agents.correspondence.types import Ask, MatchResult, Segment
 from grs_agents.nodes.services import Services
-from grs_agents.scene import Camera, CandidateRecord, MatchEvidence, Shown, TableFrame, load_frame, load_mask
+from grs_agents.scene import CandidateRecord, MatchEvidence, RGBDFrame, Shown, TableFrame, load_mask
 from grs_agents.state import RunState
 
 
@@ -22,13 +22,18 @@ def measurements(record: CandidateRecord) -> dict[str, object]:
 
 
 def correspond(
-    records: Sequence[CandidateRecord], described: Mapping[int, Description], state: RunState, services: Services
+    records: Sequence[CandidateRecord],
+    described: Mapping[int, Description],
+    frame: RGBDFrame,
+    state: RunState,
+    services: Services,
 ) -> MatchResult:
     """What stands for each candidate; one that its describer calls no object is not asked about.
 
     Args:
         records: the candidates.
         described: what was said of each.
+        frame: the photo.
         state, services: of the run.
 
     Raises:
@@ -36,7 +41,6 @@ def correspond(
     """
     config = services.config
     asked = [record for record in records if described[record.id].is_object]
-    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
     segments = [
         Segment(one.id, load_mask(services.folder / one.mask), one.upright, services.folder / one.crop, one.points)
         for one in asked

@@ -7,9 +7,18 @@ from dataclasses import dataclass
 
 from grs_agents.agents import Description
 from grs_agents.base import Quat
-from grs_agents.library import write_proxy
+from grs_agents.correspondence.proxying import proxy_look, proxy_points
+from grs_agents.library import Asset, fitted_kind, write_fitted_proxy, write_proxy
 from grs_agents.nodes.services import Services
-from grs_agents.scene import CandidateRecord, MatchEvidence, SceneObject, place_asset
+from grs_agents.scene import (
+    CandidateRecord,
+    MatchEvidence,
+    RGBDFrame,
+    SceneObject,
+    TableFrame,
+    load_mask,
+    place_asset,
+)
 from grs_agents.workspace import reachable
 
 
@@ -33,8 +42,13 @@ def dropped(found: Matched, proxies: bool = True) -> str:
     return ""
 
 
-def object_of(found: Matched, services: Services, taken: Sequence[str]) -> SceneObject:
-    """Place the matched asset, or a primitive proxy of the measured size and colour, where the photo shows it."""
+def object_of(
+    found: Matched, services: Services, taken: Sequence[str], photo: tuple[RGBDFrame, TableFrame] | None = None
+) -> SceneObject:
+    """Place the matched asset, or a proxy, where the photo shows it.
+
+    A proxy has the measured size; with the photo it is the solid that fits the points best and looks as they do.
+    """
     record, description, reply = found.record, found.description, found.reply
     if reply is not None and reply.match == "asset" and reply.asset is not None:
         asset = services.library.asset(reply.asset)
@@ -42,10 +56,7 @@ def object_of(found: Matched, services: Services, taken: Sequence[str]) -> Scene
         name = _unique(asset.kind, taken)
     else:
         name = _unique(f"{description.color} {description.category}", taken)
-        folder = services.folder / "assets"
-        folder.mkdir(exist_ok=True)
-        sizes = record.upright.size
-        asset = write_proxy(folder, name, record.shape, sizes, record.color, description.description)
+        asset = _proxy(record, name, description.description, services, photo)
         position, orientation, size = record.upright.center, _about_z(record.upright.yaw), asset.size
     return SceneObject(
         id=record.id,
@@ -66,6 +77,20 @@ def object_of(found: Matched, services: Services, taken: Sequence[str]) -> Scene
         crop=record.crop,
         method="box" if asset.category != "proxy" else "proxy",
     )
+
+
+def _proxy(
+    record: CandidateRecord, name: str, words: str, services: Services, photo: tuple[RGBDFrame, TableFrame] | None
+) -> Asset:
+    folder, box = services.folder / "assets", record.upright
+    folder.mkdir(exist_ok=True)
+    if photo is None:
+        return write_proxy(folder, name, record.shape, box.size, record.color, words)
+    mask = load_mask(services.folder / record.mask)
+    points = proxy_points(*photo, mask, box)
+    kind = fitted_kind(points, box.size, record.shape == "cylinder", record.hollow)
+    look = proxy_look(*photo, mask, box)
+    return write_fitted_proxy(folder, name, kind, points, box.size, record.color, words, look)
 
 
 def _unique(words: str, taken: Sequence[str]) -> str:
