@@ -1,4 +1,4 @@
-"""What the index of assets costs with as many as Objaverse holds, and how many of the nearest it finds; synthetic data."""
+"""What the index of assets costs at the size of Objaverse, and how many of the nearest it finds: synthetic data."""
 
 import argparse
 import json

@@ -33,7 +33,11 @@ def embed(description: str = "", look: npt.NDArray[np.float32] | None = None, si
         look: (BINS,) square roots of shares of tones (`grs_agents.correspondence.tone`); of several views their mean.
         size: extents in m, in any order.
     """
-    parts = [words_vector(description), np.zeros(LOOK) if look is None else look_vector(look), size_vector(size)]
+    parts = [
+        words_vector(description),
+        np.zeros(LOOK) if look is None else look_vector(look),
+        size_vectors(np.array(size)) if size else np.zeros(SIZE),
+    ]
     scaled = [np.sqrt(weight) * part for weight, part in zip(WEIGHTS, parts, strict=True)]
     return np.concatenate(scaled).astype(np.float32)
 
@@ -66,12 +70,14 @@ def _projection() -> Array:
     return np.random.default_rng(1).normal(size=(BINS, LOOK)) / np.sqrt(LOOK)
 
 
-def size_vector(size: Vec3 | None) -> Array:
-    """(SIZE,) of length 1, whose product with another is near a Gaussian of how much the logarithms differ."""
-    if size is None:
-        return np.zeros(SIZE)
-    phases = np.log(np.sort(np.maximum(size, 1e-4))) @ _waves()
-    return np.concatenate([np.cos(phases), np.sin(phases)]) / np.sqrt(SIZE / 2)
+def size_vectors(sizes: Array) -> Array:
+    """(..., SIZE) of length 1; a product of two is near a Gaussian of how much the logarithms of the sizes differ.
+
+    Args:
+        sizes: (..., 3) extents in m, in any order.
+    """
+    phases = np.log(np.sort(np.maximum(sizes, 1e-4), axis=-1)) @ _waves()
+    return np.concatenate([np.cos(phases), np.sin(phases)], axis=-1) / np.sqrt(SIZE / 2)
 
 
 @lru_cache(maxsize=1)

@@ -25,7 +25,7 @@ def tone(colors: Array) -> Array:
 
 
 def histograms(colors: Array, weights: Array) -> npt.NDArray[np.float32]:
-    """(V, BINS) square roots of histograms of colours (N, 3), one for each row of weights (V, N); rows have length 1."""
+    """(V, BINS) square roots of histograms of colours (N, 3), one for each row of weights (V, N); of length 1."""
     return tone_histograms(tone(colors), weights)
 
 

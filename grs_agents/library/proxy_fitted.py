@@ -1,4 +1,4 @@
-"""Proxies fitted to an object's points: box, cylinder, bowl, open box or convex hull, with the photo as their texture."""
+"""Proxies fitted to points: box, cylinder, bowl, open box or convex hull, with the photo as their texture."""
 
 import math
 from collections.abc import Callable
@@ -64,7 +64,7 @@ def fitted_kind(points: Floats, size: Vec3, around: bool, hollow: bool) -> Fitte
 
 
 def completed(points: Floats, size: Vec3) -> Floats:
-    """(M, 3) points with their unseen side, which is taken to be like the seen one turned round, in a box of ``size``."""
+    """(M, 3) points with their unseen side, taken to be like the seen one turned round, in a box of ``size``."""
     half = np.asarray(size) / 2
     kept = np.clip(points, -half, half)
     whole = np.concatenate([kept, kept * (-1, -1, 1)])

@@ -20,7 +20,7 @@ _COLORS = {"right": (15, 157, 88), "rightly none": (150, 200, 170), "wrong asset
 
 
 def write_match_sheet(out: Path, found: Sequence[Matching]) -> None:
-    """Write ``sheet-METHOD.png`` for the first model and run of each method: crop, answer and truth of every candidate."""
+    """Write ``sheet-METHOD.png``: crop, answer and truth of every candidate, for a method's first model and run."""
     library, drawn = Library(), dict[str, Picture]()
     first: dict[str, tuple[str, int]] = {}
     rows: dict[str, list[Picture]] = {}

@@ -1,4 +1,4 @@
-"""Tests on ranks: whether groups differ (Kruskal-Wallis), and two factors with their interaction (Scheirer-Ray-Hare)."""
+"""Tests on ranks: whether groups differ (Kruskal-Wallis), two factors and their interaction (Scheirer-Ray-Hare)."""
 
 from collections.abc import Mapping, Sequence
 from importlib import import_module

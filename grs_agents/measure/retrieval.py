@@ -1,7 +1,7 @@
 """What the index of assets costs, measured in processes of their own; nothing here has been photographed or described.
 
-The assets are synthetic: descriptions of nine words drawn by Zipf's law, four of them shared by all of a kind; looks mixed
-from 400 colours; sizes spread around those of the kind. Queries are assets whose vectors were disturbed.
+The assets are synthetic: descriptions of nine words by Zipf's law, four of them shared by all of a kind; looks mixed
+from six of 400 colours; sizes spread around those of the kind. Queries are assets whose vectors were disturbed.
 """
 
 import json
@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from grs_agents.correspondence.embedding import DIMENSIONS, WEIGHTS, Vectors, look_vector, words_vector
-from grs_agents.correspondence.embedding import size_vector as _size_vector
+from grs_agents.correspondence.embedding import DIMENSIONS, WEIGHTS, Vectors, look_vector, size_vectors, words_vector
 from grs_agents.correspondence.index import AssetIndex
 from grs_agents.correspondence.tone import histograms
 from grs_agents.errors import GrsError
 from grs_agents.measure.figures import Target
 
 _KINDS, _WORDS, _TOLD, _COLORS = 300, 8000, 9, 400
+_MIXED = 6
 _NOISE = 0.03
 _NEAREST = 20
 _MEBIBYTE = 1024 * 1024 if sys.platform == "darwin" else 1024
@@ -39,14 +39,15 @@ def synthetic_vectors(count: int, rng: np.random.Generator) -> Vectors:
     usual = np.exp(rng.normal(-2.5, 0.6, (_KINDS, 3)))
     pure = histograms(rng.random((_COLORS, 3)), np.eye(_COLORS)).astype(np.float64) ** 2
     found = np.empty((count, DIMENSIONS), np.float32)
-    for first in range(0, count, 5000):
-        some = slice(first, min(first + 5000, count))
+    for first in range(0, count, 1000):
+        some = slice(first, min(first + 1000, count))
         words = spelt[told[some]].sum(axis=1)
         words /= np.maximum(np.linalg.norm(words, axis=1, keepdims=True), 1e-9)
         number = len(words)
-        looks = np.sqrt(rng.dirichlet(np.full(_COLORS, 0.02), number) @ pure)
+        mixed, amounts = rng.integers(0, _COLORS, (number, _MIXED)), rng.dirichlet(np.full(_MIXED, 0.7), number)
+        looks = np.sqrt(np.einsum("nm,nmb->nb", amounts, pure[mixed]))
         sizes = usual[kinds[some]] * np.exp(rng.normal(0, 0.25, (number, 3)))
-        parts = (words, look_vector(looks), np.array([_size_vector((x, y, z)) for x, y, z in sizes.tolist()]))
+        parts = (words, look_vector(looks), size_vectors(sizes))
         found[some] = np.concatenate([np.sqrt(w) * part for w, part in zip(WEIGHTS, parts, strict=True)], axis=1)
     return found
 
