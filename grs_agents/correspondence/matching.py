@@ -6,6 +6,7 @@ from pathlib import Path
 from grs_agents.correspondence.catalogue import catalogue_of
 from grs_agents.correspondence.embedding import embed
 from grs_agents.correspondence.index import AssetIndex
+from grs_agents.correspondence.lettering import read_words
 from grs_agents.correspondence.observation import Observation, observe, view_of
 from grs_agents.correspondence.painting import DAYLIGHT
 from grs_agents.correspondence.ranking import Ranked, Use, implausible, rank
@@ -25,14 +26,14 @@ def offered(library: Library) -> tuple[Asset, ...]:
     return tuple(asset for asset in library.things() if asset.category != "proxy")
 
 
-def by_features(request: MatchRequest, library: Library, method: str, use: Use = "all") -> MatchResult:
+def by_features(request: MatchRequest, library: Library, method: str) -> MatchResult:
     """The likeliest asset for each candidate; ``no_asset`` where it is likelier that it is none of them.
 
     Raises:
         InputError: the files of an asset are faulty.
     """
     matches: dict[int, MatchEvidence] = {}
-    for number, (ranked, reason) in ranked_of(request, library, use).items():
+    for number, (ranked, reason) in ranked_of(request, library, "all" if request.sized else "no size").items():
         matches[number] = _answer(ranked, reason, method)
     return MatchResult(matches)
 
@@ -44,7 +45,8 @@ def ranked_of(request: MatchRequest, library: Library, use: Use = "all") -> dict
     view = view_of(request.frame, request.table)
     observed = [observe(view, one.mask, one.upright) for one in request.segments]
     assets = offered(library) if request.index is None else _indexed(Path(request.index), observed, library)
-    ranked = [found for found, _ in rank(catalogue_of(assets, library), observed, view, use)] if assets else []
+    printed = [read_words(request.frame, one.mask) if request.ocr else [] for one in request.segments]
+    ranked = rank(catalogue_of(assets, library), observed, view, use, printed) if assets else []
     ranked = ranked or [Ranked((), (), ()) for _ in observed]
     return {
         one.id: (found, implausible(seen))

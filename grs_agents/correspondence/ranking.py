@@ -12,15 +12,18 @@ import numpy as np
 
 from grs_agents.correspondence.catalogue import Catalogue
 from grs_agents.correspondence.features import GEOMETRY, NAMES, Pair, light_of, numbers, pairs, relit
+from grs_agents.correspondence.lettering import support
 from grs_agents.correspondence.observation import Observation, View
 from grs_agents.scene.frame import Array
 
 Use = Literal["all", "no size"]
 _THINNEST, _NARROWEST, _LONGEST, _SLENDER = 0.006, 0.012, 0.6, 25
 _FEWEST = 30
+_LETTERS = 3.0
+"""What a word that is spelt as the asset's counts, in natural logarithms of odds; chosen, not fitted."""
 WEIGHTS: dict[Use, tuple[float, ...]] = {
-    "all": (-0.58, -0.35, -1.65, -2.15, -0.5, 1.33, 0.5, 0.5, 0.5, -0.5, -0.5, 0.0, -8.0),
-    "no size": (0.0,) * GEOMETRY + (1.33, 0.5, 0.5, 0.5, -0.5, -0.5, 0.0, -8.0),
+    "all": (-0.55, -0.447, -2.014, -1.508, 0.002, 1.418, 0.447, -1.201, 2.454, -1.0, -1.344, 0.664, -1.067),
+    "no size": (0.0,) * GEOMETRY + (1.215, 0.856, -1.133, 2.512, -1.709, -2.003, 0.386, -2.467),
 }
 """One for each of `grs_agents.correspondence.features.NAMES`; without size, those of geometry count nothing."""
 
@@ -41,28 +44,34 @@ class Ranked:
 
 
 def rank(
-    catalogue: Catalogue, observed: Sequence[Observation], view: View, use: Use = "all"
-) -> list[tuple[Ranked, Array]]:
-    """Rank the assets for each candidate of a photo; beside it the numbers (P, len(NAMES)) of its assets.
+    catalogue: Catalogue,
+    observed: Sequence[Observation],
+    view: View,
+    use: Use = "all",
+    printed: Sequence[Sequence[str]] = (),
+) -> list[Ranked]:
+    """Rank the assets for each candidate of a photo.
 
     Args:
         catalogue: the assets.
         observed, view: the candidates, all together, since they share their light; and the photo.
         use: all that is known, or colours alone.
+        printed: the words that were read on each, if any were.
     """
     tried = [pairs(catalogue, seen, view, use == "all") for seen in observed]
     light = light_of(tried)
-    found: list[tuple[Ranked, Array]] = []
-    for some, seen in zip(tried, observed, strict=True):
+    found: list[Ranked] = []
+    for number, (some, seen) in enumerate(zip(tried, observed, strict=True)):
         lit = relit(catalogue, some, seen, view, light)
-        told = numbers(lit, light)
-        found.append((_ranked(catalogue, lit, told, use), told))
+        words = printed[number] if printed else ()
+        letters = np.array([support(words, catalogue.assets[one.asset]) if words else 0.0 for one in lit])
+        found.append(_ranked(catalogue, lit, numbers(lit, light), letters, use))
     return found
 
 
-def likelihoods(told: Array, weights: Sequence[float]) -> Array:
-    """(P,) of each asset, beside none of them, from numbers (P, len(NAMES))."""
-    scores = np.clip(told @ np.asarray(weights), -60, 60)
+def likelihoods(told: Array, weights: Sequence[float], letters: Array | float = 0.0) -> Array:
+    """(P,) of each asset, beside none of them, from numbers (P, len(NAMES)) and the support (P,) of what was read."""
+    scores = np.clip(told @ np.asarray(weights) + _LETTERS * letters, -60, 60)
     odds = np.exp(scores)
     return np.asarray(odds / (1 + odds.sum()), np.float64)
 
@@ -77,13 +86,17 @@ def implausible(seen: Observation) -> str:
     return ""
 
 
-def _ranked(catalogue: Catalogue, some: Sequence[Pair], told: Array, use: Use) -> Ranked:
-    likely = likelihoods(told, WEIGHTS[use])
+def _ranked(catalogue: Catalogue, some: Sequence[Pair], told: Array, letters: Array, use: Use) -> Ranked:
+    likely = likelihoods(told, WEIGHTS[use], letters)
     order = np.argsort(-likely, kind="stable").tolist()
     return Ranked(
         tuple(catalogue.assets[some[index].asset].name for index in order),
         tuple(float(likely[index]) for index in order),
-        tuple(_reason(dict(zip(NAMES, told[index].tolist(), strict=True)), use) for index in order),
+        tuple(
+            _reason(dict(zip(NAMES, told[index].tolist(), strict=True)), use)
+            + (", and its name is printed on it" if letters[index] else "")
+            for index in order
+        ),
     )
 
 
