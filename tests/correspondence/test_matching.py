@@ -111,7 +111,7 @@ def test_clip_takes_the_most_similar_or_none(photo: tuple[MatchRequest, dict[int
 
 
 def test_clip_without_weights_says_how_to_get_them(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="match.model"):
+    with pytest.raises(ConfigError, match=r"match\.model"):
         open_clip_embedder(None)
     with pytest.raises(ConfigError, match="open_clip_config"):
         open_clip_embedder(str(tmp_path))
