@@ -38,13 +38,16 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--segment", default=load_config(None).config.tools.segment, metavar="TOOL", help="what segments"
     )
+    parser.add_argument(
+        "--model", default=load_config(None).config.segment.model, metavar="DIR", help="model of that tool's own"
+    )
     parser.add_argument("--repeats", type=positive, default=1, help="how often the work is timed; the least counts")
     parser.add_argument("--workers", type=positive, default=2, help="scenes at a time")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args(arguments)
     count = options.synthesised if options.synthesised is not None else 0 if options.scenes else 10
     made = recipes(count, options.seed, options.objects, size=options.size)
-    work = Work(options.segment, options.seed, options.repeats)
+    work = Work(options.segment, options.seed, options.repeats, options.model)
     orders = [
         *orders_of(options.scenes, work, options.images),
         *synthesised_orders(made, options.out, work),

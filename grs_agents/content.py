@@ -37,8 +37,9 @@ def add_overlay(folder: Path) -> None:
     """
     if not folder.is_dir():
         raise InputError(f"content folder {folder} does not exist", "name an existing folder with --content")
-    if folder.resolve() not in _overlays:
-        _overlays.insert(0, folder.resolve())
+    resolved = folder.resolve()
+    if resolved not in _overlays:
+        _overlays.insert(0, resolved)
 
 
 def roots() -> list[Path]:
@@ -71,10 +72,12 @@ def paths(kind: Kind, name: str) -> list[Path]:
     Raises:
         UnknownNameError: nothing has that name; the message lists the names there are.
     """
-    if name not in names(kind):
+    public = name != "" and name == Path(name).name and not name.startswith(("_", "."))
+    candidates = [root / kind / f"{name}{_SUFFIX[kind]}" for root in roots()] if public else []
+    found = [candidate for candidate in candidates if candidate.exists()]
+    if not found:
         raise UnknownNameError(kind.removesuffix("s"), name, names(kind))
-    candidates = [root / kind / f"{name}{_SUFFIX[kind]}" for root in roots()]
-    return [candidate for candidate in candidates if candidate.exists()]
+    return found
 
 
 def load_module(kind: Kind, name: str) -> ModuleType:

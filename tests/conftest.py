@@ -4,11 +4,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from grs_agents import content
 
 REPOSITORY = Path(__file__).parents[1]
 REAL_SCENES = REPOSITORY.parent / "shared" / "scenes"
+
+settings.register_profile("grs", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("grs")  # how fast an example is drawn tells of the machine's load, not of the code
 
 
 @pytest.fixture(scope="session")

@@ -13,13 +13,13 @@ PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "base", "__version__"}),
-    frozenset({"files", "workspace"}),
+    frozenset({"files", "pretrained", "workspace"}),
     frozenset({"content", "config", "trace"}),
     frozenset({"library"}),
     frozenset({"sim", "scene", "sandbox", "models"}),
     frozenset({"toolkit", "synth", "twin", "correspondence"}),
     frozenset({"agents", "tools/", "export"}),
-    frozenset({"audit", "policies"}),
+    frozenset({"audit", "policies", "curate"}),
     frozenset({"state"}),
     frozenset({"nodes"}),
     frozenset({"graphs/"}),

@@ -9,6 +9,7 @@ from grs_agents.models.offline.text import read_prompt
 
 VARIABLES = {
     "describe": {"measurements"},
+    "describe_asset": {"facts"},
     "match": {"candidate", "assets"},
     "task": {"scene", "fixtures"},
     "simulation": {"task", "scene", "api", "examples"},

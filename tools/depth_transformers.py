@@ -1,7 +1,6 @@
 """Estimate the depth of a photo by a metric depth model of your own, through transformers. Nothing is downloaded."""
 
 import importlib
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import ConfigError, InputError
+from grs_agents.errors import ConfigError
+from grs_agents.pretrained import LOCAL, config_of, stumbling, weights_of
 from grs_agents.scene import Image
 from grs_agents.toolkit import ToolContext
 
@@ -62,33 +62,16 @@ def run(request: Request, context: ToolContext) -> Result:
         raise ConfigError(
             f"tool depth_transformers needs {error.name or 'transformers'}", 'pip install "grs-agents[transformers]"'
         ) from error
-    try:
+    with stumbling("depth", folder, request.photo, "AutoModelForDepthEstimation"):
         return _asked(request, folder, torch, transformers)
-    except InputError:
-        raise
-    except Exception as error:  # whatever its libraries think of a folder or a photo of the user's
-        said = (str(error).strip() or repr(error)).splitlines()[0][:300]
-        raise InputError(
-            f"the depth model {folder} failed on {request.photo}: {said}",
-            "name the folder of a model that transformers loads by AutoModelForDepthEstimation",
-        ) from error
 
 
 def _asked(request: Request, folder: Path, torch: Any, transformers: Any) -> Result:
-    transformers.logging.set_verbosity_error()
-    transformers.logging.disable_progress_bar()
-    local: dict[str, Any] = {"local_files_only": True, "trust_remote_code": False}
-    processor = transformers.AutoImageProcessor.from_pretrained(str(folder), **local)
-    model, loading = transformers.AutoModelForDepthEstimation.from_pretrained(
-        str(folder), use_safetensors=True, output_loading_info=True, **local
-    )
-    if loading["missing_keys"]:  # transformers would go on with random ones
-        raise InputError(
-            f"depth.model = {str(folder)!r} lacks {len(loading['missing_keys'])} of its weights",
-            "name a folder with the whole model",
-        )
+    processor = transformers.AutoImageProcessor.from_pretrained(str(folder), **LOCAL, trust_remote_code=False)
+    kind = transformers.AutoModelForDepthEstimation
+    model = weights_of(kind, folder, "depth.model", transformers, trust_remote_code=False)
     with torch.inference_mode():
-        answer = model.eval()(**processor(images=request.rgb, return_tensors="pt"))
+        answer = model(**processor(images=request.rgb, return_tensors="pt"))
     size = request.rgb.shape[:2]
     more = {"source_sizes": [size]} if model.config.model_type == "zoedepth" else {}
     found = processor.post_process_depth_estimation(answer, target_sizes=[size], **more)[0]
@@ -99,18 +82,9 @@ def _asked(request: Request, folder: Path, torch: Any, transformers: Any) -> Res
 
 def _metric_model(name: str | None) -> Path:
     """The folder of a model that answers in metres."""
-    if name is None:
-        raise ConfigError("tool depth_transformers needs a model", "name its folder: --set depth.model=FOLDER")
-    folder = Path(name)
-    try:
-        config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-        kind, answers = str(config["model_type"]), config.get("depth_estimation_type")
-    except (OSError, ValueError, RecursionError, TypeError, LookupError, AttributeError) as error:
-        raise ConfigError(
-            f"depth.model = {name!r}: no folder of a model with a config.json that transformers wrote ({error})",
-            "name one on this machine; nothing is downloaded",
-        ) from error
-    if kind not in METRIC and answers != "metric":
+    folder, config = config_of("depth.model", name, "depth_transformers")
+    kind = config["model_type"]
+    if kind not in METRIC and config.get("depth_estimation_type") != "metric":
         raise ConfigError(
             f"depth.model = {name!r} is a {kind} model whose answers are not in metres",
             f"name a metric one: {', '.join(METRIC)}, or depth_anything of depth_estimation_type metric",

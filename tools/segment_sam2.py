@@ -1,7 +1,6 @@
 """Segment a photo by the masks of a SAM 2 of your own, through transformers, merged by depth. Nothing is downloaded."""
 
 import importlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from grs_agents.errors import ConfigError, GrsError, InputError
+from grs_agents.errors import ConfigError
+from grs_agents.pretrained import config_of, stumbling, weights_of
 from grs_agents.scene import (
     Candidate,
     Image,
@@ -77,37 +77,13 @@ def run(request: Request, context: ToolContext) -> Result:
         ) from error
 
     def proposals(rgb: Image, where: Mask) -> Iterator[Proposal]:
-        model = _loaded(folder, kind, transformers)
+        model = weights_of(kind, folder, "segment.model", transformers).float()
         with torch.inference_mode():
             yield from _automatic(model, rgb, where, torch)
 
-    try:
+    with stumbling("segmentation", folder, request.frame.source, "Sam2Model"):
         labels = segment_proposed(request.frame, request.table, proposals)
-    except GrsError:
-        raise
-    except Exception as error:  # whatever its libraries think of a folder or a photo of the user's
-        said = (str(error).strip() or repr(error)).splitlines()[0][:300]
-        raise InputError(
-            f"the segmentation model {folder} failed on {request.frame.source}: {said}",
-            "name the folder of a model that transformers loads by Sam2Model",
-        ) from error
     return Result(candidates_of(request.frame, request.table, labels))
-
-
-def _loaded(folder: Path, kind: Any, transformers: Any) -> Any:
-    transformers.logging.set_verbosity_error()
-    transformers.logging.disable_progress_bar()
-    model, loading = kind.from_pretrained(
-        str(folder), use_safetensors=True, local_files_only=True, output_loading_info=True
-    )
-    missing = sorted(loading["missing_keys"])
-    if missing:  # transformers would go on with random ones
-        named = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
-        raise InputError(
-            f"segment.model = {str(folder)!r} lacks {len(missing)} of its weights: {named}",
-            "name a folder with the whole model",
-        )
-    return model.eval().float()
 
 
 def _automatic(model: Any, rgb: Image, where: Mask, torch: Any) -> Iterator[Proposal]:
@@ -148,16 +124,8 @@ def _grid(where: Mask) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
 
 def _sam2(name: str | None) -> Path:
     """The folder of a SAM 2."""
-    if name is None:
-        raise ConfigError("tool segment_sam2 needs a model", "name its folder: --set segment.model=FOLDER")
-    folder = Path(name)
-    try:
-        kind = str(json.loads((folder / "config.json").read_text(encoding="utf-8"))["model_type"])
-    except (OSError, ValueError, RecursionError, TypeError, LookupError) as error:
-        raise ConfigError(
-            f"segment.model = {name!r}: no folder of a model with a config.json that transformers wrote ({error})",
-            "name one on this machine; nothing is downloaded",
-        ) from error
-    if kind not in KINDS:
-        raise ConfigError(f"segment.model = {name!r} is a {kind} model", f"name a SAM 2: {', '.join(KINDS)}")
+    folder, config = config_of("segment.model", name, "segment_sam2")
+    if config["model_type"] not in KINDS:
+        kinds = ", ".join(KINDS)
+        raise ConfigError(f"segment.model = {name!r} is a {config['model_type']} model", f"name a SAM 2: {kinds}")
     return folder

@@ -7,6 +7,8 @@ from typing import Annotated
 import typer
 
 from grs_agents import __version__, content
+from grs_agents.cli import viewing
+from grs_agents.cli.assets import assets_app
 from grs_agents.cli.options import (
     ConfigFile,
     Json,
@@ -28,6 +30,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+app.add_typer(assets_app)
 Scene = Annotated[
     Path,
     typer.Argument(
@@ -38,7 +41,6 @@ Seeds = Annotated[
     int | None,
     typer.Option("--seeds", help="How many task instances to solve; audit.seeds by default.", min=1, max=100),
 ]
-RunFolder = Annotated[Path, typer.Argument(help="A run folder.")]
 
 
 def _version(wanted: bool) -> None:
@@ -113,23 +115,7 @@ def check(
     sys.exit(check_program(simulation, tests, chosen, json))
 
 
-@app.command()
-def show(run: RunFolder, json: Json = False) -> None:
-    """Show the steps of a run as a table."""
-    from grs_agents.cli.looking import show_run
-
-    show_run(run, json)
-
-
-@app.command()
-def replay(
-    run: RunFolder,
-    web: Annotated[bool, typer.Option("--web", help="Open the viewer in a browser.")] = False,
-) -> None:
-    """Open a run's trace in the rerun viewer, on 127.0.0.1."""
-    from grs_agents.cli.looking import replay_run
-
-    sys.exit(replay_run(run, web))
+viewing.add_to(app)
 
 
 @app.command()

@@ -1,6 +1,7 @@
 """``grs show`` and ``grs replay``."""
 
 import json
+import tempfile
 from pathlib import Path
 
 from rich.console import Console
@@ -17,35 +18,80 @@ def show_run(folder: Path, as_json: bool) -> None:
     Raises:
         InputError: the folder holds no run.
     """
-    from grs_agents.views import steps_table, summary_table
+    from grs_agents.views import step_record, steps, steps_tree, summary_table
 
-    record = read_record(folder)
-    events = read_events(folder / "events.jsonl")
+    record = read_record(folder).model_dump(mode="json")
+    rows = steps(read_events(folder / "events.jsonl"))
     if as_json:
-        print(json.dumps([event.model_dump(mode="json") for event in events], indent=2))
+        print(json.dumps({"run": record, "steps": [step_record(step) for step in rows]}, indent=2))
         return
     console = Console()
-    console.print(steps_table(events))
-    console.print(summary_table(record.model_dump(mode="json")))
+    console.print(steps_tree(rows))
+    console.print(summary_table(record))
 
 
-def replay_run(folder: Path, web: bool) -> int:
-    """Open the viewer on a run's recording, made again from the events if it is missing.
+def show_step(folder: Path, number: int | None, as_json: bool) -> None:
+    """Print one step in full; without a ``number`` the last one that went wrong.
+
+    Raises:
+        InputError: the folder holds no run, or the run has no such step.
+    """
+    from grs_agents.views import failed_step, find_step, sections, step_record, steps, visible
+
+    read_record(folder)
+    rows = steps(read_events(folder / "events.jsonl"))
+    step = failed_step(rows) if number is None else find_step(rows, number)
+    if as_json:
+        events = [event.model_dump(mode="json") for event in step.events] if step else []
+        print(json.dumps({**step_record(step), "events": events} if step else None, indent=2))
+    elif step is None:
+        print("no step went wrong")
+    else:
+        trouble = f": {visible(step.trouble)}" if step.trouble else ""
+        print(f"step {step.number}: {step.node}, visit {step.visit}, {step.status} in {step.seconds:.1f} s{trouble}")
+        for section in sections(step):
+            print(f"\n=== {visible(section.heading)}\n{visible(section.text)}".rstrip())
+
+
+def library_of(folder: Path) -> Library:
+    """The shipped assets with the run's own proxies laid over."""
+    proxies = folder / "assets"
+    return Library().overlay(proxies) if proxies.is_dir() else Library()
+
+
+def rebuilt(folder: Path) -> Path:
+    """The recording of a run, made from its events.
+
+    Raises:
+        InputError: the folder holds no run, or the run logged nothing.
+    """
+    from grs_agents.views.rerun_view import rebuild
+
+    read_record(folder)
+    recording = rebuild(folder, Library())
+    if not recording.is_file():
+        raise InputError(f"{recording} cannot be made: the run logged no event", "run the scene again")
+    return recording
+
+
+def replay_run(folder: Path, beside: Path | None, web: bool) -> int:
+    """Open the viewer on a run's recording, made again from the events if it is missing, or on two runs side by side.
 
     Returns:
         The viewer's exit status.
 
     Raises:
-        InputError: the folder holds no run.
+        InputError: a folder holds no run.
     """
     from grs_agents.views import open_viewer
-    from grs_agents.views.rerun_view import rebuild
 
     read_record(folder)
-    recording = folder / "trace.rrd"
-    if not recording.is_file():
-        proxies = folder / "assets"
-        rebuild(folder, Library().overlay(proxies) if proxies.is_dir() else Library())
-    if not recording.is_file():
-        raise InputError(f"{recording} cannot be made: the run logged no event", "run the scene again")
-    return open_viewer(recording, web=web).wait()
+    if beside is None:
+        recording = folder / "trace.rrd"
+        return open_viewer(recording if recording.is_file() else rebuilt(folder), web=web).wait()
+    from grs_agents.views.rerun_view import compare
+
+    read_record(beside)
+    with tempfile.TemporaryDirectory() as temporary:
+        runs = [(folder, Library()), (beside, Library())]
+        return open_viewer(compare(runs, Path(temporary) / "both.rrd"), web=web).wait()

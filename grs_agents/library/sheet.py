@@ -58,7 +58,9 @@ def facts(asset: Asset) -> str:
     x, y, z = (f"{100 * extent:.1f}" for extent in asset.size)
     mass = asset.physical().mass
     told = f"{x} x {y} x {z} cm, {1000 * mass.value:.0f} g ({mass.provenance})"
-    return told + (f", {asset.origin.license}" if asset.origin is not None else "") + (", hollow" if asset.hollow else "")
+    return (
+        told + (f", {asset.origin.license}" if asset.origin is not None else "") + (", hollow" if asset.hollow else "")
+    )
 
 
 def on_paper(view: AssetView) -> Image:

@@ -36,11 +36,13 @@ _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 
 @dataclass(frozen=True)
 class Work:
-    """What is done with each scene: the segment tool, the seed of the search for the table, how often it is timed."""
+    """What is done with each scene: the segment tool, the seed of the search for the table, how often it is timed,
+    and the folder of the tool's model."""
 
     tool: str
     seed: int = 0
     repeats: int = 1
+    model: str | None = None
 
 
 def orders_of(sources: Sequence[str], work: Work, most: int) -> list[Order]:
@@ -108,12 +110,14 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
 
 def _order(name: str, source: str, recipe: Recipe | None, work: Work) -> Order:
     overlays = tuple(str(root) for root in content.roots()[:-1])
-    code = fingerprint(CODE / "scene", CODE / "measure", *([content.path("tools", work.tool)] if work.tool else []))
+    tools = [content.path("tools", work.tool)] if work.tool else []
+    code = fingerprint(CODE / "scene", CODE / "twin", CODE / "measure", *tools)
     return Order(
         name=name,
         source=source,
         recipe=recipe,
         tool=work.tool,
+        model=work.model,
         seed=work.seed,
         repeats=work.repeats,
         content=overlays,

@@ -9,10 +9,20 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.library import Library, write_proxy
-from grs_agents.scene import Candidate, Registered, TableFrame, TwinReport, register
+from grs_agents.scene import (
+    Candidate,
+    Claim,
+    Registered,
+    RGBDFrame,
+    TableFrame,
+    TwinReport,
+    found_later,
+    register,
+    shell_of,
+)
 from grs_agents.scene.metrics import MATCHED, overlaps
 from grs_agents.scene.truth import LabelledScene
-from grs_agents.twin import Thing, report_of
+from grs_agents.twin import Segment, Thing, reconcile, report_of
 
 
 @dataclass(frozen=True)
@@ -39,6 +49,9 @@ def standing(
 ) -> Standing:
     """Register the true asset of each candidate that matches an object, let proxies stand for the others, and settle.
 
+    As in a run, what the assets do not explain of their segments is matched in its turn, and pieces of things whose
+    assets are known have no proxy of their own.
+
     Args:
         scene: with its truth; without true assets there is nothing to say.
         found: (H, W) numbers of the candidates.
@@ -52,29 +65,77 @@ def standing(
     truth = {one.id: one.asset for one in scene.truth.objects if one.asset in library}
     if table is None or not truth or not candidates:
         return Standing()
+    poses: dict[int, Registered] = {}
+    segments = _segments(candidates, _assets(scene, found, truth), poses, (scene.frame, table, library))
+    shells = [None if one.known is None else shell_of(one.known.asset, one.known.pose, library) for one in segments]
+    first = max(one.id for one in candidates) + 1
+    later = found_later([one.mask for one in segments], shells, scene.frame, table, first)
+    new = np.zeros_like(found)
+    for one in later:
+        new[one.mask] = one.id
+    missed = {label: asset for label, asset in truth.items() if label not in _matched(scene, found).values()}
+    segments += _segments(later, _assets(scene, new, missed), poses, (scene.frame, table, library))
+    return _settled([*candidates, *later], segments, poses, scene, library, table)
+
+
+def _matched(scene: LabelledScene, found: npt.NDArray[np.int32]) -> dict[int, int]:
+    """The label of the object that each segment (H, W) matches, by the segment's number."""
     common = overlaps(found, scene.labels, scene.ignored())
-    assets = {
-        int(common.segments[column]): truth.get(int(common.truths[row]), "")
+    return {
+        int(common.segments[column]): int(common.truths[row])
         for row, column in common.pairs()
         if common.ious[row, column] >= MATCHED
     }
-    poses: dict[int, Registered] = {}
-    things: list[Thing] = []
+
+
+def _assets(scene: LabelledScene, found: npt.NDArray[np.int32], truth: Mapping[int, str]) -> dict[int, str]:
+    """The true assets, given by label, of the segments that match an object of which it is known, by their numbers."""
+    return {number: truth[label] for number, label in _matched(scene, found).items() if label in truth}
+
+
+def _segments(
+    candidates: Sequence[Candidate],
+    assets: Mapping[int, str],
+    poses: dict[int, Registered],
+    where: tuple[RGBDFrame, TableFrame, Library],
+) -> list[Segment]:
+    """The candidates with their assets, registered; ``poses`` takes where those stand."""
+    frame, table, library = where
+    segments: list[Segment] = []
+    for one in candidates:
+        thing = None
+        if one.id in assets:
+            stood = poses[one.id] = register(assets[one.id], library, one.upright, frame, table, one.mask)
+            thing = Thing(assets[one.id], (stood.position, stood.orientation))
+        segments.append(Segment(one.mask, one.upright, one.shape, thing))
+    return segments
+
+
+def _settled(
+    candidates: Sequence[Candidate],
+    segments: Sequence[Segment],
+    poses: Mapping[int, Registered],
+    scene: LabelledScene,
+    library: Library,
+    table: TableFrame,
+) -> Standing:
+    """The twin of segments and what stands for them."""
+    agreed = reconcile(segments, scene.frame, table, library)
+    kept = [index for index in range(len(segments)) if index not in agreed.pieces]
     with tempfile.TemporaryDirectory(prefix="grs-twin-") as folder:
-        for one in candidates:
-            asset = assets.get(one.id, "")
-            if asset:
-                stood = poses[one.id] = register(asset, library, one.upright, scene.frame, table, one.mask)
-                things.append(Thing(asset, (stood.position, stood.orientation)))
-            else:
-                things.append(_proxy(one, Path(folder)))
-        both = library.overlay(Path(folder)) if len(poses) < len(things) else library
+        proxies = {index: _proxy(candidates[index], claim, Path(folder)) for index, claim in agreed.claims.items()}
+        things = [segments[index].known or proxies[index] for index in kept]
+        both = library.overlay(Path(folder)) if proxies else library
         rest, twin = report_of(things, both, scene.frame, table, scene.labels > 0)
-    drifts = {one.id: placed.drift for one, placed in zip(candidates, rest.placed, strict=True) if placed is not None}
+    drifts = {
+        candidates[index].id: placed.drift
+        for index, placed in zip(kept, rest.placed, strict=True)
+        if placed is not None
+    }
     return Standing(poses, drifts, twin if drifts else None)
 
 
-def _proxy(one: Candidate, folder: Path) -> Thing:
-    box = one.upright
-    asset = write_proxy(folder, f"candidate_{one.id}", one.shape, box.size, one.color, "a proxy")
+def _proxy(one: Candidate, claim: Claim, folder: Path) -> Thing:
+    box = claim.box
+    asset = write_proxy(folder, f"candidate_{one.id}", claim.shape, box.size, one.color, "a proxy")
     return Thing(asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))))

@@ -95,6 +95,7 @@ class Order(Frozen):
         source: a scene folder with labels, or ``bop:`` and an image.
         recipe: what the folder is synthesised from, if it is not there yet.
         tool: the segment tool.
+        model: the folder of its model, if it has one.
         seed: of the search for the table.
         repeats: how often the work is timed; the least time counts.
         content: content folders laid over the shipped ones, the one that wins first.
@@ -105,6 +106,7 @@ class Order(Frozen):
     source: str
     recipe: Recipe | None = None
     tool: str
+    model: str | None = None
     seed: int = 0
     repeats: int = 1
     content: tuple[str, ...] = ()

@@ -51,7 +51,7 @@ def measure(order: Order, out: Path) -> Result:
     cv2.setNumThreads(1)
     with Sandbox() as sandbox:
         context = ToolContext(sandbox=sandbox, library=Library(), limits=Limits())
-        tries = [_found(scene, tool, context, order.seed) for _ in range(order.repeats)]
+        tries = [_found(scene, tool, context, order) for _ in range(order.repeats)]
     found = min(tries, key=lambda one: one.seconds)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MEBIBYTE
     labels = np.zeros(scene.labels.shape, np.int32)
@@ -67,14 +67,15 @@ def measure(order: Order, out: Path) -> Result:
     return result
 
 
-def _found(scene: LabelledScene, tool: Tool, context: ToolContext, seed: int) -> Found:
+def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order) -> Found:
     begin = time.process_time()
     table: TableFrame | None = None
     candidates: Sequence[Candidate] = ()
     error = ""
     try:
-        table = find_table(scene.frame, np.random.default_rng(seed))
-        candidates = tool.run(tool.Request(frame=scene.frame, table=table), context).candidates
+        table = find_table(scene.frame, np.random.default_rng(order.seed))
+        request = tool.Request(frame=scene.frame, table=table, model=order.model)
+        candidates = tool.run(request, context).candidates
     except GrsError as failure:
         error = failure.message
     return Found(table, candidates, error, time.process_time() - begin)

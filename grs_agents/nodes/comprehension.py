@@ -1,5 +1,6 @@
 """The comprehension nodes: segment the photo; describe and match each candidate (paper, Scene Comprehension)."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from grs_agents.nodes.background import stand_in
 from grs_agents.nodes.corresponding import correspond, measurements
 from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.services import Services, Update, node
-from grs_agents.nodes.standing import stand
+from grs_agents.nodes.standing import registered, seen_later, stand
 from grs_agents.scene import (
     Camera,
     CandidateRecord,
@@ -68,28 +69,16 @@ def comprehend(state: RunState, services: Services) -> Update:
 def match(state: RunState, services: Services) -> Update:
     """Describe each candidate and match it with an asset; what no asset matches becomes a primitive proxy."""
     records = [CandidateRecord.model_validate(one) for one in state["candidates"]]
-    described: dict[int, Description] = {}
     table = TableFrame.model_validate(state["frame"])
     warnings = list(state.get("notes", []))
     warnings += [table.note] if table.origin == "calibrated" and table.note else []
-    for record in records:
-        described[record.id] = _described(record, state["image"], services, warnings)
-    summary = {str(number): one.model_dump(mode="json") for number, one in described.items()}
-    services.log.append(SceneStage(stage="described", summary=summary))
     objects: list[SceneObject] = []
-    lost: list[DroppedCandidate] = []
-    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
-    answers = correspond(records, described, frame, state, services)
-    warnings += answers.notes
-    for record in records:
-        found = Matched(record, described[record.id], answers.matches.get(record.id))
-        reason = dropped(found, services.config.match.proxies)
-        if reason:
-            lost.append(DroppedCandidate(id=record.id, reason=reason))
-        else:
-            objects.append(object_of(found, services, [one.name for one in objects], (frame, table)))
+    lost = _understood(records, state, services, objects, warnings)
+    later = seen_later(objects, records, state, services)
+    lost += _understood(later, state, services, objects, warnings)
+    records += later
     stood = stand(objects, records, state, services)
-    objects, warnings = list(stood.objects), [*warnings, *stood.warnings]
+    objects, warnings, lost = list(stood.objects), [*warnings, *stood.warnings], [*lost, *stood.dropped]
     warnings += [
         f"{one.name} at x = {one.position[0]:.2f}, y = {one.position[1]:.2f} m is out of the arm's reach"
         for one in objects
@@ -116,6 +105,35 @@ def match(state: RunState, services: Services) -> Update:
     scene.write(services.folder / "scene.json")
     services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json")))
     return {"scene": scene.model_dump(mode="json")}
+
+
+def _understood(
+    records: Sequence[CandidateRecord],
+    state: RunState,
+    services: Services,
+    objects: list[SceneObject],
+    warnings: list[str],
+) -> list[DroppedCandidate]:
+    """Describe and match candidates, and add them to ``objects`` where the photo shows them; tell what is none."""
+    if not records:
+        return []
+    described = {one.id: _described(one, state["image"], services, warnings) for one in records}
+    summary = {str(number): one.model_dump(mode="json") for number, one in described.items()}
+    services.log.append(SceneStage(stage="described", summary=summary))
+    lost: list[DroppedCandidate] = []
+    new: list[SceneObject] = []
+    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    photo = (frame, TableFrame.model_validate(state["frame"]))
+    answers = correspond(records, described, frame, state, services)
+    warnings += answers.notes
+    for record in records:
+        found = Matched(record, described[record.id], answers.matches.get(record.id))
+        if reason := dropped(found, services.config.match.proxies):
+            lost.append(DroppedCandidate(id=record.id, reason=reason))
+        else:
+            new.append(object_of(found, services, [one.name for one in (*objects, *new)], photo))
+    objects += registered(new, records, state, services)
+    return lost
 
 
 @node

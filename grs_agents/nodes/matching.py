@@ -16,9 +16,11 @@ from grs_agents.scene import (
     RGBDFrame,
     SceneObject,
     TableFrame,
+    UprightBox,
     load_mask,
     place_asset,
 )
+from grs_agents.scene.types import Solid
 from grs_agents.workspace import reachable
 
 
@@ -56,8 +58,8 @@ def object_of(
         name = _unique(asset.kind, taken)
     else:
         name = _unique(f"{description.color} {description.category}", taken)
-        asset = _proxy(record, name, description.description, services, photo)
-        position, orientation, size = record.upright.center, _about_z(record.upright.yaw), asset.size
+        asset = write_stand_in(name, record, record.upright, record.shape, description.description, services, photo)
+        position, orientation, size = record.upright.center, about_z(record.upright.yaw), asset.size
     return SceneObject(
         id=record.id,
         name=name,
@@ -79,18 +81,25 @@ def object_of(
     )
 
 
-def _proxy(
-    record: CandidateRecord, name: str, words: str, services: Services, photo: tuple[RGBDFrame, TableFrame] | None
+def write_stand_in(
+    name: str,
+    record: CandidateRecord,
+    box: UprightBox,
+    shape: Solid,
+    description: str,
+    services: Services,
+    photo: tuple[RGBDFrame, TableFrame] | None = None,
 ) -> Asset:
-    folder, box = services.folder / "assets", record.upright
+    """Write the proxy of an object into the library of the run; one of that name is replaced."""
+    folder = services.folder / "assets"
     folder.mkdir(exist_ok=True)
     if photo is None:
-        return write_proxy(folder, name, record.shape, box.size, record.color, words)
+        return write_proxy(folder, name, shape, box.size, record.color, description)
     mask = load_mask(services.folder / record.mask)
     points = proxy_points(*photo, mask, box)
-    kind = fitted_kind(points, box.size, record.shape == "cylinder", record.hollow)
+    kind = fitted_kind(points, box.size, shape == "cylinder", record.hollow)
     look = proxy_look(*photo, mask, box)
-    return write_fitted_proxy(folder, name, kind, points, box.size, record.color, words, look)
+    return write_fitted_proxy(folder, name, kind, points, box.size, record.color, description, look)
 
 
 def _unique(words: str, taken: Sequence[str]) -> str:
@@ -103,5 +112,6 @@ def _unique(words: str, taken: Sequence[str]) -> str:
     return f"{slug}_{number}"
 
 
-def _about_z(yaw: float) -> Quat:
+def about_z(yaw: float) -> Quat:
+    """A rotation (xyzw) by a yaw, rad."""
     return (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))

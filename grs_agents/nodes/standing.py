@@ -1,87 +1,166 @@
 """From objects laid into boxes to objects where the photo shows them: registered, related, and settled in the twin."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
+from grs_agents.nodes.matching import about_z, write_stand_in
 from grs_agents.nodes.services import Services
 from grs_agents.scene import (
     Camera,
     CandidateRecord,
+    DroppedCandidate,
+    Mask,
     Relation,
     RGBDFrame,
     SceneObject,
     TableFrame,
     TwinReport,
+    add_candidates,
     body_of,
+    found_later,
     load_frame,
     load_mask,
     register,
     relations,
+    shell_of,
 )
 from grs_agents.state import RunState
-from grs_agents.twin import Thing, report_of
+from grs_agents.twin import Segment, Thing, reconcile, report_of
 from grs_agents.workspace import reachable
 
 
 @dataclass(frozen=True)
 class Stood:
-    """The objects where they stand, how they lie to each other, their twin, and what a reader should know."""
+    """The objects where they stand, how they lie to each other, their twin, and what a reader should know.
+
+    ``dropped`` are those that turned out to be pieces of others.
+    """
 
     objects: tuple[SceneObject, ...]
     relations: tuple[Relation, ...] = ()
     twin: TwinReport | None = None
     warnings: tuple[str, ...] = ()
+    dropped: tuple[DroppedCandidate, ...] = ()
 
 
 def stand(
     objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
 ) -> Stood:
-    """Register what was matched, tell the relations, and settle the twin; what MuJoCo refuses has none.
+    """Tell pieces of others and relations, fit the proxies, and settle the twin; what MuJoCo refuses has none.
+
+    Args:
+        objects: registered.
+        records: the candidates that they come from.
+        state, services: of the run.
 
     Raises:
         InputError: the pictures that the comprehension wrote are gone.
     """
     if not objects:
         return Stood(())
-    table, library = TableFrame.model_validate(state["frame"]), services.library
+    table = TableFrame.model_validate(state["frame"])
     frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
     by_number = {one.id: one for one in records}
-    placed = tuple(_registered(one, by_number[one.id], frame, table, services, library) for one in objects)
+    placed, dropped = _agreed(objects, by_number, frame, table, services)
+    library = services.library  # with the proxies that were written again
     bodies = [body_of(one.name, one.asset, (one.position, one.orientation), library) for one in placed]
-    stood = Stood(placed, relations(bodies))
+    stood = Stood(placed, relations(bodies), dropped=dropped)
     try:
-        return _settled(stood, frame, table, services, library)
+        mask = np.any([load_mask(services.folder / one.mask) for one in objects], axis=0)
+        return _settled(stood, frame, table, mask, library)
     except GrsError as error:
         return replace(stood, warnings=(f"the scene has no twin: {error.message}",))
 
 
-def _registered(
-    one: SceneObject, record: CandidateRecord, frame: RGBDFrame, table: TableFrame, services: Services, library: Library
-) -> SceneObject:
-    if not one.matched:
-        return one
-    found = register(one.asset, library, record.upright, frame, table, load_mask(services.folder / record.mask))
-    update = {
-        "position": found.position,
-        "orientation": found.orientation,
-        "size": found.size,
-        "reachable": reachable(found.position),
-        "method": found.method,
-        "residual": found.residual,
-        "round": found.round,
-    }
-    return one.model_copy(update=update)
+def registered(
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
+) -> tuple[SceneObject, ...]:
+    """The objects with the assets that were matched where the photo shows them.
+
+    Raises:
+        InputError: the pictures that the comprehension wrote are gone.
+    """
+    table, library = TableFrame.model_validate(state["frame"]), services.library
+    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    by_number = {one.id: one for one in records}
+    placed: list[SceneObject] = []
+    for one in objects:
+        update: dict[str, object] = {}
+        if one.matched:
+            mask = load_mask(services.folder / one.mask)
+            found = register(one.asset, library, by_number[one.id].upright, frame, table, mask)
+            update = {
+                "position": found.position,
+                "orientation": found.orientation,
+                "size": found.size,
+                "reachable": reachable(found.position),
+                "method": found.method,
+                "residual": found.residual,
+                "round": found.round,
+            }
+        placed.append(one.model_copy(update=update))
+    return tuple(placed)
 
 
-def _settled(stood: Stood, frame: RGBDFrame, table: TableFrame, services: Services, library: Library) -> Stood:
+def seen_later(
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
+) -> tuple[CandidateRecord, ...]:
+    """Candidates that were taken for parts of objects, whose assets do not explain them.
+
+    Raises:
+        InputError: the pictures that the comprehension wrote are gone.
+    """
+    if not objects:
+        return ()
+    table, library = TableFrame.model_validate(state["frame"]), services.library
+    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    masks = [load_mask(services.folder / one.mask) for one in objects]
+    shells = [shell_of(one.asset, (one.position, one.orientation), library) if one.matched else None for one in objects]
+    found = found_later(masks, shells, frame, table, max(one.id for one in records) + 1)
+    return add_candidates(frame, found, records, services.folder) if found else ()
+
+
+def _agreed(
+    objects: Sequence[SceneObject],
+    records: Mapping[int, CandidateRecord],
+    frame: RGBDFrame,
+    table: TableFrame,
+    services: Services,
+) -> tuple[tuple[SceneObject, ...], tuple[DroppedCandidate, ...]]:
+    """The objects without those that are pieces of others, their proxies within the space that is left for them."""
+    segments = [
+        Segment(
+            load_mask(services.folder / one.mask),
+            records[one.id].upright,
+            records[one.id].shape,
+            Thing(one.asset, (one.position, one.orientation)) if one.matched else None,
+        )
+        for one in objects
+    ]
+    agreed = reconcile(segments, frame, table, services.library)
+    kept: list[SceneObject] = []
+    for index, one in enumerate(objects):
+        claim = agreed.claims.get(index)
+        if claim is not None and claim.box != records[one.id].upright:
+            photo, words = (frame, table), one.description
+            asset = write_stand_in(one.name, records[one.id], claim.box, claim.shape, words, services, photo)
+            update = {"position": claim.box.center, "orientation": about_z(claim.box.yaw), "size": asset.size}
+            kept.append(one.model_copy(update={**update, "reachable": reachable(claim.box.center)}))
+        elif index not in agreed.pieces:
+            kept.append(one)
+    dropped = tuple(
+        DroppedCandidate(id=objects[piece].id, reason=f"a piece of {objects[whole].name}")
+        for piece, whole in agreed.pieces.items()
+    )
+    return tuple(kept), dropped
+
+
+def _settled(stood: Stood, frame: RGBDFrame, table: TableFrame, mask: Mask, library: Library) -> Stood:
     things = [Thing(one.asset, (one.position, one.orientation)) for one in stood.objects]
-    mask = np.zeros(frame.depth.shape, np.bool_)
-    for one in stood.objects:
-        mask |= load_mask(services.folder / one.mask)
     rest, twin = report_of(things, library, frame, table, mask)
     objects = tuple(
         one if placed is None else one.model_copy(update={"settled": placed.pose, "drift": placed.drift})

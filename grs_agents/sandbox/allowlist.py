@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import grs_agents
@@ -16,12 +17,14 @@ _CONTENT = ("tools", "assets")
 _PACKAGES = ("site-packages", "dist-packages")
 
 
+@cache
 def system_paths() -> tuple[Path, ...]:
     """What every dynamically linked program reads."""
     programs = (*_PROGRAMS, *_PROGRAMS_OF_MACOS) if sys.platform == "darwin" else _PROGRAMS
     return tuple(path for path in map(Path, (*programs, *_SETTINGS)) if path.exists())
 
 
+@cache
 def kernel_paths() -> tuple[Path, ...]:
     """Devices and files of the kernel that numeric libraries look at."""
     return tuple(path for path in map(Path, (*_DEVICES, *_FACTS)) if path.exists())

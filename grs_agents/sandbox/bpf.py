@@ -12,6 +12,7 @@ from functools import reduce
 
 _LOAD, _GO, _RETURN = 0x20, 0x05, 0x06
 _EQUAL, _AT_LEAST, _ANY_BIT = 0x15, 0x35, 0x45
+_INSTRUCTION, _OPERAND = struct.Struct("=HBBI"), 4
 _FARTHEST = 255
 """How far a comparison can jump: its offsets are bytes."""
 
@@ -99,11 +100,15 @@ def assemble(node: Node) -> list[Instruction]:
     return [(node.comparison, 1, 0, node.value), (_GO, 0, 0, len(then)), *then, *otherwise]
 
 
-def replace_operand(program: Iterable[Instruction], old: int, new: int) -> list[Instruction]:
-    """The program with another value compared."""
-    return [(code, true, false, new if operand == old else operand) for code, true, false, operand in program]
-
-
 def encode(program: Iterable[Instruction]) -> bytes:
     """The program as the kernel reads it: an array of ``struct sock_filter``."""
-    return b"".join(struct.pack("=HBBI", *instruction) for instruction in program)
+    return b"".join(_INSTRUCTION.pack(*instruction) for instruction in program)
+
+
+def places(program: Iterable[Instruction], operand: int) -> tuple[int, ...]:
+    """Where ``operand`` lies in the encoded program, in bytes: it can be replaced there (``struct``'s ``=I``)."""
+    return tuple(
+        number * _INSTRUCTION.size + _OPERAND
+        for number, instruction in enumerate(program)
+        if instruction[-1] == operand
+    )

@@ -110,8 +110,8 @@ def _settle(scratch: Path) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
         signal.signal(number, signal.SIG_DFL)
     with suppress(OSError):  # where memory runs out altogether, this process goes first
-        Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
-    os.environ.update(HOME=str(scratch), TMPDIR=str(scratch))
+        kernel.write("/proc/self/oom_score_adj", b"1000")
+    os.environ["HOME"] = os.environ["TMPDIR"] = str(scratch)
     tempfile.tempdir = None
     os.chdir(scratch)
 

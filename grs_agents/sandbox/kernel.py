@@ -48,6 +48,32 @@ def prctl(option: int, *arguments: int) -> int:
     return _checked(_libc.prctl(option, *_padded(arguments, 4)))
 
 
+def read(path: str) -> bytes:
+    """What the kernel tells in one of its small files, without the buffers that a file object sets up.
+
+    Raises:
+        OSError: it does not.
+    """
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        return os.read(descriptor, 1 << 16)
+    finally:
+        os.close(descriptor)
+
+
+def write(path: str, data: bytes) -> None:
+    """Tell the kernel something through one of its small files.
+
+    Raises:
+        OSError: it does not take it.
+    """
+    descriptor = os.open(path, os.O_WRONLY)
+    try:
+        os.write(descriptor, data)
+    finally:
+        os.close(descriptor)
+
+
 def _padded(arguments: tuple[int, ...], count: int) -> tuple[int, ...]:
     return arguments + (0,) * (count - len(arguments))
 

@@ -5,6 +5,7 @@ import errno
 import os
 import struct
 from contextlib import suppress
+from functools import cache
 
 from grs_agents.sandbox import kernel
 
@@ -13,6 +14,8 @@ _READ_BOUNDING, _DROP_BOUNDING = 23, 24
 _AMBIENT, _CLEAR_AMBIENT = 47, 4
 _VERSION_3 = 0x2008_0522
 """Of the capability interface: 64 bits in two halves, each of three words."""
+_OWN = ctypes.create_string_buffer(struct.pack("=Ii", _VERSION_3, 0))
+_NOTHING = ctypes.create_string_buffer(24)
 
 _ACCOUNTS = 0x7000_0000
 """User ids from here on are given to nobody, containers and dynamic users included."""
@@ -28,13 +31,15 @@ def drop_capabilities() -> None:
     drop_bounding_set()
     with suppress(OSError):  # the ambient set came with Linux 4.3
         kernel.prctl(_AMBIENT, _CLEAR_AMBIENT)
-    header = ctypes.create_string_buffer(struct.pack("=Ii", _VERSION_3, 0))
-    nothing = ctypes.create_string_buffer(24)
-    kernel.call("capset", ctypes.addressof(header), ctypes.addressof(nothing))
+    kernel.call("capset", ctypes.addressof(_OWN), ctypes.addressof(_NOTHING))
 
 
+@cache
 def drop_bounding_set() -> None:
-    """Let no program started from here gain capabilities. Without CAP_SETPCAP the set stays as it is."""
+    """Let no program started from here gain capabilities. Without CAP_SETPCAP the set stays as it is.
+
+    Once is enough: the set never grows again, and forked processes inherit it.
+    """
     capability = 0
     with suppress(PermissionError):
         while (bounded := _in_bounding_set(capability)) is not None:

@@ -1,5 +1,6 @@
 """What a process may use up, kept by the kernel's resource limits."""
 
+import _thread
 import math
 import os
 import resource
@@ -8,6 +9,8 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+from grs_agents.sandbox import kernel
 
 
 @dataclass(frozen=True)
@@ -54,9 +57,8 @@ def limit(allowance: Allowance, alone: bool) -> bool:
     _lower("NPROC", 0, tasks)
     binds = not _starts_a_thread()
     _lower("NPROC", tasks)
-    held = Path("/proc/self/statm")
-    if held.exists():  # elsewhere the kernel does not keep a limit on address space
-        pages = int(held.read_text().split()[0])
+    with suppress(FileNotFoundError):  # elsewhere the kernel does not keep a limit on address space
+        pages = int(kernel.read("/proc/self/statm").split()[0])
         _lower("AS", pages * resource.getpagesize() + (allowance.memory_mib << 20))
     return binds
 
@@ -85,10 +87,11 @@ def _tasks(user: int) -> int:
 
 
 def _starts_a_thread() -> bool:
-    thread = threading.Thread(target=int)
+    ended = threading.Lock()
+    ended.acquire()
     try:
-        thread.start()
+        _thread.start_new_thread(ended.release, ())
     except RuntimeError:
         return False
-    thread.join()
+    ended.acquire()
     return True

@@ -18,7 +18,6 @@ from grs_agents.sandbox.bpf import (
     ARCHITECTURE,
     NUMBER,
     Answer,
-    Instruction,
     Load,
     Node,
     among,
@@ -28,8 +27,8 @@ from grs_agents.sandbox.bpf import (
     at_least,
     encode,
     equal,
+    places,
     ranges,
-    replace_operand,
     upper_half,
 )
 from grs_agents.sandbox.syscalls import NUMBERS
@@ -123,17 +122,20 @@ def install(landlock_abi: int) -> None:
     machine = kernel.machine()
     if machine is None:
         raise OSError(errno.ENOSYS, "the system calls of this machine are not known")
-    program = encode(replace_operand(prepare(machine, landlock_abi), _ANY_PID, os.getpid()))
-    instructions = ctypes.create_string_buffer(program)
+    program, places_of_pid = prepare(machine, landlock_abi)
+    instructions = ctypes.create_string_buffer(program, len(program))
+    for place in places_of_pid:
+        struct.pack_into("=I", instructions, place, os.getpid())
     header = ctypes.create_string_buffer(struct.pack("HxxxxxxQ", len(program) // 8, ctypes.addressof(instructions)))
     if thread := kernel.call("seccomp", _SET_FILTER, _ALL_THREADS, ctypes.addressof(header)):
         raise OSError(errno.EBUSY, f"thread {thread} has a filter of its own")
 
 
 @cache
-def prepare(machine: kernel.Machine, landlock_abi: int) -> tuple[Instruction, ...]:
-    """The filter but for the process's id: worth doing before a fork, as it takes a millisecond."""
-    return tuple(assemble(policy(machine, _ANY_PID, landlock_abi)))
+def prepare(machine: kernel.Machine, landlock_abi: int) -> tuple[bytes, tuple[int, ...]]:
+    """The filter, and where in it the process's id belongs: worth doing before a fork, as it takes a millisecond."""
+    program = assemble(policy(machine, _ANY_PID, landlock_abi))
+    return encode(program), places(program, _ANY_PID)
 
 
 def policy(machine: kernel.Machine, pid: int, landlock_abi: int) -> Node:

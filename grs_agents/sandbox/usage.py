@@ -2,16 +2,20 @@
 
 import ctypes
 import os
+import re
 import stat
 import struct
 import sys
 from contextlib import suppress
 from pathlib import Path
 
+from grs_agents.sandbox import kernel
+
 ENTRY_BYTES = 4096
 """What a file or folder costs beside its content; it bounds how many there can be."""
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
 _TRIES = 3
+_THREADS = re.compile(rb"^Threads:\s*(\d+)", re.MULTILINE)
 _TASK_INFO, _TASK_INFO_BYTES = 4, 96
 _TASK_MEMORY, _TASK_THREADS = 8, 84
 """Of macOS's ``proc_pidinfo``: a kind of facts, their size, and where memory (u64) and threads (i32) are in them."""
@@ -98,11 +102,11 @@ def threads(pid: int) -> int:
     if sys.platform == "darwin":
         return _task_info(pid)[1]
     try:
-        with Path(f"/proc/{pid}/status").open(encoding="ascii", errors="replace") as status:
-            found = next((line for line in status if line.startswith("Threads:")), "Threads: 1")
-    except FileNotFoundError:
+        status = kernel.read(f"/proc/{pid}/status")
+    except (FileNotFoundError, ProcessLookupError):
         return 0 if Path("/proc/self").is_dir() else 1
-    return int(found.split()[1])
+    found = _THREADS.search(status)
+    return int(found[1]) if found else 1
 
 
 def memory(pid: int) -> int:

@@ -15,6 +15,7 @@ from typing import Any, cast
 
 _HEADER = struct.Struct("!I")
 _SEAL = struct.Struct("!Q16s")
+_ENCODER = json.JSONEncoder(allow_nan=False, ensure_ascii=False)
 MAX_BODY = 256 << 20
 """Bytes of the longest frame, the largest output limit there is."""
 
@@ -38,7 +39,7 @@ def encode(frame: Mapping[str, Any]) -> bytes:
     Raises:
         ValueError, TypeError, RecursionError: it holds NaN, infinity, cycles or anything that is not JSON.
     """
-    body = json.dumps(frame, allow_nan=False, ensure_ascii=False).encode("utf-8", "replace")
+    body = _ENCODER.encode(frame).encode("utf-8", "replace")
     return _HEADER.pack(len(body)) + body
 
 
@@ -55,8 +56,10 @@ def decode(body: bytes) -> dict[str, Any]:
         FrameError: not UTF-8, not JSON, not an object, or with numbers or text that JSON cannot carry on.
     """
     try:
-        frame = json.loads(body, parse_constant=_refuse, parse_float=_finite)
-        json.dumps(frame, ensure_ascii=False).encode("utf-8")  # lone surrogates would break every later file
+        text = body.decode("utf-8")
+        frame = _DECODER.decode(text)
+        if "\\u" in text:
+            _ENCODER.encode(frame).encode("utf-8")  # lone surrogates would break every later file
     except (ValueError, RecursionError) as error:
         raise FrameError(f"not plain JSON: {str(error)[:200]}") from error
     if not isinstance(frame, dict):
@@ -130,3 +133,6 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text} is too large")
     return value
+
+
+_DECODER = json.JSONDecoder(parse_constant=_refuse, parse_float=_finite)

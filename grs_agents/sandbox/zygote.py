@@ -64,7 +64,7 @@ class _Zygote:
         self._settings = settings
         self._children = children
         self._running: list[_Running] = []
-        self._pause = WATCH_SECONDS
+        self._due = 0.0
         self._ended, told = socket.socketpair()
         self._selector = selectors.DefaultSelector()
         for one in (host, self._ended):
@@ -84,7 +84,8 @@ class _Zygote:
 
     def _serve_once(self) -> bool:
         """Wait until something happens and do what it asks for; False once the host is gone."""
-        for key, _ in self._selector.select(self._pause if self._running else None):
+        left = max(self._due - time.monotonic(), 0.0) if self._running else None
+        for key, _ in self._selector.select(left):
             if key.fileobj is self._host:
                 if not self._accept():
                     return False
@@ -103,6 +104,8 @@ class _Zygote:
         if received is None:
             return False
         order, (frames, trace, output, control) = received
+        if not self._running:
+            self._due = time.monotonic() + WATCH_SECONDS
         pid = self._children.start(order, (frames, trace, output))
         for descriptor in (frames, trace, output):
             os.close(descriptor)
@@ -135,12 +138,15 @@ class _Zygote:
             running.control.send(json.dumps(report).encode())
         running.control.close()
         empty_folder(running.scratch)  # before the next order, since this process does one thing at a time
-        if any(running.scratch.iterdir()):
-            raise OSError(f"{running.scratch} cannot be emptied, so nothing may work in it again")
+        with os.scandir(running.scratch) as left:
+            if any(left):
+                raise OSError(f"{running.scratch} cannot be emptied, so nothing may work in it again")
 
     def _watch(self) -> None:
-        """Kill what holds more threads, memory or scratch than it may; look less often where looking takes long."""
+        """When it is time, kill what holds more than it may; look less often where looking takes long."""
         begin = time.monotonic()
+        if begin < self._due:
+            return
         for running in self._running:
             if not running.stopped:
                 if usage.threads(running.pid) > running.limits.threads:
@@ -151,7 +157,8 @@ class _Zygote:
                     running.stopped = "scratch_limit"
                 if running.stopped:
                     os.kill(running.pid, signal.SIGKILL)
-        self._pause = max(WATCH_SECONDS, 10 * (time.monotonic() - begin))
+        end = time.monotonic()
+        self._due = end + max(WATCH_SECONDS, 10 * (end - begin))
 
     def _holds_too_much(self, running: _Running) -> bool:
         most = running.limits.scratch_mib << 20

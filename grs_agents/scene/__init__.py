@@ -2,8 +2,11 @@
 
 from grs_agents.scene.background import Background, reconstruct
 from grs_agents.scene.candidates import candidates_of, place_asset, place_robot
+from grs_agents.scene.clipping import Claim, clipped
+from grs_agents.scene.explaining import Shell, explained, shell_of
 from grs_agents.scene.frame import Camera, Image, Mask, RGBDFrame
-from grs_agents.scene.pictures import annotate, load_frame, load_mask, save_candidates, save_frame
+from grs_agents.scene.leftover import found_later
+from grs_agents.scene.pictures import add_candidates, annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.scene.proposals import Proposal, segment_proposed
 from grs_agents.scene.reading import (
     DepthEstimate,
@@ -41,6 +44,7 @@ __all__ = [
     "Camera",
     "Candidate",
     "CandidateRecord",
+    "Claim",
     "DepthEstimate",
     "DroppedCandidate",
     "Estimator",
@@ -53,15 +57,20 @@ __all__ = [
     "Relation",
     "SceneDescription",
     "SceneObject",
+    "Shell",
     "Shown",
     "TableFrame",
     "TwinReport",
     "UprightBox",
+    "add_candidates",
     "annotate",
     "body_of",
     "candidates_of",
     "check_source",
+    "clipped",
+    "explained",
     "find_table",
+    "found_later",
     "load_frame",
     "load_mask",
     "place_asset",
@@ -78,4 +87,5 @@ __all__ = [
     "scene_name",
     "segment",
     "segment_proposed",
+    "shell_of",
 ]

@@ -1,6 +1,6 @@
 """Pictures of a scene: the frame, masks and crops as files, and an annotated photo for people."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,44 +55,57 @@ def load_mask(file: Path) -> Mask:
 
 def save_candidates(frame: RGBDFrame, candidates: Sequence[Candidate], run: Path) -> tuple[CandidateRecord, ...]:
     """Write each candidate's mask and crop, the label image ``scene/masks.png`` and the annotated photo."""
+    return add_candidates(frame, candidates, (), run)
+
+
+def add_candidates(
+    frame: RGBDFrame, candidates: Sequence[Candidate], earlier: Sequence[CandidateRecord], run: Path
+) -> tuple[CandidateRecord, ...]:
+    """Write candidates like `save_candidates`; label image and annotated photo show the ``earlier`` ones beneath them.
+
+    Raises:
+        InputError: masks of the earlier ones are gone.
+    """
+    records = tuple(_saved(one, run) for one in candidates)
+    masks = {one.id: load_mask(run / one.mask) for one in earlier} | {one.id: one.mask for one in candidates}
     labels = np.zeros(frame.depth.shape, np.uint8)
-    records: list[CandidateRecord] = []
-    for one in candidates:
-        labels[one.mask] = one.id
-        mask, crop = f"scene/mask_{one.id:02d}.png", f"scene/crop_{one.id:02d}.png"
-        _write(run / mask, one.mask.astype(np.uint8) * 255)
-        _write(run / crop, cv2.cvtColor(one.crop, cv2.COLOR_RGB2BGR))
-        records.append(
-            CandidateRecord(
-                id=one.id,
-                mask=mask,
-                crop=crop,
-                box=one.box,
-                upright=one.upright,
-                color=one.color,
-                shape=one.shape,
-                points=one.points,
-                hollow=one.hollow,
-            )
-        )
+    for number, mask in masks.items():
+        labels[mask] = number
     _write(run / "scene/masks.png", labels)
-    _write(run / "scene/annotated.png", cv2.cvtColor(annotate(frame, candidates), cv2.COLOR_RGB2BGR))
-    return tuple(records)
+    _write(run / "scene/annotated.png", cv2.cvtColor(annotate(frame, masks), cv2.COLOR_RGB2BGR))
+    return records
 
 
-def annotate(frame: RGBDFrame, candidates: Sequence[Candidate]) -> Image:
-    """(H, W, 3) uint8: the photo with each candidate's mask, outline and number."""
+def _saved(one: Candidate, run: Path) -> CandidateRecord:
+    mask, crop = f"scene/mask_{one.id:02d}.png", f"scene/crop_{one.id:02d}.png"
+    _write(run / mask, one.mask.astype(np.uint8) * 255)
+    _write(run / crop, cv2.cvtColor(one.crop, cv2.COLOR_RGB2BGR))
+    return CandidateRecord(
+        id=one.id,
+        mask=mask,
+        crop=crop,
+        box=one.box,
+        upright=one.upright,
+        color=one.color,
+        shape=one.shape,
+        points=one.points,
+        hollow=one.hollow,
+    )
+
+
+def annotate(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image:
+    """(H, W, 3) uint8: the photo with the mask, outline and number of each candidate."""
     picture = frame.rgb.copy()
-    for one in candidates:
-        color = COLORS[one.id % len(COLORS)]
-        picture[one.mask] = (0.6 * picture[one.mask] + 0.4 * np.array(color)).astype(np.uint8)
-        outlines, _ = cv2.findContours(one.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    for number, mask in masks.items():
+        color = COLORS[number % len(COLORS)]
+        picture[mask] = (0.6 * picture[mask] + 0.4 * np.array(color)).astype(np.uint8)
+        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         cv2.drawContours(picture, outlines, -1, color, 2)
-    for one in candidates:
-        rows, columns = np.nonzero(one.mask)
+    for number, mask in masks.items():
+        rows, columns = np.nonzero(mask)
         place = (int(columns.mean()) - 6, int(rows.mean()) + 6)
         for thickness, color in ((4, (0, 0, 0)), (1, (255, 255, 255))):
-            cv2.putText(picture, str(one.id), place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, color, thickness, cv2.LINE_AA)
+            cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, color, thickness, cv2.LINE_AA)
     return picture
 
 

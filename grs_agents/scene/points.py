@@ -26,6 +26,11 @@ class Cloud:
         self.tree: Any = gicp.KdTree(self.cloud)
         gicp.estimate_normals_covariances(self.cloud, self.tree, num_neighbors=_NEIGHBOURS, num_threads=1)
 
+    @property
+    def normals(self) -> Array:
+        """(N, 3) unit, of either sign."""
+        return np.asarray(self.cloud.normals(), np.float64)[:, :3]
+
 
 class Tree:
     """Finds the nearest of points (N, 3), m."""

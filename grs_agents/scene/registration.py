@@ -1,7 +1,6 @@
 """Register a matched asset to an object's points: from several turns, by what the camera saw and could see through."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,15 +11,25 @@ from grs_agents.library.shapes import rotation_matrix
 from grs_agents.scene.candidates import place_asset, quaternion
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
 from grs_agents.scene.points import Cloud, Tree, align
-from grs_agents.scene.sighting import Sighting, cost, residual, sighting_of
+from grs_agents.scene.sighting import Sighting, costs, residuals, sighting_of
+from grs_agents.scene.starts import slid, starts
 from grs_agents.scene.surface import Surface, surface_of
-from grs_agents.scene.symmetry import Symmetry, quarter_turns, symmetry_of
+from grs_agents.scene.symmetry import Symmetry, symmetry_of
+from grs_agents.scene.turning import about, about_z, pose_of
 from grs_agents.scene.types import PoseMethod, TableFrame, UprightBox
 
 FEWEST = 30
 """An object of fewer points is left where its box puts it."""
-TRIED = 5
-"""So many of the turns are aligned; the others look worse from the start."""
+TRIED = 4
+"""So many of the starts are aligned; the others look worse from the start."""
+COARSE, MEDIUM = 4, 2
+"""Starts are compared by one of so many samples, and poses once they are aligned."""
+SLID = 8
+"""So many of the starts are also tried with either end of the object at either end of the asset."""
+APART = 0.02
+"""Starts that look alike and are nearer than this (m) are one."""
+REFINED = 2
+"""So many of the aligned poses are refined."""
 REACH = 0.03
 """Partners of an alignment are at most so far apart, m."""
 LYING = 0.0015
@@ -28,6 +37,8 @@ TILTED = 0.001
 """A pose that is not upright, or rests on none of its sides, has to fit better by so much, m."""
 BETTER = 0.0003
 """A registered pose that fits no better than the box by so much (m) is not taken."""
+SUNK = 0.004
+"""What reaches no deeper than this (m) below the table stands on it."""
 LEANING = math.radians(12)
 """What leans less than this stands straight, unless it fits better leaning."""
 WORST = 0.015
@@ -62,14 +73,26 @@ class _Search:
     surface: Surface
     tree: Tree
     seen: Sighting
-    bottom: float
+    upright: UprightBox
+    symmetry: Symmetry
 
-    def cost(self, pose: Array) -> float:
-        """What `sighting.cost` says, and what is unlikely about the pose, m."""
-        turn = pose[:3, :3]
-        lying = LYING * (turn[2, 2] < 0.9)
-        tilted = TILTED * (np.abs(turn[2]).max() < math.cos(math.radians(0.1)))
-        return cost(self.surface, self.tree, pose, self.seen) + float(lying + tilted)
+    @property
+    def bottom(self) -> float:
+        """Where the measured box begins, m."""
+        return self.upright.center[2] - self.upright.size[2] / 2
+
+    def costs(self, poses: Array, factor: int = 1) -> Array:
+        """What `sighting.costs` says, and what is unlikely about each of (K, 4, 4) poses: (K,) m."""
+        lying = LYING * (poses[:, 2, 2] < 0.9)
+        tilted = TILTED * (np.abs(poses[:, 2, :3]).max(axis=1) < math.cos(math.radians(0.1)))
+        seen = self.seen.coarse(factor)
+        lowest = (self.surface.points[: seen.samples] @ poses[:, 2, :3].T).min(axis=0) + poses[:, 2, 3]
+        sunk = np.maximum(-lowest - SUNK, 0)
+        return costs(self.surface, self.tree, poses, seen) + lying + tilted + sunk
+
+    def residual(self, pose: Array) -> float:
+        """How far the object's points are off the surface at a pose (4, 4), m."""
+        return float(residuals(self.surface, self.tree, pose[None], self.seen)[0])
 
 
 def register(
@@ -88,15 +111,15 @@ def register(
         UnknownNameError: the library has no such asset.
     """
     position, orientation, size = place_asset(upright, library.asset(asset).size)
-    begin = _pose(rotation_matrix(orientation), np.array(position))
+    begin = pose_of(rotation_matrix(orientation), np.array(position))
     surface, symmetry, seen = surface_of(asset, library), symmetry_of(asset, library), sighting_of(frame, table, mask)
-    search = _Search(surface, Tree(surface.points), seen, upright.center[2] - upright.size[2] / 2)
+    search = _Search(surface, Tree(surface.points), seen, upright, symmetry)
     if len(seen.points) < FEWEST:
         return Registered(position, orientation, size, 0.0, "box", _is_round(begin, symmetry))
-    best = _searched(search, upright, symmetry)
-    off = residual(surface, search.tree, best, seen)
-    if search.cost(best) > search.cost(begin) - BETTER or off > WORST:
-        off = residual(surface, search.tree, begin, seen)
+    best = _searched(search)
+    off, (registered, boxed) = search.residual(best), search.costs(np.stack([best, begin]))
+    if registered > boxed - BETTER or off > WORST:
+        off = search.residual(begin)
         return Registered(position, orientation, size, off, "box", _is_round(begin, symmetry))
     x, y, z = (float(value) for value in best[:3, 3])
     extents = _extents(best[:3, :3], surface)
@@ -113,38 +136,40 @@ def _extents(turn: Array, surface: Surface) -> Vec3:
     side = turn[:, (up + 1) % 3]
     yaw = math.atan2(side[1], side[0])
     yaw -= round(yaw / (math.pi / 2)) * math.pi / 2
-    x, y, z = (float(value) for value in 2 * np.abs(_about_z(-yaw) @ turn) @ surface.half)
+    x, y, z = (float(value) for value in 2 * np.abs(about_z(-yaw) @ turn) @ surface.half)
     return (x, y, z)
 
 
-def _searched(search: _Search, upright: UprightBox, symmetry: Symmetry) -> Array:
+def _searched(search: _Search) -> Array:
     """The pose (4, 4) that costs least."""
-    starts = sorted(_starts(search, upright, symmetry), key=search.cost)[:TRIED]
-    source = Cloud(search.seen.points)
-    aligned = [_aligned(search, start, source) for start in starts]
-    poses = [*starts[:2], *aligned, *(straight for one in aligned if (straight := _straight(one, search)) is not None)]
-    best = sorted(poses, key=search.cost)[:3]
-    return min((_refined(one, search) for one in best), key=search.cost)
+    source = Cloud(search.seen.coarse(MEDIUM).points)
+    every = starts(search.surface.half, search.symmetry, search.upright, search.seen.coarse(MEDIUM), source.normals)
+    good = every[np.argsort(search.costs(every, COARSE), kind="stable")[:SLID]]
+    more = np.concatenate([good, slid(good, search.surface.half, search.seen)])
+    chosen = _unlike(more[np.argsort(search.costs(more, COARSE), kind="stable")], search.symmetry)
+    poses = [chosen[0]]
+    for start in chosen:
+        aligned = _aligned(search, start, source)
+        straight = _straight(aligned, search)
+        poses += [aligned] if straight is None else [aligned, straight]
+    stack = np.stack(poses)
+    best = stack[np.argsort(search.costs(stack, MEDIUM), kind="stable")[:REFINED]]
+    refined = np.stack([_refined(one, search) for one in best])
+    return refined[int(search.costs(refined).argmin())]
 
 
-def _starts(search: _Search, upright: UprightBox, symmetry: Symmetry) -> list[Array]:
-    """Every side up, at the yaws of the box and between them, each look once; resting on the box's bottom."""
-    found: list[Array] = []
-    for between in (0.0, math.pi / 4):
-        tried: list[Array] = []
-        for turn in quarter_turns():
-            if any(_same(turn, other, symmetry) for other in tried):
-                continue
-            tried.append(turn)
-            whole = _about_z(upright.yaw + between) @ turn
-            height = float(np.abs(turn[2]) @ search.surface.half)
-            found.append(_pose(whole, np.array([*upright.center[:2], search.bottom + height])))
-    return found
-
-
-def _same(turn: Array, other: Array, symmetry: Symmetry) -> bool:
-    """Whether both turns look alike."""
-    return symmetry.angle(turn, other) < 1.0
+def _unlike(poses: Array, symmetry: Symmetry) -> list[Array]:
+    """The first `TRIED` of (K, 4, 4) poses that are neither near each other nor look alike."""
+    chosen: list[Array] = []
+    for pose in poses:
+        if all(
+            np.linalg.norm(pose[:3, 3] - other[:3, 3]) > APART or symmetry.angle(pose[:3, :3], other[:3, :3]) > 20
+            for other in chosen
+        ):
+            chosen.append(pose)
+        if len(chosen) == TRIED:
+            break
+    return chosen
 
 
 def _aligned(search: _Search, start: Array, source: Cloud) -> Array:
@@ -152,11 +177,11 @@ def _aligned(search: _Search, start: Array, source: Cloud) -> Array:
     pose = start
     for reach in (REACH, REACH / 2):
         turn = pose[:3, :3]
-        points = search.surface.points @ turn.T + pose[:3, 3]
-        facing = np.einsum("ni,ni->n", search.surface.normals @ turn.T, points - search.seen.eye) < 0
+        points, normals = (part[: len(part) // MEDIUM] for part in (search.surface.points, search.surface.normals))
+        facing = np.einsum("ni,ni->n", normals @ turn.T, points @ turn.T + pose[:3, 3] - search.seen.eye) < 0
         if facing.sum() < FEWEST:
             return pose
-        target = Cloud(search.surface.points[facing])
+        target = Cloud(points[facing])
         pose = _inverse(align(target, source, _inverse(pose), reach))
     return pose
 
@@ -173,46 +198,26 @@ def _straight(pose: Array, search: _Search) -> Array | None:
     angle = math.acos(min(1.0, float(axis[2])))
     if angle > LEANING:
         return None
-    cross = np.cross(axis, (0.0, 0.0, 1.0))
-    whole = _turn(cross, angle) @ turn
+    whole = about(np.cross(axis, (0.0, 0.0, 1.0)), angle) @ turn
     height = float(np.abs(whole[2]) @ search.surface.half)
     bottom = float(pose[2, 3]) - height
     rests = abs(bottom - search.bottom) < 0.015
-    return _pose(whole, np.array([pose[0, 3], pose[1, 3], (search.bottom if rests else bottom) + height]))
+    return pose_of(whole, np.array([pose[0, 3], pose[1, 3], (search.bottom if rests else bottom) + height]))
 
 
 def _refined(pose: Array, search: _Search) -> Array:
     """Shift and turn about z in ever smaller steps for as long as it costs less."""
-    best, least = pose, search.cost(pose)
+    best, least = pose, float(search.costs(pose[None], MEDIUM)[0])
     for shift, angle in ((0.008, 0.16), (0.004, 0.08), (0.002, 0.04), (0.001, 0.02)):
-        for move in (*_shifts(shift), *(angle * np.array([0, 0, 0, sign]) for sign in (1, -1))):
-            for _ in range(3):
-                tried = _pose(_about_z(float(move[3])) @ best[:3, :3], best[:3, 3] + move[:3])
-                if (value := search.cost(tried)) >= least:
-                    break
-                best, least = tried, value
+        for _ in range(3):
+            tried = np.stack([best] * 8)
+            for axis in range(3):
+                tried[2 * axis, axis, 3] += shift
+                tried[2 * axis + 1, axis, 3] -= shift
+            tried[6, :3, :3], tried[7, :3, :3] = about_z(angle) @ best[:3, :3], about_z(-angle) @ best[:3, :3]
+            values = search.costs(tried, MEDIUM)
+            first = int(values.argmin())
+            if values[first] >= least:
+                break
+            best, least = tried[first], float(values[first])
     return best
-
-
-def _shifts(length: float) -> Sequence[Array]:
-    return [sign * length * np.eye(4)[axis] for axis in range(3) for sign in (1, -1)]
-
-
-def _pose(turn: Array, shift: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn, shift
-    return pose
-
-
-def _about_z(yaw: float) -> Array:
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
-
-
-def _turn(axis: Array, angle: float) -> Array:
-    length = float(np.linalg.norm(axis))
-    if length < 1e-9:
-        return np.eye(3)
-    x, y, z = axis / length
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross

@@ -1,6 +1,6 @@
 """How well an asset at a pose explains what the camera saw of an object: its points, and the air before it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from grs_agents.scene.table import robot_points_at
 from grs_agents.scene.types import TableFrame
 
 SAMPLES = 500
-"""So many of an object's points are compared."""
+"""So many of an object's points, and of the asset's surface, are compared."""
 FAR = 0.03
 """What is farther off than this (m) counts as this far: it belongs to another thing."""
 AIR = 0.006
@@ -28,55 +28,62 @@ class Sighting:
     Attributes:
         points: (N, 3) of its surface, m, robot frame.
         frame, table: the photo and its pose.
+        samples: so many points of an asset's surface are held against the photo.
     """
 
     points: Array
     frame: RGBDFrame
     table: TableFrame
+    samples: int = SAMPLES
 
     @property
     def eye(self) -> Array:
         """Where the camera is, (3,) m, robot frame."""
         return np.asarray(self.table.T_robot_cam)[:3, 3]
 
+    def coarse(self, factor: int) -> "Sighting":
+        """The same with one of ``factor`` samples."""
+        return replace(self, points=self.points[::factor], samples=self.samples // factor)
+
 
 def sighting_of(frame: RGBDFrame, table: TableFrame, mask: Mask) -> Sighting:
     """The points of a mask (H, W), at most `SAMPLES` of them, evenly drawn."""
     rows, columns = np.nonzero(mask & (frame.depth > 0))
-    step = max(1, len(rows) // SAMPLES)
+    step = -(-len(rows) // SAMPLES) or 1
     return Sighting(robot_points_at(frame, table, rows[::step], columns[::step]), frame, table)
 
 
-def residual(surface: Surface, tree: Tree, pose: Array, seen: Sighting) -> float:
-    """How far the object's points are off the surface at ``pose`` (4, 4): mean of the nearest 90 %, m."""
-    turn, shift = pose[:3, :3], pose[:3, 3]
-    local = (seen.points - shift) @ turn
+def residuals(surface: Surface, tree: Tree, poses: Array, seen: Sighting) -> Array:
+    """How far the object's points are off the surface at each of ``poses`` (K, 4, 4): mean of the nearest 90 %, m."""
+    turns, shifts = poses[:, :3, :3], poses[:, None, :3, 3]
+    local = ((seen.points - shifts) @ turns).reshape(-1, 3)
     nearest, squares = tree.nearest(local)
     across = np.abs(np.einsum("ni,ni->n", local - surface.points[nearest], surface.normals[nearest]))
-    off = np.where(squares < (2 * surface.spacing) ** 2, across, np.sqrt(squares))
-    kept = np.sort(np.minimum(off, FAR))[: max(1, round(TRIMMED * len(off)))]
-    return float(kept.mean())
+    off = np.minimum(np.where(squares < (2 * surface.spacing) ** 2, across, np.sqrt(squares)), FAR)
+    off = off.reshape(len(poses), -1)
+    kept = max(1, round(TRIMMED * off.shape[1]))
+    return np.partition(off, kept - 1, axis=1)[:, :kept].mean(axis=1)
 
 
-def in_the_air(surface: Surface, pose: Array, seen: Sighting) -> float:
-    """How far the surface that faces the camera stands before what was measured, or below the table: mean, m."""
-    turn, shift = pose[:3, :3], pose[:3, 3]
-    points = surface.points[::2] @ turn.T + shift
-    facing = np.einsum("ni,ni->n", surface.normals[::2] @ turn.T, points - seen.eye) < 0
+def in_the_air(surface: Surface, poses: Array, seen: Sighting) -> Array:
+    """How far the surface that faces the camera stands before what was measured, or below the table: means (K,), m."""
+    turns = poses[:, :3, :3].transpose(0, 2, 1)
+    points = surface.points[: seen.samples] @ turns + poses[:, None, :3, 3]
+    facing = ((surface.normals[: seen.samples] @ turns) * (points - seen.eye)).sum(axis=2) < 0
     camera, transform = seen.frame.camera, np.asarray(seen.table.T_robot_cam)
-    local = (points[facing] - transform[:3, 3]) @ transform[:3, :3]
-    depth = np.maximum(local[:, 2], 1e-3)
-    columns = np.rint(local[:, 0] / depth * camera.fx + camera.cx).astype(np.int64)
-    rows = np.rint(local[:, 1] / depth * camera.fy + camera.cy).astype(np.int64)
+    x, y, z = np.moveaxis((points - transform[:3, 3]) @ transform[:3, :3], 2, 0)
+    depth = np.maximum(z, 1e-3)
     height, width = seen.frame.depth.shape
-    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-    measured = np.zeros(len(depth))
-    measured[inside] = seen.frame.depth[rows[inside], columns[inside]]
-    before = np.clip(measured - depth - AIR, 0, FAR)[measured > 0]
-    below = np.clip(-points[:, 2] - AIR / 2, 0, FAR)
-    return (float(before.mean()) if len(before) else 0.0) + float(below.mean())
+    columns = np.rint(np.clip(x / depth * camera.fx + camera.cx, -1, width)).astype(np.int64)
+    rows = np.rint(np.clip(y / depth * camera.fy + camera.cy, -1, height)).astype(np.int64)
+    inside = facing & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    measured = np.where(inside, seen.frame.depth[rows.clip(0, height - 1), columns.clip(0, width - 1)], 0.0)
+    known = measured > 0
+    before = np.where(known, np.clip(measured - depth - AIR, 0, FAR), 0.0).sum(axis=1)
+    below = np.where(facing, np.clip(-points[..., 2] - AIR / 2, 0, FAR), 0.0).sum(axis=1)
+    return before / np.maximum(known.sum(axis=1), 1) + below / np.maximum(facing.sum(axis=1), 1)
 
 
-def cost(surface: Surface, tree: Tree, pose: Array, seen: Sighting) -> float:
-    """The residual, and what stands in the air or below the table, m."""
-    return residual(surface, tree, pose, seen) + AIR_WEIGHT * in_the_air(surface, pose, seen)
+def costs(surface: Surface, tree: Tree, poses: Array, seen: Sighting) -> Array:
+    """The residual, and what stands in the air or below the table, at each of ``poses`` (K, 4, 4): (K,) m."""
+    return residuals(surface, tree, poses, seen) + AIR_WEIGHT * in_the_air(surface, poses, seen)

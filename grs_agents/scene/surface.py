@@ -6,8 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from grs_agents.library import Library
-from grs_agents.library.generate.scene_mesh import gather_posed
-from grs_agents.library.shapes import HERE
+from grs_agents.library.generate.scene_mesh import visible_corners
 from grs_agents.scene.frame import Array
 
 SAMPLES = 2000
@@ -36,8 +35,20 @@ def surface_of(name: str, library: Library) -> Surface:
     Raises:
         UnknownNameError: the library has no such asset.
     """
-    corners = gather_posed([(name, HERE)], library).corners
-    return _surface(corners.round(5).tobytes(), len(corners))
+    corners = corners_of(name, library)
+    return _surface(corners.tobytes(), len(corners))
+
+
+@lru_cache(maxsize=128)
+def corners_of(name: str, library: Library) -> Array:
+    """(T, 3, 3) corners of the triangles that are seen of an asset, m, its own frame; to be read only.
+
+    Raises:
+        UnknownNameError: the library has no such asset.
+    """
+    corners = visible_corners(name, library).round(5)
+    corners.setflags(write=False)
+    return corners
 
 
 @lru_cache(maxsize=128)

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.library import Library
-from grs_agents.library.generate.scene_mesh import gather_posed
-from grs_agents.library.shapes import HERE
+from grs_agents.scene.points import Tree
+from grs_agents.scene.surface import corners_of
 
 Floats = npt.NDArray[np.float64]
 _COARSE, _FINE = 250, 2500
@@ -43,8 +43,8 @@ class Symmetry:
 
 def symmetry_of(name: str, library: Library) -> Symmetry:
     """The symmetry of an asset's visible shape; what is printed on it does not count."""
-    corners = gather_posed([(name, HERE)], library).corners
-    return _symmetry(corners.round(5).tobytes(), len(corners))
+    corners = corners_of(name, library)
+    return _symmetry(corners.tobytes(), len(corners))
 
 
 @lru_cache(maxsize=128)
@@ -53,15 +53,15 @@ def _symmetry(data: bytes, count: int) -> Symmetry:
     middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
     rng = np.random.default_rng(0)
     coarse, fine = _sampled(corners, _COARSE, rng) - middle, _sampled(corners, _FINE, rng) - middle
-    bound = _distance(coarse, fine) + _SLACK
-
+    tree = Tree(fine)
+    bound = _distance(coarse, tree) + _SLACK
     half = np.ptp(corners.reshape(-1, 3), axis=0) / 2
 
     def same(rotation: Floats) -> bool:
         quarter = bool(np.allclose(np.abs(rotation) % 1, 0))
         if quarter and np.abs(np.abs(rotation) @ half - half).max() > 2 * _SLACK:
             return False  # told by its extents alone
-        return _distance(coarse @ rotation.T, fine) < bound
+        return _distance(coarse @ rotation.T, tree) < bound
 
     turns = [turn for turn in quarter_turns() if same(turn)]
     axes = [axis for axis in np.eye(3) if all(same(_turn(axis, angle)) for angle in (0.5, 1.0, 1.9))]
@@ -92,7 +92,6 @@ def _sampled(corners: Floats, count: int, rng: np.random.Generator) -> Floats:
     return np.einsum("ni,nij->nj", weights, chosen)
 
 
-def _distance(points: Floats, others: Floats) -> float:
-    """How far 95 % of the points are at most from the nearest of the others, m."""
-    squares = (points**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2 * points @ others.T
-    return float(np.sqrt(np.maximum(np.percentile(squares.min(axis=1), 95), 0)))
+def _distance(points: Floats, tree: Tree) -> float:
+    """How far 95 % of the points are at most from the nearest of the tree's, m."""
+    return float(np.sqrt(np.percentile(tree.nearest(points)[1], 95)))

@@ -15,6 +15,8 @@ _TOLERANCE: Final = 1e-4
 """Metres and radians: nearer than this to a pose is there."""
 _DAMPING: Final = 1e-4
 _HOMEWARD: Final = 0.05
+_STALLED: Final = 1e-6
+"""Radians or metres: where every joint moves less in an iteration, more of them bring nothing."""
 _LONGEST: Final = 0.35
 """Radians that a joint moves at most in one iteration."""
 _FLOOR: Final = "world"
@@ -113,7 +115,9 @@ class Posture:
             square[np.diag_indices(6)] += _DAMPING
             change = homeward + jacobian.T @ np.linalg.solve(square, error - jacobian @ homeward)
             change *= min(1.0, _LONGEST / max(float(np.abs(change).max()), 1e-9))
-            joints = np.clip(joints + change, self.low, self.high)
+            before, joints = joints, np.clip(joints + change, self.low, self.high)
+            if float(np.abs(joints - before).max()) < _STALLED:  # as near as it comes from this start
+                return None
         return None
 
     def first_gap(self, path: FloatArray) -> Gap | None:

@@ -107,6 +107,12 @@ def _hanging(model: ObjectModel) -> list[tuple[FloatArray, float]]:
     return found
 
 
+@per_model
+def _hanging_upright(model: ObjectModel) -> float:
+    """The height of the lowest point of an object's colliders above its origin, whichever way it is turned upright."""
+    return min((float(points[2].min()) + drop for points, drop in _hanging(model)), default=0.0)
+
+
 def _points(model: ObjectModel, pose: Pose) -> list[FloatArray]:
     """Points (3, N) whose convex hull holds a collider, for each of an object at ``pose``; a ball's never turn."""
     found: list[FloatArray] = []
@@ -130,6 +136,8 @@ def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
 def lowest(model: ObjectModel, pose: Pose) -> float:
     """The height of the lowest point of an object's colliders at ``pose``, metres."""
     x, y, z, w = utils.quat(pose[1])
+    if x == y == 0:
+        return pose[0][2] + _hanging_upright(model)
     upward = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])  # what turns into height
     return pose[0][2] + min((float((upward @ points).min()) + drop for points, drop in _hanging(model)), default=0.0)
 

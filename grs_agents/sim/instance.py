@@ -39,7 +39,7 @@ Fill = dict[Annotated[str, Field(max_length=20)], Annotated[tuple[Value, ...], F
 
 
 def _check_quaternion(pose: Pose, what: str) -> None:
-    norm = sum(value * value for value in pose[1]) ** 0.5
+    norm = math.hypot(*pose[1])
     if not 0.99 < norm < 1.01:
         raise ValueError(f"{what}: quaternion {pose[1]} has length {norm:.3f}, must be 1")
 
@@ -66,9 +66,11 @@ class InstanceObject(Frozen):
     @model_validator(mode="after")
     def _checked(self) -> Self:
         _check_quaternion(self.pose, f"object {self.id}")
-        words = {stem for stem, row in self.fill.items() if any(isinstance(value, str) for value in row)} - {"FNAME"}
-        if words:
-            raise ValueError(f"object {self.id}: fill of {sorted(words)} must be numbers, FNAME alone takes a word")
+        if self.fill:
+            words = {stem for stem, row in self.fill.items() if any(isinstance(value, str) for value in row)}
+            if words - {"FNAME"}:
+                listed = sorted(words - {"FNAME"})
+                raise ValueError(f"object {self.id}: fill of {listed} must be numbers, FNAME alone takes a word")
         return self
 
 

@@ -282,11 +282,11 @@ class Tabletop:
 
     def lift_out_of_table(self) -> None:
         """Raise what reaches below the table top, as objects placed from noisy depth may."""
-        for number in list(self._objects):
-            if not self.is_free(number):
+        for number, item in list(self._objects.items()):
+            if not world.is_free(item, self._models[number]):
                 continue
             pose = self.get_object_pose(number)
-            low = geometry.lowest(self.shapes(number), pose)
+            low = geometry.lowest(self._models[number], pose)
             if low < 0:
                 (x, y, z), rotation = pose
                 self.place_object(number, ((x, y, z - low + 0.0002), rotation))

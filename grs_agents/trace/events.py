@@ -12,7 +12,8 @@ from pydantic import Field, TypeAdapter
 from grs_agents.base import Frozen
 from grs_agents.trace.values import JsonObject, Text
 
-VERSION = 1
+VERSION = 2
+"""Of this vocabulary: one more whenever a reader of the last one would misread a line."""
 
 
 class Stamped(Frozen):
@@ -75,7 +76,11 @@ class Prompt(Stamped):
 
 
 class Reply(Stamped):
-    """What the model answered; ``error`` says why an answer could not be used."""
+    """What the model answered; ``error`` says why an answer could not be used.
+
+    ``cached_tokens`` of the input were read from the provider's cache; ``cost`` is in US dollars, where the provider
+    tells it.
+    """
 
     kind: Literal["reply"] = "reply"
     call: Text
@@ -84,6 +89,8 @@ class Reply(Stamped):
     text: Text
     input_tokens: int = 0
     output_tokens: int = 0
+    cached_tokens: int = 0
+    cost: float | None = None
     seconds: float = 0.0
     finish_reason: Text = ""
     error: Text = ""
@@ -195,5 +202,6 @@ EVENT: TypeAdapter[Event] = TypeAdapter(Event)
 
 
 def event_schema() -> dict[str, Any]:
-    """The JSON schema of one line of ``events.jsonl``."""
-    return EVENT.json_schema()
+    """The JSON schema (2020-12) of one line of ``events.jsonl``."""
+    named = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"GRS event, version {VERSION}"}
+    return named | EVENT.json_schema(mode="serialization")

@@ -1,9 +1,11 @@
 """The event log: ``events.jsonl``, one event a line, written before anybody is told."""
 
+import json
 import threading
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -12,7 +14,7 @@ from pydantic import ValidationError
 
 from grs_agents.errors import InputError
 from grs_agents.files import unwritable
-from grs_agents.trace.events import EVENT, Event
+from grs_agents.trace.events import EVENT, VERSION, Event
 
 Subscriber = Callable[[Event], None]
 
@@ -32,12 +34,22 @@ def _parse(path: Path, data: bytes) -> tuple[list[Event], int]:
         except ValidationError as error:
             if last:
                 return events, length
-            reason = error.errors(include_url=False)[0]["msg"]
-            raise InputError(
-                f"{path} line {number} is not an event: {reason}", "restore the file or start a new run"
-            ) from error
+            raise _refused(path, number, line, error) from error
         length += len(line) + (0 if last else 1)
     return events, length
+
+
+def _refused(path: Path, number: int, line: bytes, error: ValidationError) -> InputError:
+    """Why a line is no event: of a later vocabulary than ours, or damaged."""
+    with suppress(ValueError, TypeError, AttributeError):
+        version = int(json.loads(line).get("version"))
+        if version > VERSION:
+            return InputError(
+                f"{path} line {number} is an event of version {version}, and this GRS reads up to {VERSION}",
+                "install a later version of grs-agents",
+            )
+    reason = error.errors(include_url=False)[0]["msg"]
+    return InputError(f"{path} line {number} is not an event: {reason}", "restore the file or start a new run")
 
 
 def read_events(path: Path) -> list[Event]:

@@ -1,7 +1,18 @@
 """The described scene in MuJoCo: how it comes to rest, and how it compares with the photo."""
 
 from grs_agents.twin.fidelity import fidelity
+from grs_agents.twin.reconcile import Reconciled, Segment, reconcile
 from grs_agents.twin.report import report_of
 from grs_agents.twin.settle import Placed, Rest, Thing, settle
 
-__all__ = ["Placed", "Rest", "Thing", "fidelity", "report_of", "settle"]
+__all__ = [
+    "Placed",
+    "Reconciled",
+    "Rest",
+    "Segment",
+    "Thing",
+    "fidelity",
+    "reconcile",
+    "report_of",
+    "settle",
+]

@@ -1,4 +1,4 @@
-"""Let a described scene come to rest: first what overlaps is eased apart, then gravity acts."""
+"""Let a described scene come to rest: what overlaps is taken or eased apart, then gravity acts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,9 +12,13 @@ from grs_agents.library.shapes import rotation_matrix
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.world import World, build, place
+from grs_agents.twin.parting import deepest, part
 
 CENTER, REACH = (0.4, 0.0), 1.1
 """Only what lies within this distance (m) of the middle of the simulated table stands on it."""
+OVERLAP = 0.001
+TRIES = 3
+"""What overlaps by more than this (m) at rest is taken apart again, so many times in all."""
 EASED = 0.0005
 """Things are eased apart until they overlap by less than this, m."""
 EASING = 200
@@ -87,16 +91,21 @@ def settle(things: Sequence[Thing], library: Library) -> Rest:
     place(world, items)
     _prepare(world)
     mujoco.mj_forward(world.model, world.data)
-    found = _deepest(world)
-    _ease(world)
-    still = _fall(world)
+    found = deepest(world)
+    still = False
+    for _ in range(TRIES):
+        part(world)
+        _ease(world)
+        still = _fall(world)
+        mujoco.mj_forward(world.model, world.data)
+        if deepest(world) < OVERLAP:
+            break
     placed: list[Placed | None] = [None] * len(things)
     for item, number in zip(items, here, strict=True):
         pose = _shifted(_pose(world.data, world.bodies[item.id]), _middle(item.asset, library))
         drift = float(np.linalg.norm(np.subtract(pose[0], things[number].pose[0])))
         placed[number] = Placed(pose, drift)
-    mujoco.mj_forward(world.model, world.data)
-    return Rest(tuple(placed), found, _deepest(world), still)
+    return Rest(tuple(placed), found, deepest(world), still)
 
 
 def _prepare(world: World) -> None:
@@ -111,11 +120,6 @@ def _prepare(world: World) -> None:
     model.geom_friction[owners >= 0, 2] = ROLLING
 
 
-def _deepest(world: World) -> float:
-    """The deepest overlap, m."""
-    return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
-
-
 def _ease(world: World) -> None:
     """Without gravity and without speed, so that overlaps are pushed apart and nothing is thrown."""
     model, data = world.model, world.data
@@ -124,7 +128,7 @@ def _ease(world: World) -> None:
     for _ in range(EASING):
         data.qvel[:] = 0
         mujoco.mj_step(model, data)
-        if _deepest(world) < EASED:
+        if deepest(world) < EASED:
             break
     model.opt.gravity[:] = gravity
     data.qvel[:] = 0

@@ -4,17 +4,24 @@ The rerun view is not imported here, since importing rerun is slow: use
 ``grs_agents.views.rerun_view`` (``RerunView``, ``rebuild``) where it is wanted.
 """
 
+from grs_agents.views.step_text import failed_step, find_step, sections, visible
 from grs_agents.views.steps import Step, Steps, steps
-from grs_agents.views.terminal import Progress, steps_table, summary_table
+from grs_agents.views.terminal import Progress, summary_table
+from grs_agents.views.tree import step_record, steps_tree
 from grs_agents.views.viewer import open_viewer, viewer_command
 
 __all__ = [
     "Progress",
     "Step",
     "Steps",
+    "failed_step",
+    "find_step",
     "open_viewer",
+    "sections",
+    "step_record",
     "steps",
-    "steps_table",
+    "steps_tree",
     "summary_table",
     "viewer_command",
+    "visible",
 ]

@@ -41,15 +41,15 @@ class EventView:
     Args:
         folder: the run, to which the paths in events are relative.
         library: where the meshes of assets lie.
-        path: the file to write.
+        to: the file to write, or a recording to write into, which is then not closed here.
     """
 
-    def __init__(self, folder: Path, library: Library, path: Path) -> None:
-        self._folder, self._path = folder, path
+    def __init__(self, folder: Path, library: Library, to: Path | Recording) -> None:
+        self._folder, self._to = folder, to
         self._run_id = folder.name
         self._clock = Clock()
         self._machine = MachineView()
-        self._scene = SceneView(folder)
+        self._scene = SceneView(folder, library)
         self._rollouts = RolloutView(folder, library)
         self._tokens = 0
         self._picture: str | None = None
@@ -78,12 +78,15 @@ class EventView:
 
     def close(self) -> None:
         """Finish the file."""
-        if self._recording:
+        if self._recording and self._recording is not self._to:
             self._recording.close()
 
     def _open(self) -> Recording:
         if self._recording is None:
-            recording = Recording(self._path, self._run_id, blueprint(self._machine.nodes))
+            if isinstance(self._to, Recording):
+                recording = self._to
+            else:
+                recording = Recording(self._to, self._run_id, blueprint(self._machine.nodes))
             for outcome, color in (("passed", (46, 204, 113)), ("failed", (231, 76, 60))):
                 lines = rr.SeriesLines(names=outcome, colors=[color])
                 recording.log(f"{Paths.METRICS}/tests/{outcome}", lines, static=True)

@@ -10,15 +10,17 @@ COLUMN, ROW = 190.0, 110.0
 _PLACES: dict[str, tuple[float, float]] = {
     "describe": (1, -0.8), "comprehend": (0, 0), "match": (1, 0), "generate_task": (2, 0),
     "run_tests": (0, 1), "generate_tests": (1, 1), "generate_sim": (2, 1),
-    "audit": (0, 2), "route": (1, 2), "fix_code": (2, 2), END: (0, 3), "fix_tests": (1, 3),
+    "audit": (0, 2), "route": (1, 2), "fix_code": (2, 2),
+    "conclude": (-0.9, 2), "fix_tests": (1, 3), END: (-0.9, 3), "hide_image": (2, -0.8),
 }  # fmt: skip
 _EDGES: tuple[Edge, ...] = (
     ("comprehend", "describe"), ("describe", "match"), ("comprehend", "match"), ("match", "generate_task"),
     ("generate_task", "generate_sim"), ("generate_sim", "generate_tests"), ("generate_tests", "run_tests"),
     ("run_tests", "route"), ("run_tests", "audit"), ("audit", "route"), ("audit", END),
+    ("audit", "conclude"), ("conclude", END),
     ("route", "fix_code"), ("route", "fix_tests"), ("fix_code", "run_tests"), ("fix_tests", "run_tests"),
 )  # fmt: skip
-_OPTIONAL = frozenset({"describe"})
+_OPTIONAL = frozenset({"describe", "conclude", "hide_image"})
 _WITHOUT: dict[str, frozenset[str]] = {
     "router": frozenset({"comprehend", "match", "generate_task"}),
     "scene": frozenset(_PLACES) - {"comprehend", "describe", "match", END},
@@ -27,7 +29,7 @@ _COLORS: dict[str, Color] = {
     "comprehend": (91, 141, 239), "describe": (95, 170, 235), "match": (80, 190, 215),
     "generate_task": (155, 120, 235), "generate_sim": (190, 110, 220), "generate_tests": (215, 120, 190),
     "run_tests": (241, 196, 15), "route": (231, 96, 76), "fix_code": (230, 140, 40), "fix_tests": (200, 160, 80),
-    "audit": (26, 188, 156), END: (46, 204, 113),
+    "audit": (26, 188, 156), "conclude": (46, 180, 90), END: (46, 204, 113),
 }  # fmt: skip
 _SPARE: tuple[Color, ...] = ((140, 160, 190), (170, 190, 110), (210, 130, 130), (120, 200, 200))
 QUIET: Color = (150, 150, 160)

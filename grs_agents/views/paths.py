@@ -24,4 +24,7 @@ class Paths:
     ROLLOUT = "/rollout"
     SCENE = "/scene"
     CAMERA = "/scene/camera"
+    TWIN = "/scene/twin"
+    SURROUNDINGS = "/scene/background"
     WORLD = "/world"
+    GRASPS = "/log/grasps"

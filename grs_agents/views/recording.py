@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Iterable
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -31,12 +32,19 @@ class Recording:
     def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint) -> None:
         self.moment = Moment()
         self._path = path
+        self._prefix = ""
         self._broken = False
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
         self._stream.save(path, default_blueprint=blueprint)
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._stream.send_recording_name(run_id)
+
+    def below(self, prefix: str) -> "Recording":
+        """The same recording, in which everything lies below ``prefix``; its moment is its own."""
+        other = copy(self)
+        other._prefix = prefix
+        return other
 
     def require_space(self) -> None:
         """See that the disk has room for one more event: rerun may wait for ever for a file that it cannot write.
@@ -55,7 +63,7 @@ class Recording:
             self._stream.set_time("event", sequence=self.moment.event)
             self._stream.set_time("attempt", sequence=self.moment.attempt)
             self._stream.set_time("sim_time", duration=self.moment.simulated)
-        self._stream.log(path, *archetypes, static=static, strict=True)
+        self._stream.log(f"{self._prefix}{path}", *archetypes, static=static, strict=True)
 
     def columns(self, path: str, seconds: npt.NDArray[np.float64], columns: Iterable[rr.ComponentColumn]) -> None:
         """Log one row for each of ``seconds`` (N,) after the present moment; each column has N rows."""
@@ -66,7 +74,7 @@ class Recording:
             rr.TimeColumn("attempt", sequence=np.full(count, moment.attempt)),
             rr.TimeColumn("sim_time", duration=moment.simulated + seconds),
         )
-        self._stream.send_columns(path, indexes, columns, strict=True)
+        self._stream.send_columns(f"{self._prefix}{path}", indexes, columns, strict=True)
 
     def flush(self) -> None:
         """Put everything logged so far into the file, so that a killed run leaves a readable one.

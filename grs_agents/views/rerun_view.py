@@ -1,10 +1,14 @@
 """The rerun recording of a run: a subscriber of the event log that writes ``trace.rrd`` as the run goes on."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from grs_agents.library import Library
 from grs_agents.trace import Event, read_events
+from grs_agents.views.blueprint import comparison
 from grs_agents.views.event_view import EventView
+from grs_agents.views.machine_view import MachineView
+from grs_agents.views.recording import Recording
 
 TRACE = "trace.rrd"
 
@@ -49,6 +53,39 @@ def _next_part(folder: Path) -> Path:
     while (folder / f"trace.{number}.rrd").exists():
         number += 1
     return folder / f"trace.{number}.rrd"
+
+
+def compare(runs: Sequence[tuple[Path, Library]], path: Path) -> Path:
+    """Write runs into one recording, side by side, on timelines that begin together.
+
+    Args:
+        runs: the folder and the assets of each; its entities lie below ``/run_1``, ``/run_2``, ...
+        path: the file to write.
+
+    Raises:
+        InputError: a folder has no readable event log.
+    """
+    logs = [read_events(folder / "events.jsonl") for folder, _ in runs]
+    names = _distinct([folder.resolve().name for folder, _ in runs])
+    columns: list[tuple[str, str, tuple[str, ...]]] = []
+    for number, (name, events) in enumerate(zip(names, logs, strict=True), start=1):
+        machine = MachineView()
+        for event in events:
+            machine.follow(event)
+        columns.append((name, f"/run_{number}", machine.nodes))
+    recording = Recording(path, " and ".join(names), comparison(columns))
+    for (folder, library), (_, prefix, _), events in zip(runs, columns, logs, strict=True):
+        view = EventView(folder, library, recording.below(prefix))
+        for event in events:
+            view.write(event, flush=False)
+    recording.close()
+    return path
+
+
+def _distinct(names: list[str]) -> list[str]:
+    """``names``, numbered where two are the same."""
+    same = len(set(names)) < len(names)
+    return [f"{number} {name}" if same else name for number, name in enumerate(names, start=1)]
 
 
 def rebuild(run_folder: Path, library: Library) -> Path:

@@ -2,52 +2,39 @@
 
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.sim.instance import InstanceGoal, InstanceObject, TaskInstance
 from grs_agents.sim.world import model_of
 from grs_agents.trace import Rollout
 from grs_agents.views.glyphs import drawable
+from grs_agents.views.motion import Motion, holds, read_motion
 from grs_agents.views.paths import Paths
 from grs_agents.views.recording import Recording
-from grs_agents.views.shape_view import geometry
+from grs_agents.views.shape_view import geometry, show_asset
+from grs_agents.views.twin import run_library
 
 Array = npt.NDArray[np.float64]
 FRAMES_PER_SECOND = 25.0
 _TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02), (152, 128, 98))  # centre, size, colour
 _WHITE, _ORANGE, _YELLOW, _GREEN = (240, 240, 240), (235, 130, 35), (255, 210, 60), (70, 215, 120)
+_BLUE, _PINK = (90, 170, 255), (255, 120, 200)
 
 
-def _read(folder: Path, event: Rollout) -> dict[str, npt.NDArray[Any]] | None:
-    """The arrays of the recording at a bounded frame rate, or None where the rollout left none."""
-    if event.recording is None:
-        return None
-    try:
-        with np.load(folder / event.recording, allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name]) for name in file.files}
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read rollout {event.recording}: {error}", "run again") from error
-    times = arrays["times"]
-    if times.size < 2:
-        return arrays
-    wanted = np.arange(times[0], times[-1], 1 / FRAMES_PER_SECOND)
-    kept = np.unique(np.append(np.searchsorted(times, wanted), times.size - 1))
-    return {name: value if name == "names" else value[kept] for name, value in arrays.items()}
+def _motion(folder: Path, event: Rollout) -> Motion | None:
+    """What moved, at a bounded frame rate; None where the rollout left no recording."""
+    return None if event.recording is None else read_motion(folder / event.recording).thinned(FRAMES_PER_SECOND)
 
 
 def duration(folder: Path, event: Rollout) -> float:
     """Simulated seconds of the rollout's recording; 0 where it has none."""
     if event.recording is None or not (folder / event.recording).exists():
         return 0.0
-    with np.load(folder / event.recording, allow_pickle=False) as file:
-        times = file["times"]
-    return float(times[-1] - times[0]) if times.size else 0.0
+    return read_motion(folder / event.recording).seconds
 
 
 class RolloutView:
@@ -56,19 +43,21 @@ class RolloutView:
     def __init__(self, folder: Path, library: Library) -> None:
         self._folder, self._library = folder, library
         self._shown: set[str] = set()
+        self._surrounded = False
 
     def show(self, recording: Recording, event: Rollout) -> float:
         """Show ``event`` and return its simulated seconds; without a recording, objects where they start."""
         instance = self._instance(event)
-        arrays = _read(self._folder, event)
+        motion = _motion(self._folder, event)
         if instance:
             self._show_objects(recording, instance)
             _show_goals(recording, instance)
-        if arrays is None or not arrays["times"].size:
+        if motion is None or not motion.times.size:
             return 0.0
-        seconds = np.asarray(arrays["times"] - arrays["times"][0], dtype=np.float64)
-        _show_motion(recording, seconds, arrays)
-        return float(seconds[-1])
+        names = {f"object_{item.id}": _spoken(item) for item in instance.objects} if instance else {}
+        _show_motion(recording, motion)
+        _show_holds(recording, motion, names)
+        return motion.seconds
 
     def _instance(self, event: Rollout) -> TaskInstance | None:
         if event.instance is None:
@@ -80,7 +69,7 @@ class RolloutView:
         center, size, color = _TABLE
         table = rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid")
         recording.log(f"{Paths.WORLD}/table", table)
-        library = self._with_proxies()
+        library = run_library(self._folder, self._library)
         present: set[str] = set()
         for item in instance.objects:
             position, quaternion = item.pose
@@ -90,14 +79,17 @@ class RolloutView:
             present.add(path)
             if path not in self._shown:
                 _show_shapes(recording, path, item, library)
+        if instance.background and not self._surrounded:
+            self._surrounded = True
+            show_asset(recording, f"{Paths.WORLD}/background", instance.background, library)
         for path in self._shown - present:
             recording.log(path, rr.Clear(recursive=True))
         self._shown = present
 
-    def _with_proxies(self) -> Library:
-        """The library with the proxies that this run has made so far."""
-        proxies = self._folder / "assets"
-        return self._library.overlay(proxies) if (proxies / "manifest.json").is_file() else self._library
+
+def _spoken(item: InstanceObject) -> str:
+    """The object's name for people: of a template, what it is, e.g. a zone."""
+    return drawable(Path(item.asset).stem.removesuffix("-template").replace("_", " "))
 
 
 def _show_shapes(recording: Recording, path: str, item: InstanceObject, library: Library) -> None:
@@ -106,8 +98,7 @@ def _show_shapes(recording: Recording, path: str, item: InstanceObject, library:
     for number, shape in enumerate(model.visuals or model.colliders):
         recording.log(f"{path}/{number}", geometry(shape, library, item.color))
     top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
-    label = drawable(Path(item.asset).stem.replace("_", " "))
-    recording.log(f"{path}/name", rr.Points3D(top, labels=[label], colors=[_WHITE], radii=[0.0005]))
+    recording.log(f"{path}/name", rr.Points3D(top, labels=[_spoken(item)], colors=[_WHITE], radii=[0.0005]))
 
 
 def _shapes_path(item: InstanceObject) -> str:
@@ -138,25 +129,42 @@ def _languages(goals: tuple[InstanceGoal, ...]) -> str:
     return "\n".join(goal.language for goal in goals)
 
 
-def _show_motion(recording: Recording, seconds: Array, arrays: dict[str, npt.NDArray[Any]]) -> None:
-    names = [str(name) for name in arrays["names"]]
-    positions = np.asarray(arrays["positions"], dtype=np.float32)
-    quaternions = np.asarray(arrays["quaternions"], dtype=np.float32)
+def _show_motion(recording: Recording, motion: Motion) -> None:
+    seconds, count = motion.times, len(motion.times)
     links: list[int] = []
-    for index, name in enumerate(names):
+    for index, name in enumerate(motion.names):
         if name.startswith("object_"):
-            _show_object(recording, name, seconds, positions[:, index], quaternions[:, index])
+            _show_object(recording, name, seconds, motion.positions[:, index], motion.quaternions[:, index])
         else:
             links.append(index)
     if len(links) > 1:
         strips = rr.LineStrips3D.columns(
-            strips=positions[:, links], radii=np.full(len(seconds), 0.028), colors=[_ORANGE] * len(seconds)
+            strips=motion.positions[:, links], radii=np.full(count, 0.028), colors=[_ORANGE] * count
         )
         recording.columns(f"{Paths.WORLD}/robot", seconds, strips)
-    tool = np.asarray(arrays["tool"], dtype=np.float32)
-    points = rr.Points3D.columns(positions=tool, radii=np.full(len(seconds), 0.012), colors=[_YELLOW] * len(seconds))
+    points = rr.Points3D.columns(positions=motion.tool, radii=np.full(count, 0.012), colors=[_YELLOW] * count)
     recording.columns(f"{Paths.WORLD}/tool", seconds, points)
-    recording.log(f"{Paths.WORLD}/tool_path", rr.LineStrips3D([tool], colors=[_YELLOW], radii=[0.0015]))
+    recording.log(f"{Paths.WORLD}/tool_path", rr.LineStrips3D([motion.tool], colors=[_YELLOW], radii=[0.0015]))
+
+
+def _show_holds(recording: Recording, motion: Motion, names: dict[str, str]) -> None:
+    """Where and when the tool takes something up and lets it go; a line in the list of events for each."""
+    moments: list[tuple[int, str, tuple[int, int, int]]] = []
+    for number, hold in enumerate(holds(motion), start=1):
+        name = names.get(hold.body, hold.body)
+        moments += [(hold.start, f"{number} takes {name}", _BLUE), (hold.end, f"{number} lets {name} go", _PINK)]
+    spots = rr.Points3D(
+        [motion.tool[frame] for frame, _, _ in moments],
+        labels=[text for _, text, _ in moments],
+        colors=[color for _, _, color in moments],
+        radii=[0.009],
+        show_labels=False,
+    )
+    recording.log(f"{Paths.WORLD}/grasps", spots)
+    if moments:
+        moments.sort(key=lambda moment: moment[0])
+        lines = rr.TextLog.columns(text=[f"• {text}" for _, text, _ in moments], level=["INFO"] * len(moments))
+        recording.columns(Paths.GRASPS, np.array([motion.times[frame] for frame, _, _ in moments]), lines)
 
 
 def _show_object(

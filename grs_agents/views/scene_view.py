@@ -9,10 +9,14 @@ import numpy.typing as npt
 import rerun as rr
 
 from grs_agents.errors import InputError
+from grs_agents.library import Library
 from grs_agents.trace import SceneStage
 from grs_agents.views.glyphs import cell, document, drawable
+from grs_agents.views.objects import label_of, name_of, rectangles
 from grs_agents.views.paths import Paths
 from grs_agents.views.recording import Recording
+from grs_agents.views.shape_view import show_asset
+from grs_agents.views.twin import run_library, twin_objects
 
 MOST_POINTS = 40_000
 """Points of the cloud that are kept, evenly spread over the picture."""
@@ -41,8 +45,8 @@ def log_picture(recording: Recording, path: str, file: Path) -> None:
 class SceneView:
     """Shows scene stages; camera, picture and depth of an earlier stage serve later ones."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, library: Library) -> None:
+        self._folder, self._library = folder, library
         self._files: dict[str, str] = {}
         self._camera: dict[str, Any] = {}
         self._depth_scale: float | None = None
@@ -68,6 +72,19 @@ class SceneView:
             _show_boxes(recording, objects)
             table = rr.TextDocument(_objects(objects), media_type=rr.MediaType.MARKDOWN)
             recording.log(Paths.OBJECTS, table)
+            self._show_twin(recording, objects)
+        background = event.summary.get("asset" if event.stage == "background" else "background")
+        if background:
+            show_asset(recording, Paths.SURROUNDINGS, str(background), run_library(self._folder, self._library))
+
+    def _show_twin(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
+        """The assets that stand for the objects, where they do; the viewer draws them from the camera of the photo."""
+        library = run_library(self._folder, self._library)
+        for item in twin_objects(objects, library):
+            path, (position, quaternion) = f"{Paths.TWIN}/object_{item.id}", item.pose
+            pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion))
+            recording.log(path, pose)
+            show_asset(recording, path, item.asset, library)
 
     def _show_camera(self, recording: Recording) -> None:
         camera = self._camera
@@ -120,31 +137,19 @@ class SceneView:
     def _show_masks(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
         labels = read_picture(self._folder / self._files["masks"], cv2.IMREAD_UNCHANGED)
         present = [int(label) for label in np.unique(labels) if label]
-        names = {_label(item, index): _name(item) for index, item in enumerate(objects)}
+        names = {label_of(item, index): name_of(item) for index, item in enumerate(objects)}
         texts = [drawable(f"{label} {names.get(label, '')}".rstrip()) for label in present]
         infos = [rr.AnnotationInfo(id=0, label="background", color=(0, 0, 0, 0))]
         infos += [rr.AnnotationInfo(id=label, label=text) for label, text in zip(present, texts, strict=True)]
         recording.log(Paths.CAMERA, rr.AnnotationContext(infos))
         recording.log(f"{Paths.CAMERA}/masks", rr.SegmentationImage(labels, opacity=0.45))
-        boxes = [cv2.boundingRect((labels == label).astype(np.uint8)) for label in present]
+        boxes = list(rectangles(labels).values())
         if boxes:
             numbers = [str(label) for label in present]
-            rectangles = rr.Boxes2D(
+            drawn = rr.Boxes2D(
                 array=boxes, array_format=rr.Box2DFormat.XYWH, class_ids=present, labels=numbers, show_labels=True
             )
-            recording.log(f"{Paths.CAMERA}/boxes", rectangles)
-
-
-def _label(item: dict[str, Any], index: int) -> int:
-    """The pixel value of an object in the label picture: given, or its id, or its place in the list from 1."""
-    for key in ("label", "id"):
-        if isinstance(item.get(key), int):
-            return item[key]
-    return index + 1
-
-
-def _name(item: dict[str, Any]) -> str:
-    return str(item.get("name") or item.get("description") or f"object {item.get('id', '')}")
+            recording.log(f"{Paths.CAMERA}/boxes", drawn)
 
 
 def _objects(objects: list[dict[str, Any]]) -> str:
@@ -156,7 +161,7 @@ def _objects(objects: list[dict[str, Any]]) -> str:
             extents = np.subtract(item["box"]["high"], item["box"]["low"]) * 100
             size = " x ".join(f"{extent:.1f}" for extent in extents)
         asset = cell(item.get("asset") or "")
-        rows.append(f"| {_label(item, index)} | {cell(_name(item))} | {size} | {asset} |")
+        rows.append(f"| {label_of(item, index)} | {cell(name_of(item))} | {size} | {asset} |")
     return document("\n".join(rows))
 
 
@@ -169,7 +174,7 @@ def _show_boxes(recording: Recording, objects: list[dict[str, Any]]) -> None:
         centers=(low + high) / 2,
         sizes=high - low,
         colors=[_BOX] * len(boxed),
-        labels=[drawable(_name(item)) for item in boxed],
+        labels=[drawable(name_of(item)) for item in boxed],
         show_labels=True,
         radii=[0.001],
     )

@@ -12,11 +12,19 @@ import trimesh
 
 from grs_agents.library import Library, Shape
 from grs_agents.library.shapes import rotation_matrix
+from grs_agents.views.recording import Recording
 
 TEXTURE_EDGE = 256
 """Pixels; larger textures are shown smaller to keep recordings small."""
 _GREY = (0.7, 0.7, 0.72, 1.0)
 Rgba = tuple[float, float, float, float]
+
+
+def show_asset(recording: Recording, path: str, name: str, library: Library) -> None:
+    """The library's asset ``name`` in its own frame, below ``path``."""
+    model = library.model(name)
+    for number, shape in enumerate(model.visuals or model.colliders):
+        recording.log(f"{path}/{number}", geometry(shape, library, None))
 
 
 def geometry(shape: Shape, library: Library, color: Rgba | None) -> rr.AsComponents:

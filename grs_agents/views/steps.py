@@ -34,8 +34,10 @@ class Step:
         started: seconds since 1970.
         status: how it stands; ``interrupted`` if the run died in it.
         seconds: wall time once it is done.
-        tokens: input and output of its model calls.
+        input_tokens, output_tokens: of its model calls.
+        cost: of its model calls in US dollars; None where no provider told it.
         details: what came of it, one phrase each.
+        events: all that happened in it, its start and end included.
     """
 
     number: int
@@ -45,8 +47,34 @@ class Step:
     started: float
     status: Status = "running"
     seconds: float = 0.0
-    tokens: int = 0
+    input_tokens: int = 0
+    output_tokens: int = 0
+    cost: float | None = None
     details: list[str] = field(default_factory=list[str])
+    events: list[Event] = field(default_factory=list[Event])
+
+    @property
+    def tokens(self) -> int:
+        """Input and output together."""
+        return self.input_tokens + self.output_tokens
+
+    @property
+    def replies(self) -> list[Reply]:
+        """The answers of its models."""
+        return [event for event in self.events if isinstance(event, Reply)]
+
+    @property
+    def trouble(self) -> str:
+        """What went wrong in it, in a phrase: its own error, failing tests or checks; empty if nothing did."""
+        if self.status in ("failed", "interrupted"):
+            return self.details[-1] if self.details else self.status
+        found = ""
+        for event in self.events:
+            if isinstance(event, TestsRun) and event.report.get("outcome") != "passed":
+                found = f"tests: {phrase(event)}"
+            elif isinstance(event, Finding) and not event.passed:
+                found = f"{event.check}: {event.detail}"
+        return found
 
     @property
     def detail(self) -> str:
@@ -73,6 +101,7 @@ class Steps:
             if self.current:
                 self.current.status = "interrupted"
             step = Step(len(self.rows) + 1, event.node, event.visit, event.attempt, event.time)
+            step.events.append(event)
             self.rows.append(step)
         elif isinstance(event, NodeEnded):
             self._close(event)
@@ -88,15 +117,20 @@ class Steps:
             if step.node == event.node and step.status == "running":
                 step.status = "failed" if event.error else "done"
                 step.seconds = event.seconds
+                step.events.append(event)
                 if event.error:
                     step.details.append(event.error)
                 return
 
     def _note(self, step: Step, event: Event) -> None:
+        step.events.append(event)
         if isinstance(event, Decision):
             self.decision = event
         if isinstance(event, Reply):
-            step.tokens += event.input_tokens + event.output_tokens
+            step.input_tokens += event.input_tokens
+            step.output_tokens += event.output_tokens
+            if event.cost is not None:
+                step.cost = (step.cost or 0.0) + event.cost
         text = phrase(event)
         if text:
             step.details.append(text)

@@ -1,4 +1,4 @@
-"""A run in the terminal: live progress, the table of steps, the final summary."""
+"""A run in the terminal: live progress and the final summary."""
 
 import time
 from typing import Any
@@ -10,14 +10,15 @@ from rich.text import Text
 
 from grs_agents.trace import Event, NodeEnded, RunEnded, RunStarted
 from grs_agents.views.glyphs import one_line
-from grs_agents.views.steps import Status, Step, Steps, steps
+from grs_agents.views.steps import Status, Step, Steps
 
-_MARKS: dict[Status, tuple[str, str]] = {
+MARKS: dict[Status, tuple[str, str]] = {
     "running": ("▶", "yellow"),
     "done": ("✓", "green"),
     "failed": ("✗", "red"),
     "interrupted": ("-", "red"),
 }
+"""How each status looks: a mark and its style."""
 _VERDICTS = {"accepted": "bold green", "rejected": "bold red", "failed": "bold red", "interrupted": "yellow"}
 
 
@@ -72,7 +73,7 @@ class Progress:
     def _render(self) -> RenderableType:
         table = Table.grid(padding=(0, 1))
         for step in _latest_visits(self._steps.rows):
-            mark, style = _MARKS[step.status]
+            mark, style = MARKS[step.status]
             now = time.time() - step.started if step.status == "running" else step.seconds
             visit = f"x{step.visit}" if step.visit > 1 else ""
             detail = Text(one_line(step.detail, 300), overflow="ellipsis", no_wrap=True, style="dim")
@@ -95,32 +96,6 @@ def _latest_visits(rows: list[Step]) -> list[Step]:
     for step in rows:
         latest[step.node] = step
     return list(latest.values())
-
-
-def steps_table(events: list[Event]) -> Table:
-    """The steps of a run, for ``grs show``."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("#", justify="right", no_wrap=True)
-    table.add_column("fix", justify="right", no_wrap=True)
-    table.add_column("node", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    table.add_column("s", justify="right", no_wrap=True)
-    table.add_column("tokens", justify="right", no_wrap=True)
-    table.add_column("what came of it", overflow="fold")
-    for step in steps(events):
-        mark, style = _MARKS[step.status]
-        visit = f" x{step.visit}" if step.visit > 1 else ""
-        detail = Text(one_line(step.detail, 400))
-        counts = (f"{step.seconds:.1f}", str(step.tokens or ""))
-        table.add_row(
-            str(step.number),
-            str(step.attempt),
-            f"{step.node}{visit}",
-            Text(mark, style=style),
-            *counts,
-            detail,
-        )
-    return table
 
 
 def summary_table(run: dict[str, Any]) -> Table:

@@ -68,6 +68,12 @@ def test_a_tilted_frame_shows_its_tilt_and_height(sample_scene: Path) -> None:
     assert figures.height == pytest.approx(0.02, abs=0.004)
 
 
+def test_the_tool_is_asked_with_the_model_that_is_named(tmp_path: Path, sample_scene: Path) -> None:
+    order = Order(name="x", source=str(sample_scene), tool="segment_sam2", model=str(tmp_path / "no-model"))
+    result = measure(order, tmp_path)
+    assert "no-model" in result.figures.error
+
+
 def test_a_row_has_every_column_and_targets_are_kept(measured: tuple[Result, Path]) -> None:
     figures = measured[0].figures
     assert set(row(figures)) == set(totals([figures])[0]) == set(COLUMNS)

@@ -1,5 +1,6 @@
 """A tree of decisions and the program made of it answer alike."""
 
+import struct
 from bisect import bisect_right
 
 from hypothesis import given
@@ -18,8 +19,8 @@ from grs_agents.sandbox.bpf import (
     at_least,
     encode,
     equal,
+    places,
     ranges,
-    replace_operand,
     upper_half,
 )
 from tests.sandbox import classic_bpf
@@ -81,5 +82,7 @@ def test_no_jump_is_too_far_for_its_byte() -> None:
 
 def test_an_operand_is_replaced_wherever_it_stands() -> None:
     program = assemble(Load(NUMBER, equal(7, Answer(1), at_least(7, Answer(2), Answer(3)))))
-    answers = [classic_bpf.run(encode(replace_operand(program, 7, 9)), number) for number in (7, 9, 10)]
-    assert answers == [3, 1, 2]
+    encoded = bytearray(encode(program))
+    for place in places(program, 7):
+        struct.pack_into("=I", encoded, place, 9)
+    assert [classic_bpf.run(bytes(encoded), number) for number in (7, 9, 10)] == [3, 1, 2]

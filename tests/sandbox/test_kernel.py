@@ -3,6 +3,7 @@
 import errno
 import os
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -34,3 +35,16 @@ def test_other_machines_are_not_known(system: str, word: int, monkeypatch: pytes
     with pytest.raises(OSError, match="getpid") as failed:
         kernel.call("getpid")
     assert failed.value.errno == errno.ENOSYS
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="no /proc here")
+def test_a_small_file_of_the_kernel_is_read_and_written() -> None:
+    with Path("/proc/self/comm").open(encoding="ascii") as comm:
+        name = comm.read()
+    try:
+        kernel.write("/proc/self/comm", b"renamed")
+        assert kernel.read("/proc/self/comm") == b"renamed\n"
+    finally:
+        kernel.write("/proc/self/comm", name.strip().encode())
+    with pytest.raises(FileNotFoundError):
+        kernel.read("/proc/self/no such file")

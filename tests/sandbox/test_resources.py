@@ -17,7 +17,7 @@ from tests.sandbox.confined import USERS, Got, become, forked
 
 pytestmark = pytest.mark.skipif(kernel.machine() is None, reason="the limits are those of Linux")
 
-SMALL = Allowance(cpu_seconds=0.1, memory_mib=128, file_mib=1, descriptors=40, threads=8)
+SMALL = Allowance(cpu_seconds=0.1, memory_mib=128, file_mib=1, descriptors=400, threads=8)
 
 
 def limited(check: Callable[[], object], user: str = USERS[-1]) -> Got:
@@ -44,7 +44,7 @@ def test_file_size(tmp_path: Path) -> None:
 
 
 def test_descriptors() -> None:
-    assert limited(lambda: [os.dup(0) for _ in range(40)]).errno == errno.EMFILE
+    assert limited(lambda: [os.dup(0) for _ in range(400)]).errno == errno.EMFILE
 
 
 def test_processor_time() -> None:
@@ -91,7 +91,7 @@ def test_root_that_stays_root_has_no_limit_on_threads_and_is_told_so() -> None:
 
 def test_nothing_is_raised_and_nothing_comes_back() -> None:
     def check() -> list[object]:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (20, 30))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (200, 300))
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
         stack = resource.getrlimit(resource.RLIMIT_STACK)
         resources.limit(SMALL, alone=False)
@@ -99,5 +99,5 @@ def test_nothing_is_raised_and_nothing_comes_back() -> None:
         limits = [list(resource.getrlimit(getattr(resource, f"RLIMIT_{kind}"))) for kind in kinds]
         return [limits, resource.getrlimit(resource.RLIMIT_STACK) == stack]
 
-    expected = [[30, 30], [1000, 1000], [0, 0], [0, 0], [0, 0], [256, 256]]
+    expected = [[300, 300], [1000, 1000], [0, 0], [0, 0], [0, 0], [256, 256]]
     assert forked(check).value == [expected, True]

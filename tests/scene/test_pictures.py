@@ -33,7 +33,9 @@ def test_candidates_are_kept_with_their_masks(rendered: Rendered, tmp_path: Path
 
 def test_the_annotated_photo_marks_the_candidates_only(rendered: Rendered) -> None:
     table = find_table(rendered.frame, np.random.default_rng(0))
-    picture = annotate(rendered.frame, candidates_of(rendered.frame, table, rendered.labels))
+    picture = annotate(
+        rendered.frame, {one.id: one.mask for one in candidates_of(rendered.frame, table, rendered.labels)}
+    )
     assert picture.shape == rendered.frame.rgb.shape
     assert np.array_equal(picture[:20], rendered.frame.rgb[:20])
     assert (picture != rendered.frame.rgb)[rendered.labels > 0].any(axis=-1).mean() > 0.9

@@ -1,6 +1,8 @@
 """The vocabulary of events."""
 
+import json
 import typing
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -42,3 +44,10 @@ def test_events_carry_version_number_time_and_attempt() -> None:
 def test_what_is_no_event_is_refused(line: str) -> None:
     with pytest.raises(ValidationError):
         EVENT.validate_json(line)
+
+
+def test_the_published_schema_is_the_present_one() -> None:
+    published = Path(__file__).parents[2] / "docs" / "events.schema.json"
+    assert json.loads(published.read_text("utf-8")) == event_schema(), (
+        "run: grs trace --schema > docs/events.schema.json"
+    )

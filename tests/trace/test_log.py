@@ -169,3 +169,13 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
     assert run_program(tmp_path, program).returncode == -9
     assert len(read_events(tmp_path / "events.jsonl")) == 20
+
+
+def test_an_older_vocabulary_is_read_and_a_later_one_named(tmp_path: Path) -> None:
+    file = tmp_path / "events.jsonl"
+    first = b'{"version":1,"kind":"reply","call":"a","role":"match","model":"m","text":"yes"}\n'
+    file.write_bytes(first)
+    assert read_events(file)[0].version == 1
+    file.write_bytes(first + b'{"version":99,"kind":"dance","text":"x"}\n' + first)
+    with pytest.raises(InputError, match=r"line 2 is an event of version 99.*later version"):
+        read_events(file)

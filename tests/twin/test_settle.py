@@ -47,3 +47,11 @@ def test_a_true_twin_shows_what_the_photo_shows() -> None:
     assert report.fidelity is not None and report.fidelity > 0.97 and report.drift < 0.002
     assert (fidelity(things[1:], LIBRARY, frame, table, mask) or 0.0) < 0.3
     assert fidelity(things, LIBRARY, frame, table, np.zeros_like(mask)) is None
+
+
+def test_what_is_inside_another_thing_is_taken_out_of_it_and_the_others_stay() -> None:
+    milk = standing(MILK, 0.5, 0.0)
+    rest = settle([milk, standing(BLOCK, 0.5, 0.01), standing(BLOCK, 0.3, 0.2)], LIBRARY)
+    assert rest.found > 0.01 and rest.penetration < 0.001 and rest.still
+    drifts = [placed.drift for placed in rest.placed if placed is not None]
+    assert sorted(drifts)[1] < 0.003, "one thing is moved"

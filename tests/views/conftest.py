@@ -49,8 +49,9 @@ def write_scene(folder: Path) -> SceneStage:
     source = content.path("assets", "scenes") / "groceries"
     for name in ("rgb.png", "depth.png", "labels.png"):
         (folder / name).write_bytes((source / name).read_bytes())
+    stands = {"asset": "HOPE/Milk.urdf", "position": [0.435, 0.135, 0.095], "orientation": list(UNIT)}
     boxes = [
-        {"id": 1, "name": "milk_1", "box": {"low": [0.4, 0.1, 0.0], "high": [0.47, 0.17, 0.19]}},
+        {"id": 1, "name": "milk_1", "box": {"low": [0.4, 0.1, 0.0], "high": [0.47, 0.17, 0.19]}, **stands},
         {"id": 2, "name": "cookies_1 \N{COOKIE}", "box": {"low": [0.5, -0.2, 0.0], "high": [0.6, -0.1, 0.06]}},
     ]
     return SceneStage(

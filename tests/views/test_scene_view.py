@@ -8,6 +8,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from grs_agents.errors import InputError
+from grs_agents.library import Library
 from grs_agents.trace import SceneStage
 from grs_agents.views.blueprint import blueprint
 from grs_agents.views.paths import Paths
@@ -24,7 +25,7 @@ def test_the_cloud_lies_where_the_camera_says(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "depth.png"), depth)
     pose = [[0, -1, 0, 0.5], [-1, 0, 0, 0.1], [0, 0, -1, 0.8], [0, 0, 0, 1]]
     recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
-    view = SceneView(tmp_path)
+    view = SceneView(tmp_path, Library())
     files = {"rgb": "rgb.png", "depth": "depth.png"}
     view.show(recording, SceneStage(stage="frame", summary={"camera": CAMERA}, files=files))
     view.show(recording, SceneStage(stage="segmented", summary={"camera": {**CAMERA, "T_robot_cam": pose}}))
@@ -37,13 +38,13 @@ def test_the_cloud_lies_where_the_camera_says(tmp_path: Path) -> None:
 def test_a_missing_picture_is_an_input_error(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
     with pytest.raises(InputError, match=r"cannot read the picture .*lost\.png"):
-        SceneView(tmp_path).show(recording, SceneStage(stage="frame", files={"rgb": "lost.png"}))
+        SceneView(tmp_path, Library()).show(recording, SceneStage(stage="frame", files={"rgb": "lost.png"}))
 
 
 def test_objects_without_boxes_or_masks_are_still_listed(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
     objects = [{"name": "milk_1", "asset": "HOPE/Milk.urdf"}, {"id": 7, "description": "a box"}]
-    SceneView(tmp_path).show(recording, SceneStage(stage="described", summary={"objects": objects}))
+    SceneView(tmp_path, Library()).show(recording, SceneStage(stage="described", summary={"objects": objects}))
     recording.close()
     chunks = RrdReader(tmp_path / "a.rrd").stream().filter(content=Paths.OBJECTS).to_chunks()
     text = chunks[0].to_record_batch().column("TextDocument:text").to_pylist()[0][0]

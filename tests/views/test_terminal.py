@@ -9,8 +9,8 @@ from typing import Any
 
 from rich.console import Console
 
-from grs_agents.trace import NodeEnded, NodeStarted, Note, read_events
-from grs_agents.views.terminal import Progress, steps_table, summary_table
+from grs_agents.trace import NodeEnded, NodeStarted, Note
+from grs_agents.views.terminal import Progress, summary_table
 
 
 def console(terminal: bool) -> Console:
@@ -64,14 +64,6 @@ def test_quiet_is_silent() -> None:
         with Progress(target, quiet=True) as progress:
             progress(NodeEnded(node="a", seconds=1.0))
         assert text_of(target) == ""
-
-
-def test_the_table_of_steps(script: Callable[[], Any]) -> None:
-    run, target = script(), console(terminal=False)
-    run.before_fix()
-    target.print(steps_table(read_events(run.log.path)))
-    assert "fix_code: The oracle" in text_of(target)
-    assert "1020" in text_of(target)
 
 
 def test_the_summary_holds_status_reason_counts_and_seconds() -> None:

@@ -62,7 +62,8 @@ def _draw_small(
     buffer: Buffer, index: Ints, corners: Floats, nearness: Floats, area: Floats, low: Ints, high: Ints, window: int
 ) -> None:
     """Draw many triangles at once, each into a window of ``window`` x ``window`` pixels."""
-    x, y = low[index, 0, None] + np.arange(window), low[index, 1, None] + np.arange(window)
+    x: Ints = low[index, 0][:, None] + np.arange(window)
+    y: Ints = low[index, 1][:, None] + np.arange(window)
     inside = (x <= high[index, 0, None])[:, None, :] & (y <= high[index, 1, None])[:, :, None]
     u, v, w = _weights(corners[index][:, :, :, None, None], x[:, None, :], y[:, :, None], area[index, None, None])
     near = nearness[index][:, :, None, None]

@@ -96,6 +96,16 @@ def gather_posed(posed: Sequence[tuple[str, Placement]], library: Library) -> Tr
     )
 
 
+def visible_corners(asset: str, library: Library) -> Floats:
+    """(T, 3, 3) corners (m, its own frame) of the triangles that are seen of an asset."""
+    return np.concatenate(
+        [
+            _corners(shape, library)[0] @ rotation_matrix(shape.quaternion).T + shape.position
+            for shape in library.model(asset).visuals
+        ]
+    )
+
+
 def smooth_normals(corners: Floats, limit: float = 0.7) -> Floats:
     """(T, 3, 3) normals at corners: the mean over the faces there that turn by less than acos(``limit``)."""
     faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -10,6 +10,8 @@ from grs_agents.library.importing.types import Floats, Solid
 
 _SHARE = 0.08
 """Share of the surface from which a further colour is told."""
+_LIT = 1.35
+"""Scans are dark: so much brighter may the brightest of their colours be made."""
 _GRID = 64
 _DEEP = 0.4
 """Share of the height that an opening must be deep."""
@@ -19,7 +21,9 @@ def colors(solid: Solid) -> list[str]:
     """Names of the colours of the surface, the largest share first, at most three."""
     shares: dict[str, float] = {}
     texels, amounts = _samples(solid)
-    levels, number = np.unique(texels // 12, axis=0, return_inverse=True)
+    lit = min(_LIT, 0.95 * 255 / max(1.0, float(np.percentile(texels.max(axis=1), 95))))
+    bright = np.minimum(texels * max(1.0, lit), 255).astype(np.uint8)
+    levels, number = np.unique(bright // 12, axis=0, return_inverse=True)
     for level, amount in zip(levels, np.bincount(number.ravel(), amounts, len(levels)), strict=True):
         red, green, blue = ((float(one) * 12 + 6) / 255 for one in level)
         name = color_name((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))

@@ -39,7 +39,15 @@ def unpack(archive: Path, target: Path, limits: ImportLimits) -> None:
         else:
             with tarfile.open(archive) as tarred:
                 _write(_regular(tarred, archive), 0, target, archive, room)
-    except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError) as error:
+    except (
+        zipfile.BadZipFile,
+        tarfile.TarError,
+        zlib.error,
+        EOFError,
+        OSError,
+        RuntimeError,
+        NotImplementedError,
+    ) as error:
         raise RefusedError(f"{archive.name} cannot be unpacked: {str(error)[:120]}", "pack it again") from error
 
 
@@ -79,8 +87,9 @@ def _write(members: Iterable[tuple[str, IO[bytes]]], count: int, target: Path, a
                 if left < 0:
                     for one in written:
                         one.unlink(missing_ok=True)
+                    times = room / archive.stat().st_size
                     raise RefusedError(
-                        f"{archive.name} unpacks to more than {room} bytes, {room / archive.stat().st_size:.0f} times its size",
+                        f"{archive.name} unpacks to more than {room} bytes, {times:.0f} times its size",
                         "unpack it yourself and import the folder",
                     )
                 file.write(chunk)

@@ -21,7 +21,14 @@ _CATEGORIES: Final = (
     "ball", "banana", "apple", "lemon", "peach", "pear", "orange", "plum", "strawberry", "sponge", "block", "pan",
     "basket", "tray", "shoe", "toy", "bag", "glass", "vase", "lid", "basin", "pot", "book",
 )  # fmt: skip
-_NOT_PLAIN: Final = {"mushroom": "can", "tin": "can", "skillet": "pan", "frypan": "pan", "ramekin": "bowl", "baseball": "ball"}
+_NOT_PLAIN: Final = {
+    "mushroom": "can",
+    "tin": "can",
+    "skillet": "pan",
+    "frypan": "pan",
+    "ramekin": "bowl",
+    "baseball": "ball",
+}
 
 
 def words_of(name: str) -> list[str]:

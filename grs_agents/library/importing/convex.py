@@ -10,10 +10,10 @@ from grs_agents.library.importing.repair import volume
 from grs_agents.library.importing.simplify import simplified
 from grs_agents.library.importing.types import Floats, Hull, Ints, RefusedError
 
-CONVEX: Final = 0.95
-"""A mesh that fills so much of its hull is taken for convex."""
+CONVEX: Final = 0.85
+"""A mesh that fills so much of its hull is taken for convex: a carton with its gable, a can with its sunken lid."""
 _THRESHOLD: Final = 0.06
-_FACES: Final = 1500
+_FACES: Final = 1000
 _EDGES: Final = 64
 """Vertices of a convex part."""
 
@@ -31,7 +31,7 @@ def hull_of(vertices: Floats, most: int = -1) -> Hull:
     mujoco = load_mujoco()
     low, extent = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
     spec = mujoco.MjSpec()
-    unit = np.unique(np.round((vertices - low) / extent, 7), axis=0)
+    unit = _distinct((vertices - low) / extent)
     if len(unit) < 4 or float(np.linalg.svd(unit - unit.mean(axis=0), compute_uv=False)[-1]) < 1e-4:
         raise RefusedError("it has no volume: all its points lie in one plane", "give a solid thing")
     mesh = spec.add_mesh(name="hull", uservert=unit.ravel().tolist(), userface=_fan(len(unit)))
@@ -44,6 +44,11 @@ def hull_of(vertices: Floats, most: int = -1) -> Hull:
     except ValueError as error:
         raise RefusedError(f"it has no volume: {str(error).splitlines()[0]}", "give a solid thing") from error
     return _hull(model, mujoco, low, extent)
+
+
+def _distinct(points: Floats) -> Floats:
+    rounded: Any = np.round(points, 7)
+    return np.asarray(np.unique(rounded, axis=0), np.float64)
 
 
 def hull_volume(hull: Hull) -> float:
@@ -90,8 +95,8 @@ def convex_parts(vertices: Floats, faces: Ints, watertight: bool, most: int) -> 
     coacd.set_log_level("error")
     found = coacd.run_coacd(
         coacd.Mesh(points, triangles.astype(np.int32)),
-        threshold=_THRESHOLD, max_convex_hull=most, preprocess_resolution=30, resolution=500,
-        mcts_nodes=8, mcts_iterations=20, mcts_max_depth=2, decimate=True, max_ch_vertex=_EDGES, seed=0,
+        threshold=_THRESHOLD, max_convex_hull=most, preprocess_resolution=30, resolution=300,
+        mcts_nodes=8, mcts_iterations=10, mcts_max_depth=2, decimate=True, max_ch_vertex=_EDGES, seed=0,
     )  # fmt: skip
     parts: list[Hull] = []
     for corners, _ in found:

@@ -1,4 +1,4 @@
-"""Reading URDF and MJCF of one rigid object whose meshes may be of any format: staged as OBJ for the library's readers."""
+"""Reading URDF and MJCF of one rigid object with meshes of any format: staged as OBJ for the library's readers."""
 
 import tempfile
 from collections.abc import Callable
@@ -127,7 +127,7 @@ def _stage_urdf(top: Element, folder: Folder, file: str, stage: Path, options: I
     for mesh in top.iter("mesh"):
         name = _package(mesh.get("filename", ""), folder, file)
         path = folder.path(name, file)
-        mesh.set("filename", _staged(staged, stage, lambda: read_mesh(folder, folder.relative(path), options.limits)))
+        mesh.set("filename", _staged(staged, stage, _reader(folder, folder.relative(path), None, options)))
     textures = {id(one) for one in top.iter("texture")}
     for material in top.iter("material"):
         for texture in [one for one in material if id(one) in textures]:
@@ -151,7 +151,9 @@ def _package(name: str, folder: Folder, file: str) -> str:
 
 def _stage_mjcf(top: Element, folder: Folder, file: str, stage: Path, options: ImportOptions) -> Staged:
     compiler = {name: value for one in top.findall("compiler") for name, value in one.attrib.items()}
-    meshes, textures = (_prefix(compiler.get(f"{kind}dir", compiler.get("assetdir", ""))) for kind in ("mesh", "texture"))
+    meshes, textures = (
+        _prefix(compiler.get(f"{kind}dir", compiler.get("assetdir", ""))) for kind in ("mesh", "texture")
+    )
     for one in top.findall("compiler"):
         for name in ("meshdir", "texturedir", "assetdir"):
             one.attrib.pop(name, None)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -15,7 +16,8 @@ _COLLISION: Final = re.compile(r"(_coll?|_collision|_ch|_vis|\.part\d+|_convex.*
 _YCB: Final = re.compile(r"^\d{3}(-[a-z])?_\w+$")
 _YCB_FILES: Final = (
     "google_16k/textured.obj", "google_64k/textured.obj", "google_512k/textured.obj", "tsdf/textured.obj",
-    "poisson/textured.obj", "textured_simple.obj", "textured.obj", "google_16k/nontextured.ply", "google_16k/nontextured.stl",
+    "poisson/textured.obj", "textured_simple.obj", "textured.obj",
+    "google_16k/nontextured.ply", "google_16k/nontextured.stl",
 )  # fmt: skip
 _FILES: Final = re.compile(r"""(?:filename|file)\s*=\s*["']([^"']+)["']""")
 _HOPE: Final = "stable_hope_objects"
@@ -58,11 +60,7 @@ def slug_of(name: str) -> str:
 
 def _walk(root: Path) -> Iterator[str]:
     """Every file below ``root`` by its relative name, hidden ones and links left out."""
-    count = 0
-    for path in sorted(root.rglob("*")):
-        count += 1
-        if count > _MOST:
-            return
+    for path in sorted(islice(root.rglob("*"), _MOST)):
         relative = path.relative_to(root)
         if path.is_file() and not path.is_symlink() and not any(part.startswith(".") for part in relative.parts):
             yield relative.as_posix()
@@ -86,7 +84,7 @@ def _set_of(file: str) -> str:
 
 
 def _hope(names: list[str]) -> Iterator[Item]:
-    """The HOPE meshes as LIBERO packages them, ``stable_hope_objects/KIND``; recoloured and resized copies are left out."""
+    """The HOPE meshes as LIBERO packages them, ``stable_hope_objects/KIND``, without their recoloured copies."""
     homes: dict[str, list[str]] = {}
     for name in names:
         parts = PurePosixPath(name).parts

@@ -53,7 +53,9 @@ def mtl_pictures(folder: Folder, obj: str) -> tuple[list[str], list[str]]:
     materials: list[str] = []
     pictures: list[str] = []
     with folder.path(obj).open(encoding="utf-8", errors="replace") as lines:
-        names = [line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and line.strip() != "mtllib"]
+        names = [
+            line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and line.strip() != "mtllib"
+        ]
     for name in names:
         path = folder.path(name, obj)
         materials.append(folder.relative(path))

@@ -15,6 +15,11 @@ SUFFIXES: Final = (".obj", ".glb", ".gltf", ".stl", ".ply", ".dae", ".msh")
 _UNITS: Final[dict[str, Unit]] = {".glb": "m", ".gltf": "m", ".msh": "auto"}
 _UPS: Final[dict[str, Up]] = {".glb": "y", ".gltf": "y"}
 _STL_HEADER, _STL_FACE = 84, 50
+_FAULTS: Final = (
+    ValueError, TypeError, LookupError, AttributeError, OSError, AssertionError, RuntimeError, ImportError,
+    ArithmeticError, SyntaxError, struct.error,
+)  # fmt: skip
+"""What reading a broken file may end in."""
 
 
 def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | None = None) -> Reading:
@@ -52,12 +57,10 @@ def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | No
     return Reading(parts, unit=unit, up=up)
 
 
-def _parts(
-    path: Path, suffix: str, folder: Folder, name: str, limits: ImportLimits, image: Any | None
-) -> list[Part]:
+def _parts(path: Path, suffix: str, folder: Folder, name: str, limits: ImportLimits, image: Any | None) -> list[Part]:
     import trimesh
 
-    resolver = _Resolver(folder, name)
+    resolver: Any = _Resolver(folder, name, blind=image is not None)
     try:
         with path.open("rb") as file:
             scene: Any = trimesh.load_scene(file, file_type=suffix[1:], resolver=resolver, process=False)
@@ -69,8 +72,7 @@ def _parts(
     except ModuleNotFoundError as error:
         remedy = 'run: pip install "grs-agents[assets]"' if error.name in ("collada", "lxml") else "convert it to GLB"
         raise RefusedError(f"{name} needs the package {error.name}", remedy) from error
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OSError, NotImplementedError, struct.error,
-            AssertionError, RecursionError, ImportError, ZeroDivisionError, OverflowError, SyntaxError) as error:  # fmt: skip
+    except _FAULTS as error:
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
         raise RefusedError(f"{name} cannot be read: {reason}", "export it again") from error
     if resolver.refused is not None:
@@ -97,14 +99,16 @@ def picture_of(mesh: Any, pixels: int) -> Any | None:
 
 
 class _Resolver:
-    """What trimesh opens beside a mesh file; after a refusal nothing is opened."""
+    """What trimesh opens beside a mesh file; nothing where its picture is given (``blind``)."""
 
-    def __init__(self, folder: Folder, name: str) -> None:
-        self._folder, self._name = folder, name
+    def __init__(self, folder: Folder, name: str, *, blind: bool) -> None:
+        self._folder, self._name, self._blind = folder, name, blind
         self.refused: RefusedError | None = None
 
     def get(self, name: str) -> bytes:
         """The content of a file that the mesh names."""
+        if self._blind:
+            raise FileNotFoundError(name)
         try:
             return self._folder.path(name.strip(), self._name).read_bytes()
         except RefusedError as error:

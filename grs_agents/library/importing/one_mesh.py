@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from grs_agents.library.importing.padding import padded, shrunk
 from grs_agents.library.importing.types import Floats, Image, Ints, Part, Solid
 
 _GAP, _SWATCH, _PALETTE = 2, 4, 256
@@ -25,6 +26,9 @@ def one_mesh(parts: Sequence[Part], edge: int) -> Solid:
     palette, cells = _palette(plain)
     if plain:
         pictures.append(palette)
+    for number, picture in enumerate(pictures[: len(pictures) - bool(plain)]):
+        users = [_untiled(_uvs(part)) for part, one in zip(parts, where, strict=True) if one == number]
+        pictures[number] = padded(picture, np.concatenate(users), edge)
     sheet, boxes = _side_by_side(pictures, edge)
     uvs: list[Floats] = []
     taken = 0
@@ -34,7 +38,7 @@ def one_mesh(parts: Sequence[Part], edge: int) -> Solid:
             taken += len(part.faces)
             uvs.append(_swatch_uvs(index, palette, boxes[-1]))
         else:
-            uvs.append(_within(_untiled(part.uvs if part.uvs is not None else np.zeros((0, 3, 2))), boxes[number]))
+            uvs.append(_within(_untiled(_uvs(part)), boxes[number]))
     counts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     vertices = np.concatenate([part.vertices for part in parts])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, counts[:-1], strict=True)])
@@ -42,11 +46,15 @@ def one_mesh(parts: Sequence[Part], edge: int) -> Solid:
     return Solid(vertices, faces, np.concatenate(uvs), sheet)
 
 
+def _uvs(part: Part) -> Floats:
+    return np.zeros((len(part.faces), 3, 2)) if part.uvs is None else part.uvs
+
+
 def weld(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Vertices at one place become one; those that no face uses are dropped."""
     used = np.unique(faces)
     extent = float(np.ptp(vertices[used], axis=0).max()) or 1.0
-    keys = np.round((vertices[used] - vertices[used].min(axis=0)) / (extent * _WELD)).astype(np.int64)
+    keys: Ints = np.rint((vertices[used] - vertices[used].min(axis=0)) / (extent * _WELD)).astype(np.int64)
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     number = np.full(len(vertices), -1, np.int64)
     number[used] = inverse.ravel()
@@ -58,7 +66,9 @@ def _palette(parts: Sequence[Part]) -> tuple[Image, Ints]:
     if not parts:
         return np.zeros((0, 0, 3), np.uint8), np.zeros(0, np.int64)
     grey = np.full((1, 3), 180, np.uint8)
-    colors = np.concatenate([np.repeat(grey, len(part.faces), 0) if part.colors is None else part.colors for part in parts])
+    colors = np.concatenate(
+        [np.repeat(grey, len(part.faces), 0) if part.colors is None else part.colors for part in parts]
+    )
     step, levels, index = 1, colors, np.zeros(0, np.int64)
     while True:
         levels, index = np.unique(colors // step * step + (step - 1) // 2, axis=0, return_inverse=True)
@@ -111,15 +121,3 @@ def _side_by_side(pictures: Sequence[Image], edge: int) -> tuple[Image, list[Flo
         x, y = (left + _GAP) / sheet.shape[1], 1 - (top + _GAP + high) / sheet.shape[0]
         boxes.append(np.array([x, y, wide / sheet.shape[1], high / sheet.shape[0]]))
     return sheet, boxes
-
-
-def shrunk(image: Image, edge: int) -> Image:
-    """The picture with its longer side at most ``edge`` px."""
-    from PIL import Image as Pictures
-
-    height, width = image.shape[:2]
-    if max(height, width) <= edge:
-        return image
-    scale = edge / max(height, width)
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    return np.asarray(Pictures.fromarray(image).resize(size, Pictures.Resampling.LANCZOS), np.uint8)

@@ -1,5 +1,6 @@
 """One item of a source, from its file to a mended, weighed and decomposed thing in metres with z up."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -151,9 +152,10 @@ def _upright(solid: Solid, reading: Reading, options: ImportOptions) -> tuple[So
     unit, note = options.unit if reading.unit == "auto" else reading.unit, ""
     if unit == "auto":
         unit, note = guess_unit(float(extents.max()))
-    elif not 0.003 <= float(extents.max()) * METRES[unit] <= 3.0:
+    elif options.unit == "auto" and not 0.003 <= float(extents.max()) * METRES[unit] <= 3.0:
         guessed, _ = guess_unit(float(extents.max()))
-        note = f"in {unit}, as its format says, it would be {float(extents.max()) * METRES[unit]:.3g} m long; {guessed} was taken"
+        told = f"{float(extents.max()) * METRES[unit]:.3g} m long"
+        note = f"in {unit}, as its format says, it would be {told}; {guessed} was taken"
         unit = guessed
     reading.notes += [note] if note else []
     scale = METRES[unit]
@@ -218,7 +220,7 @@ def _volume(collider: Collider) -> float:
     if isinstance(collider, Hull):
         return hull_volume(collider)
     low, high = bounds(collider)
-    full = float(np.prod(high - low))
+    full = math.prod((high - low).tolist())
     return full * {"box": 1.0, "cylinder": np.pi / 4, "sphere": np.pi / 6}.get(collider.kind, 1.0)
 
 
@@ -237,5 +239,3 @@ def _inertia(size: Vec3, mass: float) -> Vec3:
     """Of a box of these extents: what URDF readers other than ours see."""
     x, y, z = size
     return (mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12)
-
-

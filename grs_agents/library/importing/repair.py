@@ -128,8 +128,8 @@ def _flips(neighbours: list[list[tuple[int, bool]]]) -> np.ndarray[tuple[int], n
 
 def _filled(faces: Ints) -> tuple[Ints, int]:
     """The faces and fans over holes of at most 200 edges, and how many holes those were."""
-    edges = _edges(faces)
-    known = set(map(tuple, edges.tolist()))
+    edges: list[list[int]] = _edges(faces).tolist()
+    known = {(a, b) for a, b in edges}
     after: dict[int, list[int]] = {}
     for a, b in known:
         if (b, a) not in known:

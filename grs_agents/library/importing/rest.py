@@ -9,7 +9,7 @@ import numpy as np
 from grs_agents.errors import InputError
 from grs_agents.library.importing.convex import hull_of, hull_volume
 from grs_agents.library.importing.engine import load_mujoco
-from grs_agents.library.importing.types import Collider, Hull, RefusedError
+from grs_agents.library.importing.types import Collider, Floats, Hull, RefusedError
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_file import read_vertices
 from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix, shape_bounds
@@ -123,7 +123,7 @@ def _lowest(colliders: Sequence[Collider]) -> float:
     return min(float(bounds(one)[0][2]) for one in colliders)
 
 
-def bounds(collider: Collider) -> tuple[Any, Any]:
+def bounds(collider: Collider) -> tuple[Floats, Floats]:
     """Lowest and highest corner, m."""
     if isinstance(collider, Hull):
         return collider.vertices.min(axis=0), collider.vertices.max(axis=0)

@@ -151,7 +151,9 @@ class Importing:
         return outcome.model_copy(update={"status": "duplicate", "reason": reason, "asset": None})
 
     def _copy(self, item: Item, copy: str, key: str) -> Outcome:
-        return Outcome(item=item.name, source=item.file, status="duplicate", reason=f"of the same files as {copy}", key=key)
+        return Outcome(
+            item=item.name, source=item.file, status="duplicate", reason=f"of the same files as {copy}", key=key
+        )
 
     def _license(self, source: Opened, item: Item) -> str:
         """What the user says, else what the set is known for, else the first line of a licence file beside it."""

@@ -7,7 +7,9 @@ import numpy as np
 
 from grs_agents.library.importing.types import Floats, Ints, Solid
 
-_TRIALS = 3
+_REACH = 3
+"""How far beyond an old face its texture is continued, in sizes of the face."""
+_WORTH = 1.25
 
 
 def simplified(vertices: Floats, faces: Ints, most: int) -> tuple[Floats, Ints]:
@@ -29,7 +31,7 @@ def simplified(vertices: Floats, faces: Ints, most: int) -> tuple[Floats, Ints]:
 def with_fewer_faces(solid: Solid, most: int) -> tuple[Solid, list[str]]:
     """The solid with about ``most`` faces, each painted like the old face nearest to it, and notes."""
     count = len(solid.faces)
-    if count <= most:
+    if count <= _WORTH * most:
         return solid, []
     vertices, faces = simplified(solid.vertices, solid.faces, most)
     if len(faces) >= count:
@@ -42,9 +44,8 @@ def with_fewer_faces(solid: Solid, most: int) -> tuple[Solid, list[str]]:
 
 
 def _nearest(old: Floats, new: Floats) -> Ints:
-    import small_gicp
-
-    tree = small_gicp.KdTree(old)
+    tool: Any = importlib.import_module("small_gicp")
+    tree = tool.KdTree(old)
     return np.array([int(tree.nearest_neighbor_search(point)[1]) for point in new], dtype=np.int64)
 
 
@@ -58,5 +59,5 @@ def _painted(old: Floats, uvs: Floats, new: Floats) -> Floats:
     v = (c[:, None] * d - b[:, None] * e) / scale[:, None]
     w = (a[:, None] * e - b[:, None] * d) / scale[:, None]
     weights = np.stack([1 - v - w, v, w], axis=2)
-    found = np.einsum("ikl,ilj->ikj", np.clip(weights, -_TRIALS, _TRIALS), uvs)
+    found = np.einsum("ikl,ilj->ikj", np.clip(weights, -_REACH, _REACH), uvs)
     return np.clip(found, 0, 1)

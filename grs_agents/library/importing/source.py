@@ -50,7 +50,9 @@ def opened(source: str, options: ImportOptions) -> Generator[Opened]:
     """
     path = _hope_folder() if source == HOPE else Path(source)
     if not path.exists():
-        raise InputError(f"source {source} does not exist", "name a folder, a mesh, URDF, MJCF or archive file, or hope")
+        raise InputError(
+            f"source {source} does not exist", "name a folder, a mesh, URDF, MJCF or archive file, or hope"
+        )
     name = HOPE if source == HOPE else slug_of(path.resolve().name.partition(".")[0])
     if path.is_file() and not is_archive(path):
         folder = Folder(_root_of(path.resolve()), options.limits.bytes)
@@ -69,9 +71,7 @@ def opened(source: str, options: ImportOptions) -> Generator[Opened]:
 
 
 @contextmanager
-def _unpacked(
-    archives: list[Path], options: ImportOptions
-) -> Generator[tuple[Folder, list[tuple[str, RefusedError]]]]:
+def _unpacked(archives: list[Path], options: ImportOptions) -> Generator[tuple[Folder, list[tuple[str, RefusedError]]]]:
     """A temporary folder with what archives hold; wheels are laid over one another, as when they are installed."""
     refused: list[tuple[str, RefusedError]] = []
     with tempfile.TemporaryDirectory(prefix="grs-import-") as name:

@@ -27,7 +27,9 @@ def guess_unit(extent: float) -> tuple[Unit, str]:
         fitting = [unit for unit in units if low <= extent * METRES[unit] <= high]
     if not fitting:
         return "m", f"its longest extent is {extent:.4g}, which is usual in no unit"
-    note = f"the unit is not said; {fitting[0]} was taken, for which it is {100 * extent * METRES[fitting[0]]:.3g} cm long"
+    note = (
+        f"the unit is not said; {fitting[0]} was taken, for which it is {100 * extent * METRES[fitting[0]]:.3g} cm long"
+    )
     if len(fitting) > 1:
         note += f" ({' and '.join(fitting[1:])} would do as well)"
     return fitting[0], note if fitting[0] != "m" or len(fitting) > 1 else ""

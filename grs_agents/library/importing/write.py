@@ -118,5 +118,3 @@ def _hull_text(hull: Hull) -> str:
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in (hull.vertices + 0.0).tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (hull.faces + 1).tolist()]
     return "\n".join([*lines, ""])
-
-

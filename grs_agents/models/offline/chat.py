@@ -12,6 +12,7 @@ from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, Huma
 from langchain_core.messages.ai import UsageMetadata
 from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
 
+from grs_agents.models.offline.asset import describe_asset
 from grs_agents.models.offline.authors import author_simulation, author_task
 from grs_agents.models.offline.fix_code import fix_code
 from grs_agents.models.offline.look import describe, images, match
@@ -22,6 +23,7 @@ from grs_agents.models.offline.text import PromptText, read_prompt
 Answer = Callable[[PromptText, list[bytes], np.random.Generator], str]
 ROLES: Mapping[str, Answer] = {
     "describe": lambda prompt, pictures, rng: describe(prompt, pictures),
+    "describe_asset": lambda prompt, pictures, rng: describe_asset(prompt),
     "match": lambda prompt, pictures, rng: match(prompt),
     "task": lambda prompt, pictures, rng: author_task(prompt, rng),
     "simulation": lambda prompt, pictures, rng: author_simulation(prompt),

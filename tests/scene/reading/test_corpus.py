@@ -207,7 +207,7 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, li
 
 
 @pytest.mark.parametrize("form", FORMS)
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(changes=edits(), which=st.integers(0, 9), sums=st.booleans())
 def test_spoilt_bytes(
     scenes: dict[str, tuple[Path, list[Path]]],

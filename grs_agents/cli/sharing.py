@@ -1,0 +1,40 @@
+"""``grs share``."""
+
+from pathlib import Path
+from typing import Any, cast
+
+from grs_agents.cli.looking import rebuilt
+from grs_agents.cli.reporting import write_report
+from grs_agents.models import PROVIDERS
+from grs_agents.run import read_record
+
+
+def share_run(folder: Path, out: Path | None) -> None:
+    """Pack a run into a zip file without keys and home folders, and say what was removed and left out.
+
+    Raises:
+        InputError: the folder holds no run, or the file cannot be written.
+        GrsError: something that must not leave could not be removed.
+    """
+    from grs_agents.views.scrub import scrubber
+    from grs_agents.views.share import share
+
+    record = read_record(folder)
+    path = out or folder.resolve().with_suffix(".zip")
+    shared = share(folder, path, scrubber(folder, _key_variables(record.config)), _make)
+    print(f"{shared.path}: {shared.files} files, {shared.path.stat().st_size / 2**20:.1f} MiB")
+    if shared.changed:
+        print(f"paths, keys or picture comments were removed from: {', '.join(shared.changed)}")
+    if shared.left_out:
+        print(f"left out: {', '.join(shared.left_out)}")
+
+
+def _make(copy: Path) -> list[Path]:
+    return [rebuilt(copy), write_report(copy, None)]
+
+
+def _key_variables(config: dict[str, Any]) -> list[str]:
+    """The environment variables from which the run's models take their keys."""
+    models = cast("dict[str, dict[str, Any]]", config.get("models") or {})
+    named = [str(model.get("key_variable") or "") for model in models.values()]
+    return [name for name in (*named, *(provider.key_variable for provider in PROVIDERS.values())) if name]

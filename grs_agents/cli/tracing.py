@@ -1,0 +1,23 @@
+"""``grs trace``."""
+
+import json
+from pathlib import Path
+
+from grs_agents.cli.looking import rebuilt
+from grs_agents.trace import event_schema, read_events
+
+
+def print_schema() -> None:
+    """Print the JSON schema of one line of ``events.jsonl``."""
+    print(json.dumps(event_schema(), indent=2))
+
+
+def rebuild_trace(folder: Path) -> None:
+    """Make the recording of a run anew and say so.
+
+    Raises:
+        InputError: the folder holds no run, or the run logged nothing.
+    """
+    recording = rebuilt(folder)
+    count = len(read_events(folder / "events.jsonl"))
+    print(f"{recording}: {count} events, {recording.stat().st_size / 2**20:.1f} MiB")

@@ -1,0 +1,119 @@
+"""Objaverse: metadata first; a model is downloaded only when it is asked for."""
+
+import importlib
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Protocol, cast
+
+from grs_agents.base import Frozen
+from grs_agents.errors import ConfigError, InputError
+from grs_agents.library.importing.catalogue import words_of
+from grs_agents.library.importing.find import slug_of
+
+_LICENSES: Final = {
+    "by": "CC-BY-4.0", "by-sa": "CC-BY-SA-4.0", "by-nd": "CC-BY-ND-4.0", "by-nc": "CC-BY-NC-4.0",
+    "by-nc-sa": "CC-BY-NC-SA-4.0", "by-nc-nd": "CC-BY-NC-ND-4.0", "cc0": "CC0-1.0",
+}  # fmt: skip
+
+
+class Objaverse(Protocol):
+    """The part of the ``objaverse`` package that is used."""
+
+    def load_annotations(self, uids: list[str] | None = None) -> Mapping[str, Mapping[str, Any]]:
+        """What is known of objects: name, tags, license, viewerUrl and more, by identifier."""
+        ...
+
+    def load_objects(self, uids: list[str], download_processes: int = 1) -> Mapping[str, str]:
+        """Download objects; the paths of their GLB files by identifier."""
+        ...
+
+
+class Entry(Frozen):
+    """What is known of an object before it is downloaded.
+
+    Attributes:
+        uid: its identifier.
+        title: as its author calls it.
+        license: SPDX where it is one of Creative Commons.
+        author: who made it.
+        faces: of its mesh; 0 where nothing says.
+        score: how many of the words that were asked for its title and tags have.
+    """
+
+    uid: str
+    title: str
+    license: str
+    author: str = ""
+    faces: int = 0
+    score: int = 0
+
+
+def load_package() -> Objaverse:
+    """The ``objaverse`` package.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
+    try:
+        return cast(Objaverse, importlib.import_module("objaverse"))
+    except ImportError as error:
+        raise ConfigError(
+            "Objaverse needs the package objaverse, which is not installed", 'run: pip install "grs-agents[objaverse]"'
+        ) from error
+
+
+def matching(door: Objaverse, words: str, most: int = 50) -> list[Entry]:
+    """The objects whose title and tags have all of ``words``, those that say it in the title and are simpler first.
+
+    Raises:
+        InputError: no words, or the metadata cannot be loaded.
+    """
+    wanted = set(words_of(words))
+    if not wanted:
+        raise InputError("objaverse: without words", "name what you look for, as in objaverse:red mug")
+    try:
+        found = [entry for entry in _entries(door.load_annotations(), wanted) if entry.score >= len(wanted)]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"Objaverse's metadata cannot be loaded: {error}", "see whether this machine is online"
+        ) from error
+    return sorted(found, key=lambda one: (-one.score, one.faces or 10**9, one.uid))[:most]
+
+
+def download(door: Objaverse, entries: Sequence[Entry], folder: Path) -> dict[str, Entry]:
+    """Fetch objects into a folder, each as a GLB file under a name made of its title; the entries by file name.
+
+    Raises:
+        InputError: nothing can be fetched.
+    """
+    try:
+        paths = door.load_objects([one.uid for one in entries])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"Objaverse cannot be reached: {error}", "see whether this machine is online") from error
+    named: dict[str, Entry] = {}
+    for entry in entries:
+        path = Path(paths.get(entry.uid, ""))
+        if path.is_file():
+            name = f"{slug_of(entry.title)[:40]}_{slug_of(entry.uid)[:8]}.glb"
+            shutil.copyfile(path, folder / name)
+            named[name] = entry
+    return named
+
+
+def _entries(annotations: Mapping[str, Mapping[str, Any]], wanted: set[str]) -> Iterator[Entry]:
+    for uid, told in annotations.items():
+        title = str(told.get("name", ""))
+        tags = " ".join(str(tag.get("name", "")) for tag in told.get("tags", ()))
+        in_title, in_tags = wanted & set(words_of(title)), wanted & set(words_of(tags))
+        if in_title | in_tags >= wanted:
+            license_ = str(told.get("license", ""))
+            user = cast(Mapping[str, object], told.get("user") or {})
+            yield Entry(
+                uid=str(uid),
+                title=title[:200],
+                license=_LICENSES.get(license_, license_ or "unknown"),
+                author=str(user.get("displayName", ""))[:100],
+                faces=int(told.get("faceCount") or 0),
+                score=len(wanted) + len(in_title),
+            )

@@ -1,0 +1,87 @@
+"""Take things apart that overlap deeply: the one that has to move least is moved by itself, all others stay."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.sim.engine import mujoco
+from grs_agents.sim.world import World
+
+Floats = npt.NDArray[np.float64]
+DEEP = 0.003
+"""Overlaps up to this (m) are left to the easing."""
+FREE = 0.0025
+"""What overlaps by less than this (m) is apart."""
+STEPS = (0.002, 0.004, 0.006, 0.009, 0.013, 0.018, 0.025, 0.035, 0.05, 0.07, 0.1)
+"""How far a thing is moved, m."""
+MOVES = 12
+"""At most so many things are moved."""
+DIRECTIONS: Floats = np.array(
+    [(0.0, 0.0, 1.0)]
+    + [
+        (np.cos(height) * np.cos(bearing), np.cos(height) * np.sin(bearing), np.sin(height))
+        for height in np.deg2rad([0, 35, 65])
+        for bearing in np.deg2rad(np.arange(0, 360, 45))
+    ]
+)
+
+
+def deepest(world: World) -> float:
+    """The deepest overlap, m."""
+    return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
+
+
+def part(world: World) -> None:
+    """Move one thing after the other until nothing overlaps deeply, or nothing can be moved free of the others."""
+    stuck: set[tuple[int, int]] = set()
+    for _ in range(MOVES):
+        mujoco.mj_forward(world.model, world.data)
+        pair = _worst(world, stuck)
+        if pair is None:
+            return
+        ways = [(number, way) for number in pair if number >= 0 and (way := _way_out(world, number)) is not None]
+        if ways:
+            number, way = min(ways, key=lambda one: float(np.linalg.norm(one[1])))
+            start = world.addresses[number]
+            world.data.qpos[start : start + 3] += way
+        else:
+            stuck.add(pair)
+    mujoco.mj_forward(world.model, world.data)
+
+
+def _worst(world: World, stuck: set[tuple[int, int]]) -> tuple[int, int] | None:
+    """The things, lower number first, -1 for the table, that overlap most."""
+    data, worst, found = world.data, DEEP, None
+    for geoms, distance in zip(data.contact.geom, data.contact.dist, strict=True):
+        one, other = sorted(world.owners[int(geom)] for geom in geoms)
+        if -distance > worst and (one, other) not in stuck and other in world.addresses:
+            worst, found = -distance, (one, other)
+    return found
+
+
+def _way_out(world: World, number: int) -> Floats | None:
+    """The shortest of the tried moves, (3,) m, after which a thing overlaps nothing any more."""
+    start = world.addresses[number]
+    here = world.data.qpos[start : start + 3].copy()
+    found: Floats | None = None
+    for step in STEPS:
+        depths = [_depth(world, number, here + step * direction) for direction in DIRECTIONS]
+        best = int(np.argmin(depths))
+        if depths[best] < FREE:
+            found = step * DIRECTIONS[best]
+            break
+    world.data.qpos[start : start + 3] = here
+    mujoco.mj_forward(world.model, world.data)
+    return found
+
+
+def _depth(world: World, number: int, position: Sequence[float] | Floats) -> float:
+    """How deep a thing overlaps others with its centre at ``position``, m."""
+    model, data, start = world.model, world.data, world.addresses[number]
+    data.qpos[start : start + 3] = position
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    owners = np.asarray(world.owners)[data.contact.geom]
+    mine = (owners == number).any(axis=1) & (owners[:, 0] != owners[:, 1])
+    return max(0.0, float(-data.contact.dist[mine].min(initial=0.0)))

@@ -1,0 +1,117 @@
+"""What moved in a rollout: its recording as arrays, and when something was held."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import InputError
+
+Array = npt.NDArray[np.float32]
+_MOVES = 0.02
+"""Metres a second below which a thing does not move."""
+_CLINGS = 0.25
+"""Metres from the tool within which a thing that moves as the tool does is taken to be held."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion of N frames of B bodies in the robot frame.
+
+    Attributes:
+        times: (N,) simulated seconds from the start, rising.
+        names: of the bodies: ``object_<id>``, or a link of the arm.
+        positions: (N, B, 3) metres.
+        quaternions: (N, B, 4) xyzw.
+        tool: (N, 3) metres, the tip of the tool.
+    """
+
+    times: npt.NDArray[np.float64]
+    names: tuple[str, ...]
+    positions: Array
+    quaternions: Array
+    tool: Array
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        return float(self.times[-1]) if self.times.size else 0.0
+
+    def thinned(self, rate: float) -> "Motion":
+        """At most ``rate`` frames a second, the last one kept."""
+        if self.times.size < 2:
+            return self
+        wanted = np.arange(0, self.times[-1], 1 / rate)
+        kept = np.unique(np.append(np.searchsorted(self.times, wanted), self.times.size - 1))
+        return Motion(self.times[kept], self.names, self.positions[kept], self.quaternions[kept], self.tool[kept])
+
+    def frame(self, seconds: float) -> int:
+        """The number of the frame that shows the moment ``seconds``."""
+        return int(np.clip(np.searchsorted(self.times, seconds), 0, self.times.size - 1))
+
+
+@dataclass(frozen=True)
+class Hold:
+    """The tool holds a body from frame ``start`` until frame ``end``."""
+
+    body: str
+    start: int
+    end: int
+
+
+def read_motion(file: Path) -> Motion:
+    """Read the recording of a rollout.
+
+    Raises:
+        InputError: the file is missing or no recording.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as found:
+            arrays: dict[str, npt.NDArray[Any]] = {name: np.asarray(found[name]) for name in found.files}
+        times = np.asarray(arrays["times"], dtype=np.float64)
+        return Motion(
+            times=times - times[0] if times.size else times,
+            names=tuple(str(name) for name in arrays["names"]),
+            positions=np.asarray(arrays["positions"], dtype=np.float32),
+            quaternions=np.asarray(arrays["quaternions"], dtype=np.float32),
+            tool=np.asarray(arrays["tool"], dtype=np.float32),
+        )
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"cannot read the rollout {file}: {error}", "run again") from error
+
+
+def holds(motion: Motion) -> list[Hold]:
+    """When the tool held which body, in order: the body moved as the tool did, near it."""
+    found: list[Hold] = []
+    if motion.times.size < 2:
+        return found
+    seconds = np.diff(motion.times)
+    tool_step = np.diff(motion.tool, axis=0)
+    for index, name in enumerate(motion.names):
+        if not name.startswith("object_"):
+            continue
+        step = np.diff(motion.positions[:, index], axis=0)
+        near = np.linalg.norm(motion.positions[1:, index] - motion.tool[1:], axis=1) < _CLINGS
+        moves = np.linalg.norm(tool_step, axis=1) > _MOVES * seconds
+        slip = np.linalg.norm(step - tool_step, axis=1)
+        along = slip < 0.5 * np.linalg.norm(tool_step, axis=1)
+        found.extend(_runs(name, near & moves & along, near & ~moves, motion.times))
+    return sorted(found, key=lambda hold: hold.start)
+
+
+def _runs(
+    name: str, held: npt.NDArray[np.bool_], waits: npt.NDArray[np.bool_], times: npt.NDArray[np.float64]
+) -> list[Hold]:
+    """Stretches of ``held`` steps; a waiting tool does not end one, and what lasts a moment was a push."""
+    found: list[Hold] = []
+    start = last = -1
+    for step in [*range(len(held)), None]:
+        if step is not None and held[step]:
+            start, last = (step if start < 0 else start), step
+        elif start >= 0 and (step is None or not waits[step]):
+            if times[last + 1] - times[start] > 0.2:
+                found.append(Hold(name, start, last + 1))
+            start = -1
+    return found

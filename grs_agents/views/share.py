@@ -1,0 +1,115 @@
+"""A run as one zip file without keys and home folders, for anybody to replay."""
+
+import io
+import tempfile
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from grs_agents.errors import GrsError, InputError
+from grs_agents.files import unwritable, write_bytes
+from grs_agents.views.scrub import Scrubber, picture_alone
+
+_TEXTS = frozenset({".json", ".jsonl", ".py", ".diff", ".urdf", ".xml", ".obj", ".mtl", ".md", ".txt", ".toml"})
+_MADE = frozenset({"trace.rrd", "report.html"})
+"""Made anew from what is shared."""
+_STAMP = (1980, 1, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What was packed.
+
+    Attributes:
+        path: the zip file.
+        files: how many files it holds.
+        changed: files from which something was removed.
+        left_out: files that were not packed.
+    """
+
+    path: Path
+    files: int
+    changed: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+def share(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Sequence[Path]]) -> Shared:
+    """Pack a run.
+
+    Args:
+        folder: the run.
+        out: the zip file.
+        scrubber: removes what must not leave.
+        make: makes recording and report in a folder that holds the scrubbed run, and names them.
+
+    Raises:
+        InputError: a file cannot be read, or the zip file cannot be written.
+        GrsError: something that must not leave would still be in it; nothing is written then.
+    """
+    changed: list[str] = []
+    left_out: list[str] = []
+    with tempfile.TemporaryDirectory() as temporary:
+        copy = Path(temporary) / scrubber.clean(folder.resolve().name)
+        for file in sorted(folder.rglob("*")):
+            name = file.relative_to(folder)
+            if not file.is_file() or file.is_symlink() or name.name in _MADE or name.suffix == ".zip":
+                continue
+            before = _read(file)
+            data = None if any(part.startswith(".") for part in name.parts) else _cleaned(name, before, scrubber)
+            if data is None:
+                left_out.append(str(name))
+                continue
+            if data != before:
+                changed.append(str(name))
+            write_bytes(copy / name, data)
+        make(copy)
+        packed = _zip(copy, scrubber)
+    try:
+        write_bytes(out, packed.getvalue())
+    except OSError as error:
+        raise unwritable(out, error) from error
+    with zipfile.ZipFile(packed) as archive:
+        return Shared(out, len(archive.namelist()), tuple(changed), tuple(left_out))
+
+
+def _read(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror}", "make it readable, or remove it") from error
+
+
+def _cleaned(name: Path, data: bytes, scrubber: Scrubber) -> bytes | None:
+    """The content to share of a file; None if it is of a kind that cannot be looked through."""
+    if name.suffix in _TEXTS:
+        return scrubber.clean(data.decode("utf-8", "replace")).encode()
+    try:
+        if name.suffix == ".png":
+            return picture_alone(data)
+        if name.suffix == ".npz":
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                told = " ".join(str(arrays[key].tolist()) for key in arrays.files if arrays[key].dtype.kind in "US")
+            return None if scrubber.leaks(told.encode()) else data
+    except (ValueError, OSError, zipfile.BadZipFile):
+        return None
+    return None
+
+
+def _zip(copy: Path, scrubber: Scrubber) -> io.BytesIO:
+    """The folder as a zip file whose every member was searched once more."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in sorted(copy.rglob("*")):
+            if file.is_file():
+                name, data = f"{copy.name}/{file.relative_to(copy).as_posix()}", file.read_bytes()
+                for part in (data, name.encode()):
+                    if leak := scrubber.leaks(part):
+                        raise GrsError(f"not shared: {name} would hold {leak}", "report it, naming the file alone")
+                member = zipfile.ZipInfo(name, _STAMP)
+                member.compress_type = zipfile.ZIP_DEFLATED
+                archive.writestr(member, data)
+    packed.seek(0)
+    return packed

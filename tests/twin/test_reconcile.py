@@ -1,0 +1,29 @@
+"""What stands for the segments of a photo agrees with what is known."""
+
+import numpy as np
+
+from grs_agents.library import Library
+from grs_agents.scene import UprightBox
+from grs_agents.twin import Segment, Thing, reconcile
+from tests.twin.photo import photo_of
+
+LIBRARY = Library()
+MILK = Thing("HOPE/Milk.urdf", ((0.5, 0.0, 0.096), (0.0, 0.0, 0.0, 1.0)))
+BLOCK = Thing("block/red_block.urdf", ((0.38, 0.05, 0.02), (0.0, 0.0, 0.0, 1.0)))
+
+
+def test_a_piece_is_dropped_and_a_fat_box_gives_way() -> None:
+    frame, table, both = photo_of([MILK, BLOCK], LIBRARY)
+    _, _, milk = photo_of([MILK], LIBRARY)
+    milk &= frame.depth == photo_of([MILK], LIBRARY)[0].depth
+    upper = milk & (np.arange(milk.shape[0])[:, None] < np.median(np.nonzero(milk)[0]) - 10)
+    box = UprightBox(center=(0.42, 0.05, 0.02), size=(0.12, 0.04, 0.04), yaw=0.0)  # reaches into the milk
+    segments = [
+        Segment(milk & ~upper, box, "box", MILK),
+        Segment(upper, box, "box", None),
+        Segment(both & ~milk, box, "box", None),
+    ]
+    agreed = reconcile(segments, frame, table, LIBRARY)
+    assert agreed.pieces == {1: 0}
+    assert set(agreed.claims) == {2}
+    assert agreed.claims[2].box.size[0] < 0.11

@@ -1,0 +1,103 @@
+"""The report: one page that holds all, fetches nothing and runs nothing, whatever models write."""
+
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grs_agents.library import Library
+from grs_agents.trace import Decision, Finding, Note, TaskDefined, read_events
+from grs_agents.trace import TestsRun as Tested
+from grs_agents.views import film, page, report_pictures
+from grs_agents.views.report import report
+from grs_agents.views.report_pictures import Sources
+
+HOSTILE = '<script>alert(1)</script><img src=x onerror=alert(2)>"\'--></style></pre><a href="javascript:x">\x1b[2J\x00'
+RECORD = {"id": "sample-run", "status": "accepted", "reason": HOSTILE, "counts": {"model_calls": 3}, "versions": {}}
+
+
+class Tags(HTMLParser):
+    """The tags and attributes of a page; checks that what is opened is closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.attributes: set[tuple[str, str]] = set()
+        self.opened: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.attributes |= {(name, value or "") for name, value in attrs}
+        if tag not in ("meta", "img", "image", "rect", "br"):
+            self.opened.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in ("image", "rect"):
+            assert self.opened.pop() == tag
+
+
+def parsed(text: str) -> Tags:
+    """The tags of a whole page."""
+    tags = Tags()
+    tags.feed(text)
+    assert tags.opened == []
+    return tags
+
+
+@pytest.fixture
+def made(script: Callable[[], Any], library: Library, monkeypatch: pytest.MonkeyPatch) -> tuple[str, Any]:
+    """The page of a run in which everything that a model may write is hostile."""
+    monkeypatch.setattr(film, "_backends", lambda: ("rays",))
+    monkeypatch.setattr(report_pictures, "FRAMES", 2)
+    run = script()
+    run.before_fix()
+    run.after_fix()
+    case = {"id": HOSTILE, "outcome": HOSTILE, "message": HOSTILE, "traceback": HOSTILE}
+    run.node(
+        HOSTILE, 1, Decision(verdict=HOSTILE, explanation=HOSTILE, policy=HOSTILE), Note(level="error", text=HOSTILE),
+        TaskDefined(task={HOSTILE: HOSTILE, "assets-used": [HOSTILE]}),
+        Tested(report={"outcome": HOSTILE, "cases": [case], "message": HOSTILE}),
+        Finding(check=HOSTILE, passed=False, detail=HOSTILE),
+    )  # fmt: skip
+    return report(RECORD, read_events(run.log.path), Sources(run.folder, library)), run
+
+
+def test_the_page_holds_photo_task_pictures_decisions_diffs_and_tests(made: tuple[str, Any]) -> None:
+    text, _ = made
+    assert text.count("data:image/jpeg;base64,") == 2 + 2 * 2 + 2
+    for part in ("milk_1", "max_steps=1 with 1 of 4 objects placed", "0.25 &lt; 0.99", "before", "after 4.0 s",
+                 "Seed 1: success, reward 1.00", '<span class="add">+        self.max_steps = 4</span>'):  # fmt: skip
+        assert part in text, part
+
+
+def test_nothing_hostile_gets_through_and_nothing_is_fetched(made: tuple[str, Any]) -> None:
+    text, _ = made
+    tags = parsed(text)
+    assert tags.tags.isdisjoint({"script", "a", "iframe", "object", "link", "form", "embed", "base"})
+    assert not any(name.startswith("on") for name, _ in tags.attributes)
+    sources = [value for name, value in tags.attributes if name in ("src", "href", "xlink:href", "action")]
+    assert sources and all(value.startswith("data:image/jpeg;base64,") for value in sources)
+    assert ("content", page.POLICY) in tags.attributes and page.POLICY.startswith("default-src 'none'")
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", text)
+    assert "url(" not in text and "@import" not in text
+
+
+def test_what_cannot_be_drawn_is_said_and_the_page_stays_whole(
+    script: Callable[[], Any], library: Library, tmp_path: Path
+) -> None:
+    run = script()
+    run.before_fix()
+    run.after_fix()
+    (tmp_path / "instances" / "seed_0.json").write_text("{}")
+    (tmp_path / "instances" / "seed_1.npz").unlink()
+    (tmp_path / "rgb.png").unlink()
+    text = report(RECORD, read_events(run.log.path), Sources(run.folder, library))
+    parsed(text)
+    assert "There is no picture of it" in text and "Seed 1: success" in text
+
+
+def test_a_run_that_only_began_has_a_page(library: Library, tmp_path: Path) -> None:
+    parsed(report({"id": "x", "status": "running"}, [], Sources(tmp_path, library)))
