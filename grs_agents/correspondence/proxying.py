@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from grs_agents.library import Look
-from grs_agents.scene import Mask, RGBDFrame, TableFrame, UprightBox
+from grs_agents.scene import Image, Mask, RGBDFrame, TableFrame, UprightBox
 from grs_agents.scene.frame import Array
 from grs_agents.scene.table import robot_points_at
 
@@ -47,7 +47,7 @@ def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox)
     return Look(filled, place, towards / np.linalg.norm(towards))
 
 
-def _filled(image: "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]", known: Mask):
+def _filled(image: Image, known: Mask) -> Image:
     """The image, where each pixel that is not of the object has the colour of the nearest that is."""
     missing = (~known).astype(np.uint8)
     _, labels = cv2.distanceTransformWithLabels(missing, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)

@@ -10,7 +10,7 @@ import numpy as np
 
 from grs_agents import content
 from grs_agents.agents import Agents, Description, NoReply, roles
-from grs_agents.config import load_config
+from grs_agents.config import Config, load_config
 from grs_agents.correspondence.types import MatchResult, Segment
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
@@ -31,7 +31,7 @@ from grs_agents.scene import (
 from grs_agents.scene.metrics import MATCHED, overlaps
 from grs_agents.scene.truth import LabelledScene, read_labelled
 from grs_agents.toolkit import ToolContext, load_tool
-from grs_agents.trace import EventLog, Reply
+from grs_agents.trace import EventLog, Reply, read_events
 
 
 def match(order: MatchOrder, out: Path) -> Matching:
@@ -54,7 +54,8 @@ def match(order: MatchOrder, out: Path) -> Matching:
         begin = time.process_time()
         result = _matched(order, scene, table, candidates, records, image, context, Agents(_config(order), log, folder))
     seconds = time.process_time() - begin
-    replies = [event for event in log.read() if isinstance(event, Reply) and event.sequence >= before]
+    log.close()
+    replies = [event for event in read_events(log.path) if isinstance(event, Reply) and event.sequence >= before]
     answers, unseen = _answers(scene, candidates, records, result.matches, library)
     found = Matching(
         order=order,
@@ -78,7 +79,7 @@ def same_looks(library: Library) -> dict[str, str]:
     return found
 
 
-def _config(order: MatchOrder):
+def _config(order: MatchOrder) -> Config:
     model = [] if order.model == "-" else [f"models.default={order.model}"]
     return load_config(None, [*model, f"seed={order.run}", *order.settings]).config
 
