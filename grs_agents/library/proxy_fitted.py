@@ -118,14 +118,18 @@ def write_fitted_proxy(
                  color=(1.0, 1.0, 1.0, 1.0) if look is not None else (red, green, blue, 1.0))  # fmt: skip
     if look is not None:
         write_bytes(root / f"proxy/{slug}.png", _png(look.image))
-    x, y, z = extents
-    inertia = tuple(mass * (a * a + b * b) / 12 for a, b in ((y, z), (x, z), (x, y)))
     solids = _solids(kind, extents, root, slug)
-    text = urdf_text(slug, [seen], solids, mass=mass, friction=0.6, inertia=(inertia[0], inertia[1], inertia[2]),
+    text = urdf_text(slug, [seen], solids, mass=mass, friction=0.6, inertia=_inertia(extents, mass),
                      folder="proxy")  # fmt: skip
     write_text(root / asset.name, text)
     list_proxy(root, asset)
     return asset
+
+
+def _inertia(size: Vec3, mass: float) -> Vec3:
+    """Principal moments (kg m^2) of a solid box."""
+    x, y, z = (extent**2 * mass / 12 for extent in size)
+    return (y + z, x + z, x + y)
 
 
 def _mesh(kind: Fitted, size: Vec3, points: Floats) -> Faceted:
