@@ -17,7 +17,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"content", "config", "trace"}),
     frozenset({"library"}),
     frozenset({"sim", "scene", "sandbox", "models"}),
-    frozenset({"toolkit", "synth", "twin"}),
+    frozenset({"toolkit", "synth", "twin", "correspondence"}),
     frozenset({"agents", "tools/", "export"}),
     frozenset({"audit", "policies", "curate"}),
     frozenset({"state"}),

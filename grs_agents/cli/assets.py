@@ -105,3 +105,15 @@ def describe_assets(
     from grs_agents.cli.describing import describe_library
 
     sys.exit(describe_library(library, names or [], effective(config, settings).config, again, yes, json))
+
+
+@assets_app.command("index")
+def index_assets(
+    folder: Annotated[Path, typer.Argument(help="The folder of the index; made if it is not there.")],
+    again: Annotated[bool, typer.Option("--again", help="Look at every asset again, not at new ones alone.")] = False,
+    json: Json = False,
+) -> None:
+    """Bring an index up to date, for matching in a library too large to compare everything; see match.index."""
+    from grs_agents.cli.indexing import index_assets as update
+
+    sys.exit(update(folder, again, json))

@@ -53,6 +53,7 @@ class ToolsConfig(Frozen):
 
     segment: str = "segment_rgbd"
     depth: str = "depth_given"
+    match: str = "match_features"
 
 
 class SegmentConfig(Frozen):
@@ -75,6 +76,22 @@ class DepthConfig(Frozen):
 
     model: str | None = Field(default=None, max_length=4096)
     field_of_view: float | None = Field(default=None, ge=5, le=150)
+
+
+class MatchConfig(Frozen):
+    """What a match tool is told besides the candidates, and what becomes of objects that nothing matches.
+
+    Attributes:
+        model: the folder of a model of the user's own (``match_clip``).
+        ocr: read what is printed on objects; needs the extra ``ocr`` and is passed over without it.
+        index: the folder of an index of the library (``grs assets index``).
+        proxies: a solid of its own size and look stands for what nothing matches; if false, that is left out.
+    """
+
+    model: str | None = Field(default=None, max_length=4096)
+    ocr: bool = True
+    index: str | None = Field(default=None, max_length=4096)
+    proxies: bool = True
 
 
 class BackgroundConfig(Frozen):
@@ -146,6 +163,7 @@ class Config(Frozen):
     tools: ToolsConfig = ToolsConfig()
     segment: SegmentConfig = SegmentConfig()
     depth: DepthConfig = DepthConfig()
+    match: MatchConfig = MatchConfig()
     background: BackgroundConfig = BackgroundConfig()
     prompts: PromptsConfig = PromptsConfig()
     limits: Limits = Limits()

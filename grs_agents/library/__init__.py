@@ -4,6 +4,7 @@ from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.background import BACKGROUND, write_background
 from grs_agents.library.library import Library
 from grs_agents.library.proxy import write_proxy
+from grs_agents.library.proxy_fitted import Look, fitted_kind, write_fitted_proxy
 from grs_agents.library.shapes import ObjectModel, Shape
 from grs_agents.library.template import fill_template, resolve, stems
 from grs_agents.library.urdf import read_urdf
@@ -13,14 +14,17 @@ __all__ = [
     "BACKGROUND",
     "Asset",
     "Library",
+    "Look",
     "ObjectModel",
     "Shape",
     "fill_template",
+    "fitted_kind",
     "read_manifest",
     "read_urdf",
     "resolve",
     "stems",
     "urdf_text",
     "write_background",
+    "write_fitted_proxy",
     "write_proxy",
 ]

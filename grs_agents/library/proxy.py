@@ -48,7 +48,7 @@ def write_proxy(
     Raises:
         InputError: the slug, size or colour is out of range, or the folder cannot be written.
     """
-    _check(slug, size, color)
+    check_proxy(slug, size, color)
     asset = Asset(
         name=f"proxy/{slug}.urdf",
         kind=slug,
@@ -60,9 +60,18 @@ def write_proxy(
         description=description,
     )
     write_text(root / asset.name, _text(asset, shape, color))
+    list_proxy(root, asset)
+    return asset
+
+
+def list_proxy(root: Path, asset: Asset) -> None:
+    """Write an asset into ``root/manifest.json``, in place of one of its name.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
     others = tuple(old for old in read_manifest(root).assets if old.name != asset.name)
     write_json(root / MANIFEST, Manifest(assets=(*others, asset)).model_dump(mode="json"))
-    return asset
 
 
 def _solid_size(shape: Solid, size: Vec3) -> Vec3:
@@ -91,7 +100,12 @@ def _text(asset: Asset, shape: Solid, color: Vec3) -> str:
     )
 
 
-def _check(slug: str, size: Vec3, color: Vec3) -> None:
+def check_proxy(slug: str, size: Vec3, color: Vec3) -> None:
+    """Refuse what makes no proxy.
+
+    Raises:
+        InputError: the slug, size or colour is out of range.
+    """
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", slug):
         raise InputError(f"proxy name {slug!r}", "use letters, digits, '_' and '-', at most 64 of them")
     low, high = _SIZE_RANGE

@@ -28,8 +28,8 @@ from grs_agents.scene.truth import labelled_folders
 from grs_agents.scene.truth_bop import bop_sources
 from grs_agents.synth import Recipe
 
-_ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-_CODE = Path(__file__).parent.parent
+ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+CODE = Path(__file__).parent.parent
 _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 """What of a row fits a terminal; the rest is in the files."""
 
@@ -67,7 +67,7 @@ def orders_of(sources: Sequence[str], work: Work, most: int) -> list[Order]:
 
 def synthesised_orders(wanted: Sequence[Recipe], out: Path, work: Work) -> list[Order]:
     """Orders for scenes that are made below ``out/synthesised`` if they are not there yet."""
-    made = _fingerprint(_CODE / "synth", _CODE / "library", content.path("assets", "library"))[:12]
+    made = fingerprint(CODE / "synth", CODE / "library", content.path("assets", "library"))[:12]
     return [
         _order(f"synth_{recipe.seed:04d}", str(out / "synthesised" / made / _stem(recipe)), recipe, work)
         for recipe in wanted
@@ -110,7 +110,8 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
 
 def _order(name: str, source: str, recipe: Recipe | None, work: Work) -> Order:
     overlays = tuple(str(root) for root in content.roots()[:-1])
-    code = _fingerprint(_CODE / "scene", _CODE / "twin", _CODE / "measure", content.path("tools", work.tool))
+    tools = [content.path("tools", work.tool)] if work.tool else []
+    code = fingerprint(CODE / "scene", CODE / "twin", CODE / "measure", *tools)
     return Order(
         name=name,
         source=source,
@@ -124,7 +125,7 @@ def _order(name: str, source: str, recipe: Recipe | None, work: Work) -> Order:
     )
 
 
-def _fingerprint(*places: Path) -> str:
+def fingerprint(*places: Path) -> str:
     """A hash of all files in these folders, so that figures are never older than the code they are of."""
     files = sorted(file for place in places for file in (place.rglob("*") if place.is_dir() else [place]))
     whole = hashlib.sha256()
@@ -156,7 +157,7 @@ def _measured(order: Order, out: Path) -> Result:
         command = [sys.executable, "-m", "grs_agents.measure.worker", verb, str(out)]
         done = subprocess.run(
             command, input=order.model_dump_json(), capture_output=True, text=True, check=False,
-            env={**os.environ, **_ONE_CORE},
+            env={**os.environ, **ONE_CORE},
         )  # fmt: skip
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]

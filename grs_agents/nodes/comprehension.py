@@ -8,10 +8,12 @@ import numpy as np
 from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
 from grs_agents.nodes.background import stand_in
+from grs_agents.nodes.corresponding import correspond, measurements
 from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.services import Services, Update, node
 from grs_agents.nodes.standing import registered, seen_later, stand
 from grs_agents.scene import (
+    Camera,
     CandidateRecord,
     DepthEstimate,
     DroppedCandidate,
@@ -21,6 +23,7 @@ from grs_agents.scene import (
     SceneObject,
     TableFrame,
     find_table,
+    load_frame,
     place_robot,
     read_scene,
     save_candidates,
@@ -119,12 +122,16 @@ def _understood(
     services.log.append(SceneStage(stage="described", summary=summary))
     lost: list[DroppedCandidate] = []
     new: list[SceneObject] = []
+    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    photo = (frame, TableFrame.model_validate(state["frame"]))
+    answers = correspond(records, described, frame, state, services)
+    warnings += answers.notes
     for record in records:
-        found = _matched(record, described[record.id], state["image"], services, warnings)
-        if reason := dropped(found):
+        found = Matched(record, described[record.id], answers.matches.get(record.id))
+        if reason := dropped(found, services.config.match.proxies):
             lost.append(DroppedCandidate(id=record.id, reason=reason))
         else:
-            new.append(object_of(found, services, [one.name for one in (*objects, *new)]))
+            new.append(object_of(found, services, [one.name for one in (*objects, *new)], photo))
     objects += registered(new, records, state, services)
     return lost
 
@@ -145,19 +152,8 @@ def _estimator(services: Services) -> Estimator:
     return estimate
 
 
-def _measurements(record: CandidateRecord) -> dict[str, object]:
-    return {
-        "id": record.id,
-        "size_m": [round(value, 3) for value in record.upright.size],
-        "position_m": [round(value, 3) for value in record.upright.center],
-        "mean_color_rgb": [round(value, 2) for value in record.color],
-        "outline": record.shape,
-        "pixels": record.points,
-    }
-
-
 def _described(record: CandidateRecord, image: str, services: Services, warnings: list[str]) -> Description:
-    reply = roles.describe(services.agents, _measurements(record), [record.crop, image])
+    reply = roles.describe(services.agents, measurements(record), [record.crop, image])
     if not isinstance(reply, NoReply):
         return reply
     warnings.append(f"candidate {record.id}: {reply}")
@@ -173,27 +169,3 @@ def _undescribed(record: CandidateRecord) -> Description:
         shape=record.shape,
         category="object",
     )
-
-
-def _matched(
-    record: CandidateRecord, description: Description, image: str, services: Services, warnings: list[str]
-) -> Matched:
-    """Ask the matcher; a segment that the describer calls no object is not asked about."""
-    if not description.is_object:
-        return Matched(record, description, None)
-    assets = [
-        {
-            "name": asset.name,
-            "description": asset.description,
-            "color": asset.color,
-            "category": asset.category,
-            "size": [round(value, 3) for value in asset.size],
-        }
-        for asset in services.library.things()
-        if asset.category != "proxy"
-    ]
-    candidate = {**_measurements(record), **description.model_dump(exclude={"is_object"})}
-    reply = roles.match(services.agents, candidate, assets, [record.crop, image])
-    if isinstance(reply, NoReply):
-        warnings.append(f"candidate {record.id}: {reply}; a proxy stands for it")
-    return Matched(record, description, reply)

@@ -5,45 +5,61 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from grs_agents.agents import Description, Match, NoReply
+from grs_agents.agents import Description
 from grs_agents.base import Quat
-from grs_agents.library import Asset, write_proxy
+from grs_agents.correspondence.proxying import proxy_look, proxy_points
+from grs_agents.library import Asset, fitted_kind, write_fitted_proxy, write_proxy
 from grs_agents.nodes.services import Services
-from grs_agents.scene import CandidateRecord, SceneObject, UprightBox, place_asset
+from grs_agents.scene import (
+    CandidateRecord,
+    MatchEvidence,
+    RGBDFrame,
+    SceneObject,
+    TableFrame,
+    UprightBox,
+    load_mask,
+    place_asset,
+)
 from grs_agents.scene.types import Solid
 from grs_agents.workspace import reachable
 
 
 @dataclass(frozen=True)
 class Matched:
-    """A candidate, its description, and the matcher's reply (``None``: not asked, it is no object)."""
+    """A candidate, its description, and the answer of the match tool (``None``: not asked, it is no object)."""
 
     record: CandidateRecord
     description: Description
-    reply: Match | NoReply | None
+    reply: MatchEvidence | None
 
 
-def dropped(found: Matched) -> str:
-    """Why a candidate is no object; empty if it is one."""
+def dropped(found: Matched, proxies: bool = True) -> str:
+    """Why a candidate is no object of the scene; empty if it is one. Without proxies it needs an asset."""
     if found.reply is None:
         return f"described as no object: {found.description.description}"
-    if isinstance(found.reply, Match) and found.reply.match == "no_object":
+    if found.reply.match == "no_object":
         return f"matched as no object: {found.reply.reason}"
+    if found.reply.match == "no_asset" and not proxies:
+        return f"no asset matches it, and match.proxies is off: {found.reply.reason}"
     return ""
 
 
-def object_of(found: Matched, services: Services, taken: Sequence[str]) -> SceneObject:
-    """Place the matched asset, or a primitive proxy of the measured size and colour, where the photo shows it."""
+def object_of(
+    found: Matched, services: Services, taken: Sequence[str], photo: tuple[RGBDFrame, TableFrame] | None = None
+) -> SceneObject:
+    """Place the matched asset, or a proxy, where the photo shows it.
+
+    A proxy has the measured size; with the photo it is the solid that fits the points best and looks as they do.
+    """
     record, description, reply = found.record, found.description, found.reply
-    if isinstance(reply, Match) and reply.match == "asset" and reply.asset is not None:
+    if reply is not None and reply.match == "asset" and reply.asset is not None:
         asset = services.library.asset(reply.asset)
         position, orientation, size = place_asset(record.upright, asset.size)
-        name, evidence = _unique(asset.kind, taken), reply.reason
+        name = _unique(asset.kind, taken)
     else:
         name = _unique(f"{description.color} {description.category}", taken)
-        asset = write_stand_in(name, record, record.upright, record.shape, description.description, services)
+        asset = write_stand_in(name, record, record.upright, record.shape, description.description, services, photo)
         position, orientation, size = record.upright.center, about_z(record.upright.yaw), asset.size
-        evidence = str(reply) if isinstance(reply, NoReply) else (reply.reason if reply else "")
     return SceneObject(
         id=record.id,
         name=name,
@@ -57,7 +73,8 @@ def object_of(found: Matched, services: Services, taken: Sequence[str]) -> Scene
         orientation=orientation,
         size=size,
         reachable=reachable(position),
-        evidence=evidence,
+        evidence=reply.reason if reply else "",
+        match=reply,
         mask=record.mask,
         crop=record.crop,
         method="box" if asset.category != "proxy" else "proxy",
@@ -65,12 +82,24 @@ def object_of(found: Matched, services: Services, taken: Sequence[str]) -> Scene
 
 
 def write_stand_in(
-    name: str, record: CandidateRecord, box: UprightBox, shape: Solid, description: str, services: Services
+    name: str,
+    record: CandidateRecord,
+    box: UprightBox,
+    shape: Solid,
+    description: str,
+    services: Services,
+    photo: tuple[RGBDFrame, TableFrame] | None = None,
 ) -> Asset:
     """Write the proxy of an object into the library of the run; one of that name is replaced."""
     folder = services.folder / "assets"
     folder.mkdir(exist_ok=True)
-    return write_proxy(folder, name, shape, box.size, record.color, description)
+    if photo is None:
+        return write_proxy(folder, name, shape, box.size, record.color, description)
+    mask = load_mask(services.folder / record.mask)
+    points = proxy_points(*photo, mask, box)
+    kind = fitted_kind(points, box.size, shape == "cylinder", record.hollow)
+    look = proxy_look(*photo, mask, box)
+    return write_fitted_proxy(folder, name, kind, points, box.size, record.color, description, look)
 
 
 def _unique(words: str, taken: Sequence[str]) -> str:

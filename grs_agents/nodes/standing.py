@@ -146,7 +146,8 @@ def _agreed(
     for index, one in enumerate(objects):
         claim = agreed.claims.get(index)
         if claim is not None and claim.box != records[one.id].upright:
-            asset = write_stand_in(one.name, records[one.id], claim.box, claim.shape, one.description, services)
+            photo, words = (frame, table), one.description
+            asset = write_stand_in(one.name, records[one.id], claim.box, claim.shape, words, services, photo)
             update = {"position": claim.box.center, "orientation": about_z(claim.box.yaw), "size": asset.size}
             kept.append(one.model_copy(update={**update, "reachable": reachable(claim.box.center)}))
         elif index not in agreed.pieces:

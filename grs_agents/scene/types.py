@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from grs_agents.base import Frozen, Pose, Quat, Vec3
 from grs_agents.errors import InputError
@@ -104,6 +104,38 @@ class CandidateRecord(Frozen):
     hollow: bool = False
 
 
+class Shown(Frozen):
+    """An asset as a matcher is told of it; ``size`` in m, upright."""
+
+    name: str
+    description: str
+    color: str
+    category: str
+    size: Vec3
+
+
+class MatchEvidence(Frozen):
+    """What a match tool answers about one candidate, and why.
+
+    Attributes:
+        match: ``asset``; ``no_asset`` for an object that the library lacks; ``no_object`` for what is none.
+        asset: library name of the match.
+        method: the tool.
+        confidence: how likely the answer is right, 0..1; ``None`` where the tool cannot say.
+        scores: of the best few assets, likelihood or similarity in 0..1, by name, the best first.
+        runner_up: the best asset that is not the answer.
+        reason: in words.
+    """
+
+    match: Literal["asset", "no_asset", "no_object"]
+    asset: str | None = None
+    method: str = ""
+    confidence: float | None = None
+    scores: dict[str, float] = Field(default_factory=dict[str, float])
+    runner_up: str | None = None
+    reason: str = ""
+
+
 class SceneObject(Frozen):
     """An object of the scene, with the asset that stands for it.
 
@@ -118,7 +150,8 @@ class SceneObject(Frozen):
         orientation: of the asset, xyzw.
         size: extents of the asset as placed, along the world's axes (before yaw), metres.
         reachable: within the arm's workspace.
-        evidence: why this asset.
+        evidence: why this asset, in words.
+        match: scores, runner-up and reason of the match.
         mask, crop: picture files.
         method: where the pose comes from.
         residual: how far the object's points are off the asset's surface, m (mean of the nearest 90 %); of a match.
@@ -147,6 +180,7 @@ class SceneObject(Frozen):
     round: bool = False
     settled: Pose | None = None
     drift: float | None = None
+    match: MatchEvidence | None = None
 
 
 class DroppedCandidate(Frozen):

@@ -148,7 +148,8 @@ def _text(file: Path) -> str:
 
 def test_another_provider_carries_a_whole_run(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
-    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    asked = [*settings(scripted_server), "--set", "tools.match=match_both"]
+    done = grs("run", str(sample_scene), "--out", "run", "--json", *asked, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["counts"]["model_calls"] == len(scripted_server.roles)
     assert {"describe", "match", "task", "simulation", "tests"} <= set(scripted_server.roles)

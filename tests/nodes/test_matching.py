@@ -6,12 +6,12 @@ from typing import Any, cast
 
 import pytest
 
-from grs_agents.agents import Description, Match, NoReply
+from grs_agents.agents import Description
 from grs_agents.library import Library
 from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.scene_prompt import fixtures_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services
-from grs_agents.scene import CandidateRecord, SceneDescription
+from grs_agents.scene import CandidateRecord, MatchEvidence, SceneDescription
 
 RECORD = CandidateRecord.model_validate(
     {
@@ -35,17 +35,16 @@ def services(tmp_path: Path) -> Services:
 
 
 def test_a_match_stands_where_the_photo_shows_it(services: Services) -> None:
-    reply = Match(match="asset", asset="HOPE/Milk.urdf", reason="size and colour")
+    reply = MatchEvidence(match="asset", asset="HOPE/Milk.urdf", reason="size and colour", confidence=0.9)
     found = object_of(Matched(RECORD, WORDS, reply), services, [])
     assert (found.name, found.asset, found.matched, found.reachable) == ("milk_1", "HOPE/Milk.urdf", True, True)
     assert found.position == pytest.approx((0.5, 0.1, 0.095), abs=0.002)
     assert found.evidence == "size and colour"
+    assert found.match == reply
 
 
-@pytest.mark.parametrize(
-    "reply", [Match(match="no_asset", reason="nothing alike"), NoReply(role="match", tries=3, problem="silence")]
-)
-def test_what_nothing_matches_becomes_a_proxy(services: Services, reply: Match | NoReply) -> None:
+def test_what_nothing_matches_becomes_a_proxy(services: Services) -> None:
+    reply = MatchEvidence(match="no_asset", reason="nothing alike")
     found = object_of(Matched(RECORD, WORDS, reply), services, ["white_carton_1"])
     assert (found.name, found.asset, found.matched) == ("white_carton_2", "proxy/white_carton_2.urdf", False)
     assert found.size == pytest.approx((0.073, 0.072, 0.19))
@@ -56,12 +55,14 @@ def test_what_nothing_matches_becomes_a_proxy(services: Services, reply: Match |
 def test_what_is_no_object_is_dropped_with_a_reason() -> None:
     glare = WORDS.model_copy(update={"is_object": False, "description": "a glare"})
     assert "glare" in dropped(Matched(RECORD, glare, None))
-    assert "shadow" in dropped(Matched(RECORD, WORDS, Match(match="no_object", reason="a shadow")))
-    assert dropped(Matched(RECORD, WORDS, Match(match="no_asset"))) == ""
+    assert "shadow" in dropped(Matched(RECORD, WORDS, MatchEvidence(match="no_object", reason="a shadow")))
+    lacking = Matched(RECORD, WORDS, MatchEvidence(match="no_asset"))
+    assert dropped(lacking) == ""
+    assert "match.proxies" in dropped(lacking, proxies=False)
 
 
 def test_prompts_tell_the_scene_and_the_fixtures(services: Services) -> None:
-    found = object_of(Matched(RECORD, WORDS, Match(match="asset", asset="HOPE/Milk.urdf")), services, [])
+    found = object_of(Matched(RECORD, WORDS, MatchEvidence(match="asset", asset="HOPE/Milk.urdf")), services, [])
     frame: dict[str, Any] = {"T_robot_cam": ((1.0,),), "origin": "calibrated", "residual": 0.0, "inliers": 1.0}
     scene = SceneDescription.model_validate({"source": "s", "image": "i", "frame": frame, "objects": (found,)})
     told = scene_for_prompt(scene, services.library)

@@ -1,0 +1,55 @@
+"""How often each object of a photo gets its asset: the paper's Table 1, on synthesised or labelled scenes."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from grs_agents.errors import UnknownNameError
+from grs_agents.measure.experiment import Work, orders_of, synthesised_orders
+from grs_agents.measure.matchings import METHODS, match_orders, run_matchings
+from grs_agents.run.experiment import positive
+from grs_agents.synth import recipes
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Match the scenes named, or synthesised ones, by each method, model and run.
+
+    Returns:
+        0 if every scene could be matched, 1 if not.
+
+    Raises:
+        InputError: a folder holds no labelled scene, or a method has no such name.
+    """
+    parser = argparse.ArgumentParser(prog="grs eval correspondence", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("runs/eval-correspondence"), help="where figures go")
+    parser.add_argument(
+        "--methods", default="features,features-no-ocr,features-no-size", help=f"of {', '.join(METHODS)}; with commas"
+    )
+    parser.add_argument("--models", default="offline", help="for the methods that ask one; with commas")
+    parser.add_argument("--runs", type=positive, default=10, help="of each method that asks a model")
+    parser.add_argument(
+        "--scenes", action="append", default=[], metavar="DIR", help="labelled scenes, or bop:ROOT/SPLIT; repeat"
+    )
+    parser.add_argument("--images", type=positive, default=10, help="of a BOP data set, spread evenly")
+    parser.add_argument("--synthesised", type=int, default=None, metavar="N", help="scenes: 10 without --scenes")
+    parser.add_argument("--objects", type=positive, default=15, help="things in a made scene, four of them distractors")
+    parser.add_argument("--seed", type=int, default=0, help="of the made scenes")
+    parser.add_argument("--segment", default="", metavar="TOOL", help="what segments; the true masks by default")
+    parser.add_argument("--price", action="append", default=[], metavar="MODEL=IN,OUT", help="of a million tokens")
+    parser.add_argument("--set", action="append", default=[], dest="settings", metavar="KEY=VALUE")
+    parser.add_argument("--workers", type=positive, default=2, help="scenes at a time")
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
+    options = parser.parse_args(arguments)
+    methods = [name.strip() for name in options.methods.split(",") if name.strip()]
+    for name in methods:
+        if name not in METHODS:
+            raise UnknownNameError("method", name, METHODS)
+    count = options.synthesised if options.synthesised is not None else 0 if options.scenes else 10
+    work = Work(options.segment)
+    scenes = [
+        *orders_of(options.scenes, work, options.images),
+        *synthesised_orders(recipes(count, options.seed, options.objects), options.out, work),
+    ]
+    models = [name.strip() for name in options.models.split(",") if name.strip()]
+    orders = match_orders(scenes, methods, models, options.runs, options.settings)
+    return run_matchings(orders, options.out, options.workers, options.price, options.json)

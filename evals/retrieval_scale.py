@@ -1,0 +1,45 @@
+"""What the index of assets costs at the size of Objaverse, and how many of the nearest it finds: synthetic data."""
+
+import argparse
+import json
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from grs_agents.measure.retrieval import measured, targets
+from grs_agents.run.experiment import positive
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Build an index of synthetic assets, search it and add to it.
+
+    Returns:
+        0 if every target is reached, 1 if not.
+
+    Raises:
+        GrsError: faiss is not installed.
+    """
+    parser = argparse.ArgumentParser(prog="grs eval retrieval_scale", description=__doc__)
+    parser.add_argument("--assets", type=positive, default=150_000, help="how many")
+    parser.add_argument("--queries", type=positive, default=200, help="how many searches")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory(prefix="grs-index-") as folder:
+        figures = measured(Path(folder) / "index", options.assets, options.queries, options.seed)
+    bounds = targets(figures)
+    if options.json:
+        told = [{**one.model_dump(), "reached": one.reached} for one in bounds]
+        print(
+            json.dumps({"assets": options.assets, "data": "synthetic", "figures": figures, "targets": told}, indent=2)
+        )
+    else:
+        limits = {one.name: f"{'<=' if one.smaller_is_better else '>='} {one.bound:g}" for one in bounds}
+        shown = Table("figure", "measured", "target", title=f"{options.assets} synthetic assets")
+        for name, value in figures.items():
+            shown.add_row(name, f"{value:.4g}", limits.get(name, ""))
+        Console().print(shown)
+    return 0 if all(one.reached for one in bounds) else 1

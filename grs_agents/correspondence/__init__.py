@@ -1,0 +1,1 @@
+"""Which asset stands for which object of a photo."""

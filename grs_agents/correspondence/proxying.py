@@ -1,0 +1,62 @@
+"""What a proxy of a candidate needs to know of the photo: the candidate's points in its own frame, and its look."""
+
+import cv2
+import numpy as np
+
+from grs_agents.library import Look
+from grs_agents.scene import Image, Mask, RGBDFrame, TableFrame, UprightBox
+from grs_agents.scene.frame import Array
+from grs_agents.scene.table import robot_points_at
+
+_POINTS = 1500
+_LARGEST = 512
+"""The longer side of a texture has at most so many pixels."""
+
+
+def proxy_points(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Array:
+    """(N, 3) measured points, m, about the centre of the box and along its axes."""
+    rows, columns = np.nonzero(mask & (frame.depth > 0))
+    step = max(1, len(rows) // _POINTS)
+    return (robot_points_at(frame, table, rows[::step], columns[::step]) - box.center) @ _turn(box.yaw)
+
+
+def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Look | None:
+    """The photo's own texture; ``None`` where too little is seen."""
+    solid = np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)), bool)
+    solid = solid if solid.sum() > 50 else mask
+    left, top, width, height = cv2.boundingRect(solid.astype(np.uint8))
+    if width < 4 or height < 4:
+        return None
+    window = (slice(top, top + height), slice(left, left + width))
+    image, known = frame.rgb[window], solid[window]
+    filled = _filled(image, known)
+    scale = min(1.0, _LARGEST / max(width, height))
+    if scale < 1:
+        small = cv2.resize(filled, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        filled = np.asarray(small, np.uint8)
+    camera, pose, turn = frame.camera, np.asarray(table.T_robot_cam), _turn(box.yaw)
+
+    def place(points: Array) -> Array:
+        local = (points @ turn.T + box.center - pose[:3, 3]) @ pose[:3, :3]
+        depth = np.maximum(local[:, 2], 1e-3)
+        columns = local[:, 0] / depth * camera.fx + camera.cx
+        rows = local[:, 1] / depth * camera.fy + camera.cy
+        return np.stack([(columns - left) / width, 1 - (rows - top) / height], axis=1)
+
+    towards = (pose[:3, 3] - box.center) @ turn
+    return Look(filled, place, towards / np.linalg.norm(towards))
+
+
+def _filled(image: Image, known: Mask) -> Image:
+    """The image, where each pixel that is not of the object has the colour of the nearest that is."""
+    missing = (~known).astype(np.uint8)
+    _, labels = cv2.distanceTransformWithLabels(missing, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    owners = np.zeros((int(labels.max()) + 1, 3), np.uint8)
+    owners[labels[known]] = image[known]
+    return np.ascontiguousarray(owners[labels])
+
+
+def _turn(yaw: float) -> Array:
+    """Its columns are the axes of a box with that yaw."""
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])

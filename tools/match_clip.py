@@ -1,0 +1,17 @@
+"""Match candidates by CLIP similarity of pictures (the paper's baseline); the weights are the user's own."""
+
+from grs_agents.correspondence.clip import by_clip, open_clip_embedder
+from grs_agents.correspondence.types import MatchRequest, MatchResult
+from grs_agents.toolkit import ToolContext
+
+Request, Result = MatchRequest, MatchResult
+
+
+def run(request: MatchRequest, context: ToolContext) -> MatchResult:
+    """The most similar asset for each candidate; what is like none of them is no object.
+
+    Raises:
+        ConfigError: the model cannot be used.
+        InputError: the files of an asset are faulty.
+    """
+    return by_clip(request, context.library, open_clip_embedder(request.model))

@@ -1,0 +1,16 @@
+"""Match candidates by measured size, by how an asset lies in the points, and by its colours; no model is asked."""
+
+from grs_agents.correspondence.matching import by_features
+from grs_agents.correspondence.types import MatchRequest, MatchResult
+from grs_agents.toolkit import ToolContext
+
+Request, Result = MatchRequest, MatchResult
+
+
+def run(request: MatchRequest, context: ToolContext) -> MatchResult:
+    """The likeliest asset for each candidate, with its likelihood and the runner-up's.
+
+    Raises:
+        InputError: the files of an asset are faulty.
+    """
+    return by_features(request, context.library, "match_features")

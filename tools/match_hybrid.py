@@ -1,0 +1,16 @@
+"""Propose the five likeliest assets by size and colour, and ask the model to decide among them."""
+
+from grs_agents.correspondence.asking import by_both
+from grs_agents.correspondence.types import MatchRequest, MatchResult
+from grs_agents.toolkit import ToolContext
+
+Request, Result = MatchRequest, MatchResult
+
+
+def run(request: MatchRequest, context: ToolContext) -> MatchResult:
+    """What the model says of each candidate, with the likelihoods of what it was shown.
+
+    Raises:
+        InputError: the files of an asset are faulty.
+    """
+    return by_both(request, context.library, "match_hybrid")
