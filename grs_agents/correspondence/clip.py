@@ -107,7 +107,7 @@ def _asset_vector(name: str, library: Library, embedder: Embedder, rng: np.rando
 
 
 def _answer(names: Sequence[str], alike: Array) -> MatchEvidence:
-    order = np.argsort(-alike, kind="stable")[:TOLD].tolist()
+    order: list[int] = np.argsort(-alike, kind="stable")[:TOLD].tolist()
     scores = {names[index]: round(float(alike[index]), 4) for index in order}
     best, similarity = names[order[0]], float(alike[order[0]])
     others = [name for name in scores if name != best]

@@ -55,7 +55,8 @@ def pairs(catalogue: Catalogue, seen: Observation, view: View, sized: bool = Tru
     tones = _tones(catalogue, seen, DAYLIGHT, 0.02)
     glance = tones - (0.06 * np.minimum(3 * large + small, 4) if sized else 0.0)
     found: list[Pair] = []
-    for number in np.argsort(-glance, kind="stable")[:SHORTLIST].tolist():
+    order: list[int] = np.argsort(-glance, kind="stable")[:SHORTLIST].tolist()
+    for number in order:
         laid = lay(catalogue.looks[number], catalogue.trees[number], seen, view)
         painted = paint(catalogue.looks[number], laid, seen, view)
         found.append(Pair(number, laid, painted, float(tones[number]), float(large[number]), float(small[number])))

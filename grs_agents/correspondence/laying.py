@@ -4,12 +4,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents.correspondence.appearance import Appearance
 from grs_agents.correspondence.observation import Observation, View
 from grs_agents.scene.frame import Array
 from grs_agents.scene.points import Tree
 from grs_agents.scene.symmetry import quarter_turns
+
+Indices = npt.NDArray[np.int64]
 
 FAR = 0.02
 """What is farther off than this (m) counts as this far."""
@@ -103,7 +106,7 @@ def _nearest(asset: Appearance, tree: Tree, poses: Array, points: Array) -> tupl
 def _off(asset: Appearance, tree: Tree, poses: Array, points: Array) -> Array:
     """(K,) mean distance of points from the surface, m."""
     _, offset, normals = _nearest(asset, tree, poses, points)
-    across = np.abs(np.einsum("kni,kni->kn", offset, normals))
+    across: Array = np.abs(np.einsum("kni,kni->kn", offset, normals))
     apart = np.linalg.norm(offset, axis=2)
     off = np.minimum(np.where(apart < 0.008, across, apart), FAR)
     return np.sort(off, axis=1)[:, : max(1, round(0.92 * len(points)))].mean(axis=1)
@@ -116,9 +119,9 @@ def _stepped(asset: Appearance, tree: Tree, poses: Array, points: Array) -> Arra
     weight = 1 / (1 + (apart / 0.01) ** 2)
     jacobian = np.concatenate([normals, np.cross(local, normals) / 0.05], axis=2)
     wanted = np.einsum("kni,kni->kn", offset, normals)
-    left = np.einsum("kn,kni,knj->kij", weight, jacobian, jacobian) / len(points) + np.diag(_RIDGE)
-    right = np.einsum("kn,kni,kn->ki", weight, jacobian, wanted) / len(points)
-    step = np.linalg.solve(left, right[:, :, None])[:, :, 0]
+    left: Array = np.einsum("kn,kni,knj->kij", weight, jacobian, jacobian) / len(points) + np.diag(_RIDGE)
+    right: Array = np.einsum("kn,kni,kn->ki", weight, jacobian, wanted) / len(points)
+    step: Array = np.linalg.solve(left, right[:, :, None])[:, :, 0].astype(np.float64)
     moved = poses.copy()
     # the points move in the asset's frame by the step, so the asset moves by its inverse
     for number, (shift, turn) in enumerate(zip(step[:, :3], step[:, 3:] / 0.05, strict=True)):
@@ -142,7 +145,7 @@ def _air(asset: Appearance, poses: Array, view: View) -> Array:
     return before.sum(axis=1) / np.maximum(known.sum(axis=1), 1) + below.mean(axis=1)
 
 
-def project(view: View, placed: Array) -> tuple[Array, Array, Array, Array]:
+def project(view: View, placed: Array) -> tuple[Indices, Indices, Array, npt.NDArray[np.bool_]]:
     """Where points (K, N, 3) (m, robot frame) are in the picture: rows, columns, depth (m), and whether inside."""
     camera, pose = view.frame.camera, np.asarray(view.table.T_robot_cam)
     local = (placed - pose[:3, 3]) @ pose[:3, :3]

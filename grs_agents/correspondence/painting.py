@@ -117,8 +117,8 @@ def _agreement(
     apart = view.tones[rows, columns] - asset.tones[:count]
     gain, middle = (weight * apart[..., 0]).sum(axis=1), np.einsum("kn,knc->kc", weight, apart[..., 1:])
     shading = np.concatenate([np.ones((*lit.shape, 1)), normals], axis=2)
-    left = np.einsum("kn,kni,knj->kij", weight, shading, shading) + np.diag([0.002, 0.03, 0.03, 0.03])
-    right = np.einsum("kn,kni,kn->ki", weight, shading, apart[..., 0])
+    left: Array = np.einsum("kn,kni,knj->kij", weight, shading, shading) + np.diag([0.002, 0.03, 0.03, 0.03])
+    right: Array = np.einsum("kn,kni,kn->ki", weight, shading, apart[..., 0])
     level = apart[..., 0] - np.einsum("kni,ki->kn", shading, np.linalg.solve(left, right[..., None])[..., 0])
     hue = apart[..., 1:] - np.clip(middle, light.tint - light.slack, light.tint + light.slack)[:, None]
     misfit = (level / _SPREAD[0]) ** 2 + ((hue / _SPREAD[1:]) ** 2).sum(axis=2)

@@ -50,7 +50,8 @@ def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox)
 def _filled(image: Image, known: Mask) -> Image:
     """The image, where each pixel that is not of the object has the colour of the nearest that is."""
     missing = (~known).astype(np.uint8)
-    _, labels = cv2.distanceTransformWithLabels(missing, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    nearest = cv2.distanceTransformWithLabels(missing, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[1]
+    labels = nearest.astype(np.int64)
     owners = np.zeros((int(labels.max()) + 1, 3), np.uint8)
     owners[labels[known]] = image[known]
     return np.ascontiguousarray(owners[labels])

@@ -88,7 +88,7 @@ def implausible(seen: Observation) -> str:
 
 def _ranked(catalogue: Catalogue, some: Sequence[Pair], told: Array, letters: Array, use: Use) -> Ranked:
     likely = likelihoods(told, WEIGHTS[use], letters)
-    order = np.argsort(-likely, kind="stable").tolist()
+    order: list[int] = np.argsort(-likely, kind="stable").tolist()
     return Ranked(
         tuple(catalogue.assets[some[index].asset].name for index in order),
         tuple(float(likely[index]) for index in order),
