@@ -1,11 +1,12 @@
 """An agent: a prompt, a chat model and a strict parser; every exchange is an event."""
 
 import base64
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 from uuid import uuid4
 
 import cv2
@@ -104,6 +105,7 @@ class Agents:
             self.log.append(Reply(call=call, role=role, model=model, text="", seconds=seconds, error=str(problem)))
             return None, str(problem)
         usage = answer.usage_metadata
+        cached = usage.get("input_token_details", {}).get("cache_read", 0) if usage else 0
         self.log.append(
             Reply(
                 call=call,
@@ -112,11 +114,20 @@ class Agents:
                 text=str(answer.text),
                 input_tokens=usage["input_tokens"] if usage else 0,
                 output_tokens=usage["output_tokens"] if usage else 0,
+                cached_tokens=cached,
+                cost=_cost(answer.response_metadata),
                 seconds=time.perf_counter() - begin,
                 finish_reason=str(answer.response_metadata.get("finish_reason", "")),
             )
         )
         return str(answer.text), ""
+
+
+def _cost(metadata: Mapping[str, Any]) -> float | None:
+    """What the provider says that the answer cost, US dollars; None where it does not tell."""
+    usage = metadata.get("token_usage")
+    told = cast(Mapping[str, Any], usage).get("cost") if isinstance(usage, Mapping) else None
+    return float(told) if isinstance(told, int | float) and math.isfinite(told) else None
 
 
 def image_block(path: Path) -> dict[str, str]:

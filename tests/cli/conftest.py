@@ -66,7 +66,13 @@ def scripted_server() -> Iterator[ScriptedServer]:
                 "created": 1,
                 "model": body["model"],
                 "choices": [{"index": 0, "message": message, "finish_reason": "stop"}],
-                "usage": {"prompt_tokens": 10, "completion_tokens": 5, "total_tokens": 15},
+                "usage": {
+                    "prompt_tokens": 10,
+                    "completion_tokens": 5,
+                    "total_tokens": 15,
+                    "prompt_tokens_details": {"cached_tokens": 4},
+                    "cost": 0.25,
+                },
             }
             data = json.dumps(reply).encode()
             self.send_response(200)

@@ -14,7 +14,7 @@ from typing import Any
 import ormsgpack
 import pytest
 
-from grs_agents.trace import read_events
+from grs_agents.trace import Reply, read_events
 from tests.cli.command import grs
 
 FILES = (
@@ -156,6 +156,8 @@ def test_another_provider_carries_a_whole_run(tmp_path: Path, sample_scene: Path
     for role in ("describe", "match", "task", "simulation"):
         assert scripted_server.images[role] > 0
     assert scripted_server.images["tests"] == 0
+    replies = [event for event in read_events(tmp_path / "run" / "events.jsonl") if isinstance(event, Reply)]
+    assert {(reply.cached_tokens, reply.cost) for reply in replies} == {(4, 0.25)}
 
 
 def settings(server: Any) -> list[str]:
