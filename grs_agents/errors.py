@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-_FEW, _NEAREST = 12, 5
+_FEW, _NEAREST = 20, 5
 """Of up to so many valid names a message lists all, of more the nearest few."""
 
 
