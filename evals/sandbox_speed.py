@@ -19,7 +19,7 @@ from grs_agents.base import Frozen
 from grs_agents.config import Config
 from grs_agents.library import Library
 from grs_agents.run.experiment import positive
-from grs_agents.run.isolation import PRELOAD, open_sandbox
+from grs_agents.run.isolation import PRELOAD, TOOLS, open_sandbox
 from grs_agents.sandbox import Limits, Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
 
@@ -89,6 +89,8 @@ def inside(request):
     assert done.episode.outcome == "success"
     return {"pages": resource.getrusage(resource.RUSAGE_SELF).ru_minflt}
 """
+_EMPTY_CALLS = 60
+"""So many that the two starts, whose difference is noise, weigh little in what one call takes."""
 EMPTY = "def inside(request):\n    return {}\n"
 
 
@@ -133,7 +135,7 @@ def in_process(folder: Path) -> float:
     return float(done.stdout)
 
 
-def per_call(call: Callable[[Sandbox], object], calls: int) -> float:
+def per_call(call: Callable[[Sandbox], object], calls: int, tools: Sequence[str] = TOOLS) -> float:
     """CPU time that one call takes in host, forking process and worker together, s.
 
     Two sandboxes that make ``calls`` and twice as many calls differ by just that, and their start cancels out. The
@@ -142,7 +144,7 @@ def per_call(call: Callable[[Sandbox], object], calls: int) -> float:
     taken: list[float] = []
     for count in (calls, 2 * calls):
         start = cpu_seconds()
-        with open_sandbox(Config(sandbox="landlock")) as sandbox:
+        with Sandbox(PRELOAD, tools=tools, backend="landlock") as sandbox:
             for _ in range(count):
                 call(sandbox)
         taken.append(cpu_seconds() - start)
@@ -188,7 +190,9 @@ def measure(repeats: int) -> list[Figure]:
         rounds = [(cold(folder), in_process(folder), per_call(run_tests, 5)) for _ in range(repeats)]
         ratios = [(warm - plain) / (whole - plain) for whole, plain, warm in rounds]
         whole, plain, warm = (1000 * statistics.median(column) for column in zip(*rounds, strict=True))
-        empty = statistics.median(per_call(lambda sandbox: sandbox.call("empty", {}), 20) for _ in range(repeats))
+        empty = statistics.median(
+            per_call(lambda sandbox: sandbox.call("empty", {}), _EMPTY_CALLS, (*TOOLS, "empty")) for _ in range(repeats)
+        )
         start = statistics.median(start_seconds() for _ in range(repeats))
         memory = statistics.median(worker_mib() for _ in range(repeats))
     return [

@@ -35,6 +35,8 @@ def add_overlay(folder: Path) -> None:
     Raises:
         InputError: the folder does not exist.
     """
+    if folder in _overlays:
+        return
     if not folder.is_dir():
         raise InputError(f"content folder {folder} does not exist", "name an existing folder with --content")
     resolved = folder.resolve()

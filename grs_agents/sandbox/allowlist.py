@@ -46,6 +46,11 @@ def content_paths(roots: Iterable[Path]) -> tuple[Path, ...]:
     return tuple(root / kind for root in roots for kind in _CONTENT if (root / kind).is_dir())
 
 
+def overlays() -> list[Path]:
+    """The content laid over the shipped one that workers load from, the topmost last."""
+    return [root for root in reversed(content.roots()[:-1]) if content_paths([root])]
+
+
 def outermost(paths: Iterable[Path]) -> tuple[Path, ...]:
     """``paths``, each as it is named and as it resolves, without those that lie inside another or in the system's."""
     named = [path.absolute() for path in paths]

@@ -35,6 +35,8 @@ def warm(settings: Settings) -> None:
     """Before there is an order: import what the settings name, and do what each child would otherwise do again."""
     for name in settings.preload:
         importlib.import_module(name)
+    for folder in settings.overlays:
+        content.add_overlay(folder)
     for name in settings.tools:
         content.load_module("tools", name)
     if settings.layers:

@@ -88,7 +88,7 @@ class Sandbox:
             ValueError: the request is not plain JSON (NaN, infinity).
         """
         content.path("tools", tool)
-        overlays = [root for root in reversed(content.roots()[:-1]) if allowlist.content_paths([root])]
+        overlays = allowlist.overlays()
         frame = {"tool": tool, "module": None, "request": request, "overlays": [str(root) for root in overlays]}
         wire.encode(frame)
         limits = limits or self._limits

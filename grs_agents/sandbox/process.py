@@ -128,6 +128,7 @@ class Zygote:
             single_use = [tuple(seatbelt.wrap(self.readable, folder)) if confined else () for folder in folders]
         return Settings(
             preload=plan.preload,
+            overlays=tuple(allowlist.overlays()),
             tools=plan.tools,
             layers=backends.has_inner_layers(self.backend),
             readable=(*allowlist.system_paths(), *allowlist.kernel_paths(), *self.readable),

@@ -22,7 +22,8 @@ class Settings(Frozen):
 
     Attributes:
         preload: modules to import before the first call.
-        tools: shipped tool files to import before the first call.
+        overlays: content of the user's own, laid over the shipped one from the first on.
+        tools: tool files to import before the first call.
         layers: whether children harden themselves with Landlock, seccomp and without privileges.
         readable: files and folders that children may read.
         scratch: folder with one scratch folder for each slot, named by its number.
@@ -36,6 +37,7 @@ class Settings(Frozen):
     """
 
     preload: tuple[str, ...] = ()
+    overlays: tuple[Path, ...] = ()
     tools: tuple[str, ...] = ()
     layers: bool = True
     readable: tuple[Path, ...] = ()

@@ -271,3 +271,12 @@ def test_calls_leave_nothing_behind(tool_folder: Path, tmp_path: Path, monkeypat
 def test_limits_are_checked() -> None:
     with pytest.raises(ValueError, match="wall_seconds"):
         Limits(wall_seconds=0)
+
+
+def test_a_tool_of_ones_own_is_imported_before_the_calls(tool_folder: Path) -> None:
+    text = "import os\nIMPORTED = os.getpid()\ndef inside(request):\n    return {'early': IMPORTED != os.getpid()}\n"
+    (tool_folder / "tools" / "early.py").write_text(text)
+    with Sandbox(tools=("early",)) as sandbox:
+        assert sandbox.call("early", {}).value == {"early": True}
+    with Sandbox() as sandbox:
+        assert sandbox.call("early", {}).value == {"early": False}
