@@ -111,11 +111,9 @@ def test_a_recording_holds_every_event(watched: Callable[[], tuple[Any, RerunVie
 def test_a_resumed_run_ends_in_one_whole_recording(watched: Callable[[], tuple[Any, RerunView]]) -> None:
     run, _ = watched()
     run.before_fix()
-    before = len(read_events(run.log.path))
     run.log.close()
     run, view = watched()
     run.after_fix()
-    assert column(run.folder / "trace.1.rrd", Paths.LOG, "TextLog:text")[0][0] == before
     assert RrdReader(run.folder / "trace.1.rrd").recordings()[0].recording_id == "sample-run"
     view.finish()
     check_whole(run.folder / "trace.rrd", read_events(run.log.path))
@@ -159,7 +157,8 @@ def test_a_missing_file_costs_one_warning_and_nothing_else(watched: Callable[[],
 
 def test_a_killed_run_leaves_both_files_readable(tmp_path: Path) -> None:
     program = """
-import os, pathlib, signal
+import contextlib, os, pathlib, signal
+from rerun.chunk import RrdReader
 from grs_agents.library import Library
 from grs_agents.trace import EventLog, NodeStarted, Note, RunStarted
 from grs_agents.views.rerun_view import RerunView
@@ -168,6 +167,11 @@ log.subscribe(RerunView(pathlib.Path("."), Library()))
 log.append(RunStarted(run_id="killed", graph="router", seed=0))
 for visit in range(9):
     log.append(NodeStarted(node="route", visit=visit + 1))
+shown = 0
+while shown < 10:
+    with contextlib.suppress(RuntimeError):  # a message is being written
+        chunks = RrdReader("trace.rrd").stream().filter(content="/log").to_chunks()
+        shown = sum(chunk.to_record_batch().num_rows for chunk in chunks)
 os.kill(os.getpid(), signal.SIGKILL)
 """
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
