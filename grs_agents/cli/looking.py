@@ -83,17 +83,26 @@ def replay_run(folder: Path, beside: Path | None, web: bool) -> int:
     Raises:
         InputError: a folder holds no run.
     """
-    from grs_agents.views import open_viewer
-
     read_record(folder)
     with tempfile.TemporaryDirectory() as temporary:
         if beside is None:
-            return open_viewer(_recording(folder, Path(temporary)), web=web).wait()
+            return _viewed(_recording(folder, Path(temporary)), web)
         from grs_agents.views.rerun_view import compare
 
         read_record(beside)
         runs = [(folder, Library()), (beside, Library())]
-        return open_viewer(compare(runs, Path(temporary) / "both.rrd"), web=web).wait()
+        return _viewed(compare(runs, Path(temporary) / "both.rrd"), web)
+
+
+def _viewed(recording: Path, web: bool) -> int:
+    """Wait for the viewer of ``recording`` to be closed."""
+    from grs_agents.views import WebAddress, open_viewer
+
+    address = WebAddress.free() if web else None
+    process = open_viewer(recording, address)
+    if address:
+        print(f"open {address.url}", flush=True)
+    return process.wait()
 
 
 def _recording(folder: Path, temporary: Path) -> Path:
