@@ -18,8 +18,7 @@ from grs_agents.sim.world import model_of
 def run_library(folder: Path, library: Library) -> Library:
     """``library`` with the assets laid over that the run has made so far."""
     own = folder / "assets"
-    written = changed(own / "manifest.json")
-    return _overlaid(library, own, written) if written else library
+    return _overlaid(library, own, changed(own / "manifest.json")) if own.is_dir() else library
 
 
 @lru_cache(maxsize=2)
