@@ -36,7 +36,7 @@ def test_what_is_long_or_deep_is_told_by_its_size() -> None:
     report = {
         "outcome": "failed",
         "cases": [{"id": "a"}, {"id": "b"}],
-        "pose": [1.0, 2.0, 3.0],
+        "pose": [1.0, 2.0],
         "deep": {"a": {"b": 1}},
     }
     told = {"outcome": "failed", "cases": "2 items", "pose": [1.0, 2.0], "deep": {"a": "1 fields"}}
