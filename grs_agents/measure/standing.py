@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.library import Library, write_proxy
+from grs_agents.correspondence.proxying import proxy_points
+from grs_agents.library import Library, fitted_kind, write_fitted_proxy
 from grs_agents.scene import (
     Candidate,
     Claim,
@@ -123,7 +124,10 @@ def _settled(
     agreed = reconcile(segments, scene.frame, table, library)
     kept = [index for index in range(len(segments)) if index not in agreed.pieces]
     with tempfile.TemporaryDirectory(prefix="grs-twin-") as folder:
-        proxies = {index: _proxy(candidates[index], claim, Path(folder)) for index, claim in agreed.claims.items()}
+        where = Path(folder)
+        proxies = {
+            index: _proxy(candidates[index], claim, scene, table, where) for index, claim in agreed.claims.items()
+        }
         things = [segments[index].known or proxies[index] for index in kept]
         both = library.overlay(Path(folder)) if proxies else library
         rest, twin = report_of(things, both, scene.frame, table, scene.labels > 0)
@@ -135,7 +139,10 @@ def _settled(
     return Standing(poses, drifts, twin if drifts else None)
 
 
-def _proxy(one: Candidate, claim: Claim, folder: Path) -> Thing:
+def _proxy(one: Candidate, claim: Claim, scene: LabelledScene, table: TableFrame, folder: Path) -> Thing:
+    """What a run would let stand for a thing of no asset: the solid that fits its points best."""
     box = claim.box
-    asset = write_proxy(folder, f"candidate_{one.id}", claim.shape, box.size, one.color, "a proxy")
+    points = proxy_points(scene.frame, table, one.mask, box)
+    kind = fitted_kind(points, box.size, claim.shape == "cylinder", one.hollow)
+    asset = write_fitted_proxy(folder, f"candidate_{one.id}", kind, points, box.size, one.color, "a proxy")
     return Thing(asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))))

@@ -9,7 +9,7 @@ import numpy as np
 
 from grs_agents.scene.brinks import Brinks
 from grs_agents.scene.frame import Array
-from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, within
+from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, is_solid, within
 
 TOUCHING = 0.012
 """Parts nearer than this (m) touch."""
@@ -53,6 +53,11 @@ class Part:
     def ends(self) -> tuple[Array, Array]:
         """Lowest and highest corner of the points, (3,) m."""
         return self.cloud.min(axis=0), self.cloud.max(axis=0)
+
+    @cached_property
+    def solid(self) -> bool:
+        """Whether it is a thing of its own, and neither a wall nor the inside of a hollow one."""
+        return self.width > NARROW and is_solid(self.cloud)
 
 
 def part_of(points: Array) -> Part | None:
@@ -133,12 +138,17 @@ class Merger:
 
     def _belongs(self, small: int, big: int, distance: float) -> bool:
         one, other = self.parts[small], self.parts[big]
-        if abs(one.top - other.top) < LEVEL and self._one_rim(small, big, distance):
+        own = one.solid or other.solid
+        if abs(one.top - other.top) < LEVEL and not own and self._one_rim(small, big, distance):
             return True  # two walls, or a wall and an inside
         if distance > TOUCHING:
             return False
         share = covered(one, other)
-        if share > 0.7 and one.top < other.top + 0.008 and (one.count < 0.1 * other.count or self._open(one, other)):
+        if (
+            share > 0.7
+            and one.top < other.top + 0.008
+            and (one.count < 0.1 * other.count or (not one.solid and self._open(one, other)))
+        ):
             return True  # inside it
         minor = one.count < 0.4 * other.count
         ridge = one.width < FIN[0] and one.length < 0.1 and one.count < 0.2 * other.count
