@@ -24,6 +24,8 @@ CELLS = 8
 """A footprint as large as a square of so many cells a side is looked at cell by cell."""
 FILLED = 0.75
 """At least this share of a solid thing's footprint is seen."""
+LEVEL = 0.005
+"""Its middle is no more than this (m) below its border."""
 RAISED = 0.02
 """The top of a solid thing lies at least this high (m) above the table: it is no floor."""
 
@@ -110,8 +112,8 @@ def is_solid(cloud: Array) -> bool:
     if not (middle & seen).any() or seen[inside].mean() < FILLED or seen[middle].mean() < FILLED:
         return False
     inner = float(np.median(heights[middle & seen]))
-    outer = float(np.median(heights[inside & seen & ~middle]))
-    return inner > max(RAISED, outer - 0.003)
+    outer = float(np.percentile(heights[inside & seen & ~middle], 80))  # a slope is higher on one side
+    return inner > max(RAISED, outer - LEVEL)
 
 
 def turns(yaws: Array) -> Array:

@@ -15,12 +15,16 @@ TOUCHING = 0.012
 """Parts nearer than this (m) touch."""
 LEVEL = 0.02
 """Rims within this height (m) of each other are one rim."""
+BESIDE = 0.02
+"""Walls nearer than this (m) are one beside the other."""
 RIM_GAP = 0.05
 """Ends of one rim are nearer than this (m)."""
 WITHIN = 0.5
 """What has this share of its points over the footprint of another lies in it or on it: it is not its near wall."""
 NARROW = 0.022
 """What is thinner than this (m) may be a wall, a handle or a fragment."""
+THICK = 0.04
+"""What is thicker than this (m) is no wall, however a bad sensor blurs it."""
 FIN = (0.025, 0.065)
 """What is thinner and shorter than this (m) and sticks out of something higher is its tab, lip or fin."""
 CAP = 0.045
@@ -57,7 +61,7 @@ class Part:
     @cached_property
     def solid(self) -> bool:
         """Whether it is a thing of its own, and neither a wall nor the inside of a hollow one."""
-        return self.width > NARROW and is_solid(self.cloud)
+        return self.width > THICK and is_solid(self.cloud)
 
 
 def part_of(points: Array) -> Part | None:
@@ -176,7 +180,7 @@ class Merger:
             return True
         if distance >= RIM_GAP:
             return False
-        beside = bool(walls) or distance < TOUCHING or covered(one, other, TOUCHING) > WITHIN
+        beside = bool(walls) or distance < BESIDE or covered(one, other, TOUCHING) > WITHIN
         return beside and self._open(one, other)
 
     def _carried(self, small: int) -> bool:
