@@ -145,4 +145,6 @@ def _proxy(one: Candidate, claim: Claim, scene: LabelledScene, table: TableFrame
     points = proxy_points(scene.frame, table, one.mask, box)
     kind = fitted_kind(points, box.size, claim.shape == "cylinder", one.hollow)
     asset = write_fitted_proxy(folder, f"candidate_{one.id}", kind, points, box.size, one.color, "a proxy")
-    return Thing(asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))))
+    return Thing(
+        asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))), guessed=True
+    )
