@@ -28,7 +28,7 @@ THICK = 0.04
 FIN = (0.025, 0.065)
 """What is thinner and shorter than this (m) and sticks out of something higher is its tab, lip or fin."""
 CAP = 0.045
-"""What is smaller than this (m) across, on top of something larger, is its cap."""
+"""What is smaller than this (m) across and lower, on top of something larger, is its cap."""
 CARRIED = 0.02
 """What hangs higher than this (m) above the table wants a support."""
 
@@ -156,9 +156,9 @@ class Merger:
             return True  # inside it
         minor = one.count < 0.4 * other.count
         ridge = one.width < FIN[0] and one.length < 0.1 and one.count < 0.2 * other.count
-        if minor and share > 0.5 and (one.length < CAP or ridge) and one.bottom > other.top - 0.03:
+        if minor and share > 0.5 and (one.length < CAP or ridge) and other.top - 0.03 < one.bottom and one.top < other.top + CAP:
             return True  # a cap, or a ridge
-        tiny = one.length < NARROW or one.count < 0.02 * other.count
+        tiny = (one.length < NARROW or one.count < 0.02 * other.count) and one.top < other.top + CAP
         fin = one.width < FIN[0] and one.length < FIN[1] and one.count < 0.2 * other.count and one.top < other.top
         hangs = one.bottom > CARRIED and one.width < 2 * NARROW and one.length < 0.12 and not self._carried(small)
         return minor and (tiny or fin or hangs)
