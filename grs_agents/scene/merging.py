@@ -156,7 +156,13 @@ class Merger:
             return True  # inside it
         minor = one.count < 0.4 * other.count
         ridge = one.width < FIN[0] and one.length < 0.1 and one.count < 0.2 * other.count
-        if minor and share > 0.5 and (one.length < CAP or ridge) and other.top - 0.03 < one.bottom and one.top < other.top + CAP:
+        if (
+            minor
+            and share > 0.5
+            and (one.length < CAP or ridge)
+            and other.top - 0.03 < one.bottom
+            and one.top < other.top + CAP
+        ):
             return True  # a cap, or a ridge
         tiny = (one.length < NARROW or one.count < 0.02 * other.count) and one.top < other.top + CAP
         fin = one.width < FIN[0] and one.length < FIN[1] and one.count < 0.2 * other.count and one.top < other.top
