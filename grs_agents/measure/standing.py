@@ -23,7 +23,7 @@ from grs_agents.scene import (
 )
 from grs_agents.scene.metrics import MATCHED, overlaps
 from grs_agents.scene.truth import LabelledScene
-from grs_agents.twin import Segment, Thing, reconcile, report_of
+from grs_agents.twin import Placed, Segment, Thing, reconcile, report_of
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,12 @@ class Standing:
 
     Attributes:
         poses: of the assets of candidates that match an object of the library.
-        drifts: how far each thing moves until the twin is at rest, m.
+        placed: where they come to rest in the twin.
         twin: its figures; ``None`` where nothing stands on the simulated table.
     """
 
     poses: Mapping[int, Registered] = field(default_factory=dict[int, Registered])
-    drifts: Mapping[int, float] = field(default_factory=dict[int, float])
+    placed: Mapping[int, Placed] = field(default_factory=dict[int, Placed])
     twin: TwinReport | None = None
 
 
@@ -131,12 +131,8 @@ def _settled(
         things = [segments[index].known or proxies[index] for index in kept]
         both = library.overlay(Path(folder)) if proxies else library
         rest, twin = report_of(things, both, scene.frame, table, scene.labels > 0)
-    drifts = {
-        candidates[index].id: placed.drift
-        for index, placed in zip(kept, rest.placed, strict=True)
-        if placed is not None
-    }
-    return Standing(poses, drifts, twin if drifts else None)
+    placed = {candidates[index].id: one for index, one in zip(kept, rest.placed, strict=True) if one is not None}
+    return Standing(poses, placed, twin if placed else None)
 
 
 def _proxy(one: Candidate, claim: Claim, scene: LabelledScene, table: TableFrame, folder: Path) -> Thing:

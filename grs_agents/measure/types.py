@@ -29,6 +29,7 @@ class ObjectFigures(Frozen):
         residual: how far its points are off the asset's surface.
         method: ``registered``, or ``box`` where the asset is laid into the measured box.
         drift: how far what stands for it moves until the twin is at rest.
+        held: it would have fallen, and may stand on something that the photo does not show: in the twin it stays.
     """
 
     id: int
@@ -44,6 +45,7 @@ class ObjectFigures(Frozen):
     residual: float | None = None
     method: str = ""
     drift: float | None = None
+    held: bool | None = None
 
 
 class FrameFigures(Frozen):

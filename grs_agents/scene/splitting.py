@@ -65,22 +65,23 @@ def _cut(cloud: Array) -> _Cut | None:
     known = known[:: len(known) // SAMPLES + 1]
     if len(known) < 2 * FEWEST:
         return None
-    low, high = np.percentile(known, (OUTLIERS, 100 - OUTLIERS), axis=0)
-    inner = known[within(known, low, high)]
+    least, most = np.percentile(known, (OUTLIERS, 100 - OUTLIERS), axis=0)
+    inner = known[within(known, least, most)]
     before = _off(inner)
-    if before < max(DEEP, SHARE * float(np.linalg.norm(high - low))) or is_open(inner, np.zeros((0, 3))):
+    if before < max(DEEP, SHARE * float(np.linalg.norm(most - least))) or is_open(inner, np.zeros((0, 3))):
         return None
     best: _Cut | None = None
     angles = np.arange(YAWS) * np.pi / YAWS
     for axis in (np.array([0.0, 0.0, 1.0]), *np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)):
         along = inner @ axis
-        for place in np.linspace(along.min(), along.max(), PLACES + 2)[1:-1]:
+        low, high = float(along.min()), float(along.max())
+        for place in [low + (high - low) * step / (PLACES + 1) for step in range(1, PLACES + 1)]:
             one, other = inner[along <= place], inner[along > place]
             if min(len(one), len(other)) < FEWEST:
                 continue
             off = (len(one) * _off(one) + len(other) * _off(other)) / len(inner)
             if off < BETTER * before and (best is None or off < best.off):
-                best = _Cut(axis, float(place), off)
+                best = _Cut(axis, place, off)
     return best
 
 

@@ -1,7 +1,6 @@
 """One sandbox for the tools, with the simulation imported ahead of time."""
 
 from collections.abc import Iterator
-
 from pathlib import Path
 
 import numpy as np
