@@ -190,7 +190,10 @@ def _targets_table(bounds: Sequence[Target]) -> str:
     lines = ["| figure | measured | target |", "|---|---|---|"]
     for one in bounds:
         if one.value is not None:
-            sign, missed = "at most" if one.smaller_is_better else "at least", " (missed)" if one.reached is False else ""
+            sign, missed = (
+                "at most" if one.smaller_is_better else "at least",
+                " (missed)" if one.reached is False else "",
+            )
             bound = "" if one.bound is None else f"{sign} {one.bound:g} {one.unit}"
             lines.append(f"| {one.name} | {one.value:.3g} {one.unit}{missed} | {bound} |")
     return "\n".join(lines) + "\n"

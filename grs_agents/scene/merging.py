@@ -99,13 +99,21 @@ class Merger:
     def __init__(self, labels: Labels, points: Array) -> None:
         self.labels = labels.copy()
         self.points = points
-        numbers = range(1, int(labels.max()) + 1)
-        measured = {label: part_of(points[labels == label]) for label in numbers}
+        pixels = np.flatnonzero(labels)
+        owners = labels.ravel()[pixels]
+        order = np.argsort(owners, kind="stable")
+        counts = np.bincount(owners, minlength=int(labels.max()) + 1)
+        clouds = np.split(points.reshape(-1, 3)[pixels[order]], np.cumsum(counts[1:-1]))
+        measured = {label: part_of(cloud) for label, cloud in enumerate(clouds, 1)}
         self.parts = {label: part for label, part in measured.items() if part is not None}
         table = points[(labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < 0.015)]
         self.table = table[::5]
         self.brinks = Brinks(labels, points)
-        self.columns = {label: int((labels == label).any(axis=0).sum()) for label in self.parts}
+        width = labels.shape[1]
+        columns = np.bincount(
+            np.unique(owners.astype(np.int64) * width + pixels % width) // width, minlength=len(counts)
+        )
+        self.columns = {label: int(columns[label]) for label in self.parts}
         self.refused: set[tuple[int, int]] = set()
 
     def run(self) -> Labels:
