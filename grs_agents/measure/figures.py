@@ -21,6 +21,9 @@ COLUMNS = ("scene", "sensor", "tilt", "objects", "segments", "IoU", "F1@.5", "F1
 at which the twin at rest is within 2 cm, ``penetration`` its deepest."""
 
 
+SMALL, LARGE = 640 * 480, 1920 * 1080
+
+
 class Target(Frozen):
     """A total and the bound it should keep, if any; its value is ``None`` where nothing was measured."""
 
@@ -83,9 +86,6 @@ def targets(scenes: Sequence[SceneFigures]) -> list[Target]:
     frames = [scene.frame for scene in scenes if scene.frame is not None]
     twins = [scene.twin for scene in scenes if scene.twin is not None]
     turned = _values(objects, lambda one: None if one.symmetric else one.angle)
-    pixels = [(scene.cpu_seconds, scene.width * scene.height) for scene in scenes]
-    small = [seconds for seconds, count in pixels if count <= 640 * 480]
-    large = [seconds for seconds, count in pixels if 640 * 480 < count <= 1920 * 1080]
     return [
         Target(name="F1 at IoU 0.5", value=score.f1[0], bound=0.90, smaller_is_better=False),
         Target(name="mean IoU of matched", value=_finite(score.mean_iou), bound=0.85, smaller_is_better=False),
@@ -105,11 +105,23 @@ def targets(scenes: Sequence[SceneFigures]) -> list[Target]:
         Target(name="assets within 1 cm and 10 deg", value=_mean(_values(objects, _stands))),
         Target(name="frame tilt, largest", value=max((one.tilt for one in frames), default=None), bound=1, unit="deg"),
         Target(name="frame height, largest", value=_largest_height([one.height for one in frames]), bound=5, unit="mm"),
-        Target(name="CPU up to 640x480, largest", value=max(small, default=None), bound=1, unit="s"),
-        Target(name="CPU up to 1920x1080, largest", value=max(large, default=None), bound=3, unit="s"),
+        *_times("CPU up to 640x480", 1, [one for one in scenes if one.width * one.height <= SMALL]),
+        *_times("CPU up to 1920x1080", 3, [one for one in scenes if SMALL < one.width * one.height <= LARGE]),
         Target(name="peak memory, largest", value=max((one.peak_mib for one in scenes), default=None), bound=1024,
                unit="MiB"),
     ]  # fmt: skip
+
+
+def _times(name: str, bound: float, scenes: Sequence[SceneFigures]) -> list[Target]:
+    """The least of each scene's tries, as a shared machine only ever adds to it: of the slowest scene, and the median;
+    and the median of the medians of the tries."""
+    least = [one.cpu_seconds for one in scenes]
+    usual = _median([one.cpu_median or one.cpu_seconds for one in scenes])
+    return [
+        Target(name=f"{name}, largest", value=max(least, default=None), bound=bound, unit="s"),
+        Target(name=f"{name}, median", value=_median(least), bound=bound, unit="s"),
+        Target(name=f"{name}, median of the tries' medians", value=usual, bound=bound, unit="s"),
+    ]
 
 
 def _drifts(drifts: Sequence[float]) -> list[Target]:
