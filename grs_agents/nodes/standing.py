@@ -160,7 +160,7 @@ def _agreed(
 
 
 def _settled(stood: Stood, frame: RGBDFrame, table: TableFrame, mask: Mask, library: Library) -> Stood:
-    things = [Thing(one.asset, (one.position, one.orientation)) for one in stood.objects]
+    things = [Thing(one.asset, (one.position, one.orientation), not one.matched) for one in stood.objects]
     rest, twin = report_of(things, library, frame, table, mask)
     objects = tuple(
         one if placed is None else one.model_copy(update={"settled": placed.pose, "drift": placed.drift})

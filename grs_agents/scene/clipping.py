@@ -15,7 +15,7 @@ SLACK = 0.003
 """Overlaps up to this (m) are left to physics: boxes are measured no better."""
 STRAY = 0.03
 """Of what intrudes this share may stay: a rim, a handle."""
-LOST = 0.45
+LOST = 0.7
 """A cut may cut off at most this share of a thing's own points."""
 VOLUME = 0.2
 """A cut that takes all of a box off counts as much as one that takes this share of its points off."""

@@ -208,6 +208,7 @@ class TwinReport(Frozen):
         fidelity: share of the objects' pixels at which the twin at rest, seen by the photo's camera, is within 2 cm of
             the measured depth; ``None`` if nothing was measured.
         still: everything came to rest.
+        held: so many things would have fallen, and may stand on something that the photo does not show: they stay.
     """
 
     found: float
@@ -215,6 +216,7 @@ class TwinReport(Frozen):
     drift: float
     fidelity: float | None
     still: bool
+    held: int = 0
 
 
 class SceneDescription(Frozen):

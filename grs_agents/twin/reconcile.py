@@ -9,7 +9,7 @@ from grs_agents.library import Library
 from grs_agents.scene import Claim, Mask, RGBDFrame, TableFrame, clipped, explained, shell_of
 from grs_agents.scene.table import robot_points_at
 from grs_agents.scene.types import Solid, UprightBox
-from grs_agents.twin.settle import Thing
+from grs_agents.twin.thing import Thing
 
 
 @dataclass(frozen=True)
