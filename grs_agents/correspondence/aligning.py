@@ -136,7 +136,9 @@ def _stepped(asset: Appearance, turns: Floats, places: Floats, points: Floats) -
         jacobian[..., 3 + axis] = moment / _ARM
     weighted = (jacobian * (weight / np.float32(len(points)))).transpose(0, 2, 1)
     wanted = (offset * normals).sum(axis=2, keepdims=True)
-    step: Floats = np.linalg.solve(weighted @ jacobian + _RIDGE, weighted @ wanted)[:, :, 0]
+    left: Floats = weighted @ jacobian + _RIDGE
+    right: Floats = weighted @ wanted
+    step = np.asarray(np.linalg.solve(left, right), np.float32)[:, :, 0]
     # the points move in the asset's frame by the step, so the asset moves by its inverse
     moved = turns @ _rotations(step[:, 3:] / _ARM).transpose(0, 2, 1)
     return moved, places - (moved @ step[:, :3, None])[:, :, 0]

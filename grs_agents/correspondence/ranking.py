@@ -41,7 +41,7 @@ WEIGHTS: dict[Use, tuple[float, ...]] = {
         2.151,
         -3.311,
     ),
-    "no size": (0.0,) * len(GEOMETRY) + (1.215, 0.856, -1.133, 2.512, -1.709, -2.003, 0.386, -2.467, 0),
+    "no size": (0.0,) * len(GEOMETRY) + (1.651, -1.961, 3.448, 5.432, -2.61, -1.361, -1.067, 1.993, -6.536),
 }
 """One for each of `grs_agents.correspondence.features.NAMES`; without size, those of geometry count nothing."""
 
