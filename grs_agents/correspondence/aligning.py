@@ -51,9 +51,51 @@ class Laid:
         return self.off + np.float32(0.7) * self.air
 
 
-def align(asset: Appearance, seen: Observation, view: View) -> Laid:
+@dataclass(frozen=True)
+class Approach:
+    """From where assets begin to be aligned with a candidate; the same for all of them.
+
+    Attributes:
+        yaws: (Y, 3, 3) turns about the vertical.
+        top: how high it reaches, m.
+        flat: (2, 2) horizontal unit vectors towards the camera, and across.
+        low, high: (2,) m, between which its points lie along these.
+        middle: (3,) of its points, m.
+        axes: (3, 3) their principal axes, as columns, the flattest first and towards the camera.
+        least, most: (3,) m, between which its points lie along these, from their middle.
+    """
+
+    yaws: Floats
+    top: float
+    flat: Floats
+    low: Floats
+    high: Floats
+    middle: Floats
+    axes: Floats
+    least: Floats
+    most: Floats
+
+
+def approach_of(seen: Observation, view: View) -> Approach:
+    """Where to begin with a candidate."""
+    yaws = seen.upright.yaw + np.array([0.0, np.pi / 6, -np.pi / 6])
+    toward = view.eye[:2] - np.asarray(seen.upright.center[:2])
+    toward = toward / max(float(np.linalg.norm(toward)), 1e-6)
+    flat = np.array([toward, (-toward[1], toward[0])], np.float32)
+    low, high = np.percentile(seen.points[:, :2] @ flat.T, (3, 97), axis=0)
+    middle = seen.points.mean(axis=0)
+    _, axes = np.linalg.eigh((seen.points - middle).T @ (seen.points - middle))
+    axes = axes * np.where(axes.T @ (view.eye - middle) < 0, -1.0, 1.0)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    least, most = np.percentile((seen.points - middle) @ axes, (2, 98), axis=0)
+    top = seen.upright.center[2] + seen.upright.size[2] / 2
+    about = _rotations(np.column_stack([0 * yaws, 0 * yaws, yaws]))
+    return Approach(about, top, flat, low, high, middle, axes.astype(np.float32), least, most)
+
+
+def align(asset: Appearance, approach: Approach, seen: Observation, view: View) -> Laid:
     """The poses in which the asset fits best."""
-    turns, places = _starts(asset, seen, view)
+    turns, places = _starts(asset, approach, seen)
     begin = _off(asset, turns, places, seen.points[::4])
     best = np.argsort(begin, kind="stable")[:_TRIED]
     turns, places = turns[best], places[best]
@@ -65,47 +107,24 @@ def align(asset: Appearance, seen: Observation, view: View) -> Laid:
     return Laid(turns[best], places[best], off[best], air[best], share[best], beside[best], lift[best])
 
 
-def _starts(asset: Appearance, seen: Observation, view: View) -> tuple[Floats, Floats]:
+def _starts(asset: Appearance, approach: Approach, seen: Observation) -> tuple[Floats, Floats]:
     """Turns (K, 3, 3) and places (K, 3): on each side under the measured top, and along the points' own axes."""
-    quarter = asset.turns
-    yaws = np.array([seen.upright.yaw + between for between in (0.0, np.pi / 6, -np.pi / 6)])
-    about = np.zeros((len(yaws), 3, 3), np.float32)
-    about[:, 0, 0] = about[:, 1, 1] = np.cos(yaws)
-    about[:, 1, 0], about[:, 0, 1], about[:, 2, 2] = np.sin(yaws), -np.sin(yaws), 1.0
-    turns = (about[:, None] @ quarter).reshape(-1, 3, 3)
-    top = seen.upright.center[2] + seen.upright.size[2] / 2
+    turns = (approach.yaws[:, None] @ asset.turns).reshape(-1, 3, 3)
     heights = np.abs(turns[:, 2]) @ asset.half
-    heights = np.maximum(top - heights, heights - 0.01)
-    toward = view.eye[:2] - np.asarray(seen.upright.center[:2])
-    toward = toward / max(float(np.linalg.norm(toward)), 1e-6)
-    across = np.array([-toward[1], toward[0]])
-    flat = np.stack([toward, across]).astype(np.float32)
-    reach = np.abs(np.einsum("ai,kij->kaj", flat, turns[:, :2])) @ asset.half  # (K, 2) along both
-    along = seen.points[:, :2] @ flat.T
-    low, high = np.percentile(along, (3, 97), axis=0)
-    near = high[0] - reach[:, 0]
-    places = [np.broadcast_to(np.asarray(seen.upright.center[:2], np.float32), (len(turns), 2))]
-    for side in ((low[1] + high[1]) / 2 + 0 * near, low[1] + reach[:, 1], high[1] - reach[:, 1]):
-        places.append((np.stack([near, side], axis=1) @ flat).astype(np.float32))
-    placed = np.concatenate([np.column_stack([one, heights]) for one in places])
-    leaning, at = _leaning(asset, seen, view)
-    return np.concatenate([np.tile(turns, (len(places), 1, 1)), leaning]), np.concatenate([placed, at]).astype(
-        np.float32
-    )
-
-
-def _leaning(asset: Appearance, seen: Observation, view: View) -> tuple[Floats, Floats]:
-    """Along the principal axes of the points, the near side where the points begin."""
-    middle = seen.points.mean(axis=0)
-    _, axes = np.linalg.eigh((seen.points - middle).T @ (seen.points - middle))
-    axes = axes * np.where(axes.T @ (view.eye - middle) < 0, -1.0, 1.0)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    local = (seen.points - middle) @ axes
-    low, high = np.percentile(local, (2, 98), axis=0)
-    turns = axes @ asset.turns
-    places = np.tile((low + high) / 2, (len(turns), 1))
-    places[:, 0] = high[0] - (np.abs(asset.turns) @ asset.half)[:, 0]  # the flattest direction is the one seen head-on
-    return turns.astype(np.float32), (places @ axes.T + middle).astype(np.float32)
+    heights = np.maximum(approach.top - heights, heights - 0.01)
+    reach = np.abs(approach.flat @ turns[:, :2]) @ asset.half  # (K, 2) towards the camera and across
+    near = approach.high[0] - reach[:, 0]
+    low, high = approach.low[1], approach.high[1]
+    flat = [np.broadcast_to(np.array(seen.upright.center[:2]), (len(turns), 2))]
+    # what is hidden may be on either side: in the middle of what is seen, and flush with either end of it
+    for side in (np.full(len(turns), (low + high) / 2), low + reach[:, 1], high - reach[:, 1]):
+        flat.append(np.column_stack([near, side]) @ approach.flat)
+    upright = np.concatenate([np.column_stack([one, heights]) for one in flat])
+    # along the points' own axes; the flattest direction is the one that was seen head-on
+    local = np.tile((approach.least + approach.most) / 2, (len(asset.turns), 1))
+    local[:, 0] = approach.most[0] - (np.abs(asset.turns) @ asset.half)[:, 0]
+    places = np.concatenate([upright, local @ approach.axes.T + approach.middle]).astype(np.float32)
+    return np.concatenate([np.tile(turns, (len(flat), 1, 1)), approach.axes @ asset.turns]), places
 
 
 def _nearest(asset: Appearance, turns: Floats, places: Floats, points: Floats) -> tuple[Floats, Floats, Floats]:

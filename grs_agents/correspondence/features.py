@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.correspondence.aligning import Laid, align
+from grs_agents.correspondence.aligning import Laid, align, approach_of
 from grs_agents.correspondence.catalogue import Catalogue
 from grs_agents.correspondence.observation import Observation, View
 from grs_agents.correspondence.painting import DAYLIGHT, Light, Painted, paint
@@ -67,7 +67,8 @@ def pairs(catalogue: Catalogue, seen: Observation, view: View, sized: bool = Tru
     tones = _tones(catalogue, seen, DAYLIGHT, 0.02)
     glance = tones - (0.06 * np.minimum(3 * large + small, 4) if sized else 0.0)
     order: list[int] = np.argsort(-glance, kind="stable")[:SHORTLIST].tolist()
-    laid = [align(catalogue.looks[number], seen, view) for number in order]
+    approach = approach_of(seen, view)
+    laid = [align(catalogue.looks[number], approach, seen, view) for number in order]
     scores = [glance[number] - (40 * one.misfit[0] if sized else 0.0) for number, one in zip(order, laid, strict=True)]
     best: list[int] = np.argsort(-np.array(scores), kind="stable")[:PAINTED].tolist()
     found: list[Pair] = []
