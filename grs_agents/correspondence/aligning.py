@@ -137,8 +137,8 @@ def _nearest(asset: Appearance, turns: Floats, places: Floats, points: Floats) -
 def _off(asset: Appearance, turns: Floats, places: Floats, points: Floats) -> Floats:
     """(K,) mean distance of points from the surface, m."""
     _, offset, normals = _nearest(asset, turns, places, points)
-    across = np.abs((offset * normals).sum(axis=2))
-    apart: Floats = np.sqrt((offset * offset).sum(axis=2))
+    across = np.abs(_inner(offset, normals))
+    apart: Floats = np.sqrt(_inner(offset, offset))
     off = np.minimum(np.where(apart < _NEAR, across, apart), FAR)
     count = max(1, round(_TRIMMED * len(points)))
     return np.partition(off, count - 1, axis=1)[:, :count].mean(axis=1)
@@ -147,14 +147,14 @@ def _off(asset: Appearance, turns: Floats, places: Floats, points: Floats) -> Fl
 def _stepped(asset: Appearance, turns: Floats, places: Floats, points: Floats) -> tuple[Floats, Floats]:
     """One step of point-to-plane alignment for all poses; what is far off has little weight."""
     local, offset, normals = _nearest(asset, turns, places, points)
-    weight = 1 / (1 + (offset * offset).sum(axis=2, keepdims=True) * np.float32(1e4))
+    weight = 1 / (1 + _inner(offset, offset)[..., None] * np.float32(1e4))
     jacobian = np.empty((*local.shape[:2], 6), np.float32)
     jacobian[..., :3] = normals
     for axis, (one, two) in enumerate(((1, 2), (2, 0), (0, 1))):
         moment = local[..., one] * normals[..., two] - local[..., two] * normals[..., one]
-        jacobian[..., 3 + axis] = moment / _ARM
+        jacobian[..., 3 + axis] = moment * (1 / _ARM)
     weighted = (jacobian * (weight / np.float32(len(points)))).transpose(0, 2, 1)
-    wanted = (offset * normals).sum(axis=2, keepdims=True)
+    wanted = _inner(offset, normals)[..., None]
     left: Floats = weighted @ jacobian + _RIDGE
     right: Floats = weighted @ wanted
     step = np.asarray(np.linalg.solve(left, right), np.float32)[:, :, 0]
@@ -169,13 +169,13 @@ def _air(
     """What `Laid` tells of the surface that faces the camera, and how far the lowest point is above the table."""
     back = turns.transpose(0, 2, 1)
     placed = asset.points[:_PROBES] @ back + places[:, None]
-    facing = ((asset.normals[:_PROBES] @ back) * (placed - view.eye.astype(np.float32))).sum(axis=2) < 0
+    facing = _inner(asset.normals[:_PROBES] @ back, placed - view.eye.astype(np.float32)) < 0
     rows, columns, depth, inside = view.project(placed)
     measured = view.depth[rows, columns] * inside
     known = facing & (measured > 0)
     ahead = measured - depth
-    before = np.clip(ahead - np.float32(AIR), 0, FAR) * known
-    below = np.clip(-placed[:, :, 2] - np.float32(0.003), 0, FAR)
+    before = np.minimum(np.maximum(ahead - np.float32(AIR), 0), FAR) * known
+    below = np.minimum(np.maximum(-placed[:, :, 2] - np.float32(0.003), 0), FAR)
     mine = seen.mask[rows, columns] & inside
     number = np.maximum(facing.sum(axis=1), 1)
     air = before.sum(axis=1) / np.maximum(known.sum(axis=1), 1) + below.mean(axis=1)
@@ -186,6 +186,11 @@ def _air(
         beside.sum(axis=1) / number,
         placed[:, :, 2].min(axis=1),
     )
+
+
+def _inner(one: Floats, other: Floats) -> Floats:
+    """(K, N) products of vectors (K, N, 3)."""
+    return np.asarray(np.einsum("kni,kni->kn", one, other))
 
 
 def _rotations(vectors: Floats) -> Floats:

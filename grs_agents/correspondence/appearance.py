@@ -67,7 +67,8 @@ class Appearance:
         """The number of the surface point near each place (..., 3), m, in the frame of `points`."""
         cells = ((places - self.low) * np.float32(1 / self.cell)).astype(np.int32)
         shape = self.nearest.shape
-        np.clip(cells, 0, np.array(shape, np.int32) - 1, out=cells)
+        np.maximum(cells, 0, out=cells)
+        np.minimum(cells, np.array(shape, np.int32) - 1, out=cells)
         flat = (cells[..., 0] * shape[1] + cells[..., 1]) * shape[2] + cells[..., 2]
         return self.nearest.ravel()[flat].astype(np.int64)
 
