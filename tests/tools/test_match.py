@@ -39,8 +39,9 @@ def run(name: str, scene_folder: Path, asked: Asked, count: int = 2) -> tuple[Ma
 
 
 @pytest.mark.parametrize(
-    ("name", "worded", "pictured"), [("match_text", True, False), ("match_image", False, True), ("match_both", True, True)]
-)  # fmt: skip
+    ("name", "worded", "pictured"),
+    [("match_text", True, False), ("match_image", False, True), ("match_both", True, True)],
+)
 def test_a_model_is_asked_among_all_assets(name: str, worded: bool, pictured: bool, sample_scene: Path) -> None:
     asked = Asked()
     found, segments = run(name, sample_scene, asked)
