@@ -1,7 +1,7 @@
 """What the index of assets costs, measured in processes of their own; nothing here has been photographed or described.
 
-The assets are synthetic: descriptions of nine words by Zipf's law, four of them shared by all of a kind; looks of six of
-400 colours; sizes spread around those of the kind. Queries are assets of the index, their vectors disturbed.
+The assets are synthetic: descriptions of nine words by Zipf's law, four of them shared by all of a kind; looks of six
+of 400 colours; sizes spread around those of the kind. Queries are assets of the index, their vectors disturbed.
 """
 
 import json
