@@ -8,7 +8,7 @@ from typing import Any
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.scene import SceneObject, deviation, extent_of, read_description
+from grs_agents.scene import SceneObject, deviation, read_description, upright_of
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -44,5 +44,6 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _row(thing: SceneObject, library: Library) -> dict[str, Any]:
-    off = deviation(extent_of(thing.asset, (thing.position, thing.orientation), library), thing.box)
+    measured = thing.upright or upright_of(thing.box)
+    off = deviation(thing.asset, (thing.position, thing.orientation), library, measured)
     return {"object": thing.name, "asset": thing.asset, "centre": off.centre, "size": off.size, "agrees": off.agrees}

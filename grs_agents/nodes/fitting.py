@@ -13,7 +13,7 @@ from grs_agents.scene import (
     SceneObject,
     TableFrame,
     deviation,
-    extent_of,
+    upright_of,
 )
 
 
@@ -46,7 +46,8 @@ def fitting(
         if reason := dropped(found, services.config.match.proxies):
             lost.append(DroppedCandidate(id=one.id, reason=reason))
         else:
-            kept.append(object_of(found, services, [*taken, *(other.name for other in kept)], photo))
+            names = [*taken, *(other.name for other in (*objects, *kept))]
+            kept.append(object_of(found, services, names, photo))
     return tuple(kept), lost
 
 
@@ -54,7 +55,8 @@ def _refused(one: SceneObject, services: Services) -> MatchEvidence | None:
     """What to say of the match of an object instead, if its asset is not of its size; ``None`` if it is."""
     if not one.matched:
         return None
-    off = deviation(extent_of(one.asset, (one.position, one.orientation), services.library), one.box)
+    measured = one.upright or upright_of(one.box)
+    off = deviation(one.asset, (one.position, one.orientation), services.library, measured)
     if off.agrees:
         return None
     reason = f"{one.asset} was matched ({one.evidence}), but is not of the measured size there: {off}"

@@ -6,7 +6,7 @@ from grs_agents.scene.clipping import Claim, clipped
 from grs_agents.scene.explaining import Shell, explained, shell_of
 from grs_agents.scene.frame import Camera, Image, Mask, RGBDFrame
 from grs_agents.scene.leftover import found_later
-from grs_agents.scene.likeness import Deviation, deviation, extent_of
+from grs_agents.scene.likeness import Deviation, aligned, deviation, upright_of
 from grs_agents.scene.pictures import add_candidates, annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.scene.proposals import Proposal, segment_proposed
 from grs_agents.scene.reading import (
@@ -65,6 +65,7 @@ __all__ = [
     "TwinReport",
     "UprightBox",
     "add_candidates",
+    "aligned",
     "annotate",
     "body_of",
     "candidates_of",
@@ -72,7 +73,6 @@ __all__ = [
     "clipped",
     "deviation",
     "explained",
-    "extent_of",
     "find_table",
     "found_later",
     "load_frame",
@@ -92,4 +92,5 @@ __all__ = [
     "segment",
     "segment_proposed",
     "shell_of",
+    "upright_of",
 ]

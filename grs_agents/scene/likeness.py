@@ -8,7 +8,8 @@ from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.scene.surface import corners_of
-from grs_agents.scene.types import Aabb
+from grs_agents.scene.turning import about_z
+from grs_agents.scene.types import Aabb, Solid, UprightBox
 
 CENTRE, SIZE = 0.02, 0.25
 """The centre may be off by so much (m), each extent by such a share."""
@@ -30,8 +31,14 @@ class Deviation:
         return f"centre {1000 * self.centre:.0f} mm, size {100 * self.size:.0f} % off"
 
 
-def extent_of(asset: str, pose: Pose, library: Library) -> Aabb:
-    """The axis-aligned box, m, around an asset whose bounding box has its centre and rotation (xyzw) at ``pose``.
+def deviation(asset: str, pose: Pose, library: Library, measured: UprightBox) -> Deviation:
+    """How far an asset is off what was measured, along the axes of the measured box.
+
+    Args:
+        asset: a library name.
+        pose: where the centre of its bounding box is (m) with its rotation (xyzw), robot frame.
+        library: where it is looked up.
+        measured: the box.
 
     Raises:
         UnknownNameError: the library has no such asset.
@@ -39,11 +46,21 @@ def extent_of(asset: str, pose: Pose, library: Library) -> Aabb:
     corners = corners_of(asset, library).reshape(-1, 3)
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     placed = (corners - middle) @ rotation_matrix(pose[1]).T + pose[0]
-    low, high = placed.min(axis=0).tolist(), placed.max(axis=0).tolist()
+    local = (placed - measured.center) @ about_z(measured.yaw)
+    low, high = local.min(axis=0), local.max(axis=0)
+    return Deviation(
+        float(np.linalg.norm(low + high)) / 2, float(np.abs((high - low) / np.array(measured.size) - 1).max())
+    )
+
+
+def aligned(box: UprightBox, shape: Solid) -> Aabb:
+    """The axis-aligned box around an upright one, or around the cylinder in it."""
+    turn = np.eye(3) if shape == "cylinder" else np.abs(about_z(box.yaw))
+    reach = turn @ np.array(box.size) / 2
+    low, high = (np.array(box.center) - reach).tolist(), (np.array(box.center) + reach).tolist()
     return Aabb(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
 
 
-def deviation(stand_in: Aabb, measured: Aabb) -> Deviation:
-    """How far a stand-in is off what was measured, axis by axis."""
-    centre = float(np.linalg.norm(np.subtract(stand_in.center, measured.center)))
-    return Deviation(centre, float(np.abs(np.divide(stand_in.size, measured.size) - 1).max()))
+def upright_of(box: Aabb) -> UprightBox:
+    """An axis-aligned box as one with a yaw."""
+    return UprightBox(center=box.center, size=box.size, yaw=0.0)

@@ -7,7 +7,7 @@ import socket
 import sys
 import zlib
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol, cast
 
@@ -105,7 +105,7 @@ def download(door: Objaverse, entries: Sequence[Entry], folder: Path) -> dict[st
 
 
 @contextlib.contextmanager
-def _told(what: str) -> Iterator[None]:
+def _told(what: str) -> Generator[None]:
     """What the package prints goes to standard error, and what goes wrong in it is told as ours."""
     patience = socket.getdefaulttimeout()
     socket.setdefaulttimeout(_PATIENCE)

@@ -24,7 +24,7 @@ PLACES = {"a1": "glbs/000-000/a1.glb", "b2": "glbs/000-001/b2.glb", "c3": "glbs/
 
 
 class Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, format: str, *args: object) -> None:
+    def log_message(self, *args: object) -> None:
         pass
 
 
