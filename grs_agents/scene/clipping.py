@@ -17,9 +17,10 @@ STRAY = 0.03
 """Of what intrudes this share may stay: a rim, a handle."""
 LOST = 0.45
 """A cut may cut off at most this share of a thing's own points."""
-KEPT = 0.85
-"""And must leave at least this share of the extent over which they were measured: half of it shifts the centre, which
-is known to about 2 cm in things of 25 cm."""
+KEPT = 0.8
+"""And must leave at least this share of the extent over which they were measured: less is no stand-in of its size."""
+LONGEST_LOSS = 0.035
+"""And may leave out at most this length of it, m: half of it shifts the centre, which is to stay within 2 cm."""
 VOLUME = 0.2
 """A cut that takes all of a box off counts as much as one that takes this share of its points off."""
 CELL = 0.008
@@ -165,7 +166,7 @@ def _kept(axis: int, place: float, side: int, own: Array, half: Array) -> bool:
     """
     low, high = np.percentile(side * own[:, axis], (1, 99))
     lost = max(high - place, 0.0) + max(-half[axis] - low, 0.0)
-    return bool(lost <= SLACK + (1 - KEPT) * (high - low))
+    return bool(lost <= min(SLACK + (1 - KEPT) * (high - low), LONGEST_LOSS))
 
 
 def _applied(claim: Claim, cut: _Cut | None) -> Claim:
