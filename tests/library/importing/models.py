@@ -81,7 +81,7 @@ def write_mjcf(path: Path, file: str = "can.obj", texture: str = "label.png") ->
     """An MJCF of one body: a textured mesh to look at and a cylinder to touch."""
     path.parent.mkdir(parents=True, exist_ok=True)
     textured_box(path.parent / "parts", "can", (6.6, 6.6, 8.4), "label.png")
-    picture(path.parent / "parts" / "label.png")
+    picture(path.parent / "parts" / "label.png", (20, 130, 60), (240, 220, 60))
     path.write_text(
         '<mujoco><compiler meshdir="parts" texturedir="parts"/><asset>'
         f'<texture name="t" type="2d" file="{texture}"/><material name="m" texture="t"/>'
