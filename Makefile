@@ -10,12 +10,13 @@ PYTEST_OPTIONS ?= -n 2 --dist loadfile
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test check format smoke docs lock clean
+.PHONY: help setup demo test coverage check format smoke docs lock clean
 
 help:
 	@echo "make setup   create $(VENV) and install the locked dependencies and this package into it"
 	@echo "make demo    setup, then the main job on the sample scene (SCENE=... for another)"
-	@echo "make test    setup, then the tests with coverage (PYTEST_OPTIONS=... for others)"
+	@echo "make test    setup, then the tests (PYTEST_OPTIONS=... for others)"
+	@echo "make coverage  the same with coverage, which takes twice as long"
 	@echo "make check   setup, then ruff and pyright"
 	@echo "make format  setup, then let ruff mend what it can"
 	@echo "make smoke   setup, then build wheel and sdist and run each from an empty folder"
@@ -54,6 +55,9 @@ demo: setup
 	$(BIN)/grs run $(SCENE)
 
 test: setup
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+
+coverage: setup
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS) --cov --cov-report=term
 
 check: setup

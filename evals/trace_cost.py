@@ -1,14 +1,17 @@
 """What tracing costs: the size of the recording and its share of the CPU time, in a run with many fixes."""
 
 import argparse
+import importlib
 import json
 import re
 import resource
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 from langchain_core.callbacks import CallbackManagerForLLMRun
 from langchain_core.language_models.chat_models import BaseChatModel
@@ -39,7 +42,8 @@ class Cost(Frozen):
         fixes, rollouts, events: what was recorded.
         mib: size of ``trace.rrd``.
         trace_seconds: CPU time of log and recording.
-        run_seconds: CPU time of the run without them, the sandbox included.
+        run_seconds: CPU time of all the rest: Python's start, imports and the sandbox included, as in ``grs run``.
+        import_seconds: CPU time of importing rerun, once and in neither of the above.
     """
 
     status: str
@@ -49,6 +53,7 @@ class Cost(Frozen):
     mib: float
     trace_seconds: float
     run_seconds: float
+    import_seconds: float
 
     @property
     def share(self) -> float:
@@ -106,28 +111,59 @@ class ClumsyAgents(Agents):
 
 
 class TimedLog(EventLog):
-    """An event log that adds up the CPU time of writing and of its subscribers."""
+    """An event log that adds up the CPU time of writing and of its subscribers, in the threads that they run in."""
 
     seconds = 0.0
 
     def append(self, event: Event) -> Event:
         """As ever, on the clock."""
-        begin = time.process_time()
+        begin = time.thread_time()
         try:
             return super().append(event)
         finally:
-            self.seconds += time.process_time() - begin
+            self.seconds += time.thread_time() - begin
+
+
+@contextmanager
+def _timed_rows() -> Generator[list[float]]:
+    """The CPU time of each sending of rows, which threads of their own do."""
+    from grs_agents.views.rows import Rows
+
+    spent: list[float] = []
+    send = Rows.send
+
+    def timed(rows: Rows) -> None:
+        begin = time.thread_time()
+        try:
+            send(rows)
+        finally:
+            spent.append(time.thread_time() - begin)
+
+    with mock.patch.object(Rows, "send", timed):
+        yield spent
+
+
+def _native_seconds() -> float:
+    """CPU time of rerun's own threads so far; 0 where the kernel does not tell."""
+    nanoseconds = 0
+    for task in Path("/proc/self/task").glob("[0-9]*"):
+        if (task / "comm").read_text().startswith(("ChunkBatcher", "RecordingStream", "file_writer", "tokio")):
+            nanoseconds += int((task / "schedstat").read_text().split()[0])
+    return nanoseconds / 1e9
 
 
 def measure(scene: Path, folder: Path, fixes: int) -> Cost:
     """Run the graph ``grs`` on ``scene`` with ``fixes`` fixes and see what its trace costs."""
+    begin = _cpu_seconds()
+    for module in ("rerun", "rerun.blueprint"):
+        importlib.import_module(module)
+    imported = _cpu_seconds() - begin
     from grs_agents.views.rerun_view import TRACE, RerunView
 
     config = load_config(None, [f"max_fixes={fixes + 1}", "audit.seeds=3", "policy=always_code"]).config
-    begin = _cpu_seconds()
     log = TimedLog(folder / "events.jsonl")
     with log:
-        with open_sandbox(config) as sandbox:
+        with open_sandbox(config) as sandbox, _timed_rows() as sending:
             agents = ClumsyAgents(config=config, log=log, folder=folder)
             agents.faults = fixes
             policy = load_policy(config.policy)
@@ -139,10 +175,11 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
             state: dict[str, Any] = {"scene_path": str(scene), "max_fixes": fixes + 1, "fixes": 0, "history": []}
             ended = graph.invoke(state, {"recursion_limit": 25 + 4 * fixes}, context=services)
             log.append(RunEnded(status=str(ended["status"]), reason=str(ended.get("reason", ""))))
+        spent = log.seconds + sum(sending) + _native_seconds()
         last = time.process_time()
         view.finish()
-        spent = log.seconds + time.process_time() - last
-    whole = _cpu_seconds() - begin
+        spent += time.process_time() - last
+    whole = _cpu_seconds() - imported
     kinds = [event.kind for event in read_events(folder / "events.jsonl")]
     return Cost(
         status=str(ended["status"]),
@@ -152,6 +189,7 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
         mib=(folder / TRACE).stat().st_size / 2**20,
         trace_seconds=spent,
         run_seconds=whole - spent,
+        import_seconds=imported,
     )
 
 
@@ -180,6 +218,7 @@ def main(arguments: Sequence[str]) -> int:
         table.add_row("run", f"{cost.status}, {cost.fixes} fixes, {cost.rollouts} rollouts, {cost.events} events", "")
         table.add_row("recording", f"{cost.mib:.1f} MiB", f"{LARGEST_MIB:.0f} MiB")
         table.add_row("CPU time of the run", f"{cost.run_seconds:.1f} s", "")
+        table.add_row("CPU time of importing rerun", f"{cost.import_seconds:.1f} s", "")
         table.add_row("CPU time of tracing", f"{cost.trace_seconds:.2f} s, {100 * cost.share:.1f} %",
                       f"{100 * LARGEST_SHARE:.0f} %")  # fmt: skip
         Console().print(table)

@@ -26,7 +26,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"run", "views"}),
     frozenset({"measure"}),
     frozenset({"evals/", "cli"}),
-    frozenset({"__main__"}),
+    frozenset({"__main__", "serving"}),
 )
 """From the ground up; a room imports only from floors below its own. A slash marks a content folder."""
 

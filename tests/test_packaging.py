@@ -1,6 +1,5 @@
-"""What is shipped: wheel and sdist hold the content, the lock fits the ranges, langgraph.json names every graph."""
+"""What is shipped: wheel and sdist hold the content, the lock fits the ranges."""
 
-import json
 import re
 import subprocess
 import sys
@@ -13,8 +12,6 @@ from typing import Any
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-
-from grs_agents import content
 
 ROOT = Path(__file__).parent.parent
 CONTENT = ("graphs", "tools", "prompts", "assets", "evals")
@@ -112,15 +109,6 @@ def test_every_range_is_bounded() -> None:
     for requirement in (Requirement(text) for group in groups for text in group):
         operators = {specifier.operator for specifier in requirement.specifier}
         assert operators >= {">=", "<"}, f"{requirement} has no lower or no upper bound"
-
-
-def test_langgraph_json_names_every_graph() -> None:
-    graphs: dict[str, str] = json.loads((ROOT / "langgraph.json").read_text(encoding="utf-8"))["graphs"]
-    assert sorted(graphs) == content.names("graphs")
-    for name, target in graphs.items():
-        file, _, attribute = target.partition(":")
-        assert (ROOT / file).is_file()
-        assert callable(getattr(content.load_module("graphs", name), attribute))
 
 
 def test_the_ci_script_is_executable_and_parses() -> None:

@@ -9,7 +9,7 @@ from rich.console import Console
 from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.run import read_record
-from grs_agents.trace import read_events
+from grs_agents.trace import RunEnded, read_events
 
 
 def show_run(folder: Path, as_json: bool) -> None:
@@ -75,7 +75,7 @@ def rebuilt(folder: Path) -> Path:
 
 
 def replay_run(folder: Path, beside: Path | None, web: bool) -> int:
-    """Open the viewer on a run's recording, made again from the events if it is missing, or on two runs side by side.
+    """Open the viewer on a run's recording, made from the events where it is not whole, or on two runs side by side.
 
     Returns:
         The viewer's exit status.
@@ -83,15 +83,34 @@ def replay_run(folder: Path, beside: Path | None, web: bool) -> int:
     Raises:
         InputError: a folder holds no run.
     """
-    from grs_agents.views import open_viewer
-
     read_record(folder)
-    if beside is None:
-        recording = folder / "trace.rrd"
-        return open_viewer(recording if recording.is_file() else rebuilt(folder), web=web).wait()
-    from grs_agents.views.rerun_view import compare
-
-    read_record(beside)
     with tempfile.TemporaryDirectory() as temporary:
+        if beside is None:
+            return _viewed(_recording(folder, Path(temporary)), web)
+        from grs_agents.views.rerun_view import compare
+
+        read_record(beside)
         runs = [(folder, Library()), (beside, Library())]
-        return open_viewer(compare(runs, Path(temporary) / "both.rrd"), web=web).wait()
+        return _viewed(compare(runs, Path(temporary) / "both.rrd"), web)
+
+
+def _viewed(recording: Path, web: bool) -> int:
+    """Wait for the viewer of ``recording`` to be closed."""
+    from grs_agents.views import WebAddress, open_viewer
+
+    address = WebAddress.free() if web else None
+    process = open_viewer(recording, address)
+    if address:
+        print(f"open {address.url}", flush=True)
+    return process.wait()
+
+
+def _recording(folder: Path, temporary: Path) -> Path:
+    """The recording of a run; of one that was cut short or still goes on, a copy that holds its last event too."""
+    from grs_agents.views.rerun_view import record
+
+    events = read_events(folder / "events.jsonl")
+    if events and not isinstance(events[-1], RunEnded) and record(folder, Library(), temporary / "trace.rrd"):
+        return temporary / "trace.rrd"
+    recording = folder / "trace.rrd"
+    return recording if recording.is_file() else rebuilt(folder)

@@ -43,14 +43,14 @@ def run_graph(
         The exit status.
     """
     order = Order(command, scene, config, out, resume)
-    folder, record, problem = execute(order, partial(follow, watching=watching or Watching()))
+    ended = execute(order, partial(follow, watching=watching or Watching()))
     if as_json:
-        print(record.model_dump_json(indent=2))
-    elif problem is None:
-        _print_end(command, folder, record)
-    if problem is not None:
-        _print_problem(problem, folder)
-    return record.exit_status or 0
+        print(ended.record.model_dump_json(indent=2))
+    elif ended.problem is None:
+        _print_end(command, ended.folder, ended.record)
+    if ended.problem is not None:
+        _print_problem(ended.problem, ended.folder)
+    return ended.record.exit_status or 0
 
 
 def _print_end(command: str, folder: Path, record: RunRecord) -> None:

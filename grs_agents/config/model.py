@@ -53,7 +53,7 @@ class ToolsConfig(Frozen):
 
     segment: str = "segment_rgbd"
     depth: str = "depth_given"
-    match: str = "match_both"
+    match: str = "match_features"
 
 
 class SegmentConfig(Frozen):

@@ -2,22 +2,37 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.correspondence.keeping import Arrays, keep, kept, key_of
 from grs_agents.correspondence.tone import histograms, tone
 from grs_agents.library import Library
 from grs_agents.library.generate.scene_mesh import Triangles, gather_posed
 from grs_agents.library.shapes import HERE
 from grs_agents.scene.frame import Array
+from grs_agents.scene.points import Tree
+from grs_agents.scene.symmetry import quarter_turns
 
+Floats = npt.NDArray[np.floating[Any]]
+"""In single precision, which is as fine as what a camera measures and half as slow."""
+Indices = npt.NDArray[np.int64]
 SAMPLES = 1800
 """So many points stand for a surface."""
 VIEWS = 26
 """An asset is looked at from so many sides: those of a cube, its edges and its corners."""
 _KEPT = 256
 _AROUND = 9
+_CELLS = 48_000
+_MARGIN = 0.02
+"""The grid of nearest points reaches so far beyond the asset, m."""
+_SAME = 0.0012
+"""A turn leaves a shape as it is where its surface lies on itself within so much, mean, m."""
+_ANGLES = 24
+"""What is round is turned so often."""
 
 
 @dataclass(frozen=True)
@@ -30,15 +45,32 @@ class Appearance:
         tones: (N, 3) of its colours without light and without the finest detail.
         half: (3,) half the extents, m.
         views: (V, B) histograms of tone (`grs_agents.correspondence.tone`), one for each of `directions`.
-        round: the axis (0, 1, 2) about which its shape may be turned, or -1.
+        around: (S, 3, 3) turns that leave its shape as it is, the identity first.
+        turns: (T, 3, 3) the quarter turns, without those that only differ by one of ``around``.
+        nearest: (X, Y, Z) the point nearest to the middle of each cell of a grid.
+        low: (3,) m, where the grid begins.
+        cell: m, the edge of a cell.
     """
 
-    points: Array
-    normals: Array
-    tones: Array
-    half: Array
-    views: npt.NDArray[np.float32]
-    round: int
+    points: Floats
+    normals: Floats
+    tones: Floats
+    half: Floats
+    views: Floats
+    around: Floats
+    turns: Floats
+    nearest: npt.NDArray[np.int16]
+    low: Floats
+    cell: float
+
+    def at(self, places: Floats) -> Indices:
+        """The number of the surface point near each place (..., 3), m, in the frame of `points`."""
+        cells = ((places - self.low) * np.float32(1 / self.cell)).astype(np.int32)
+        shape = self.nearest.shape
+        np.maximum(cells, 0, out=cells)
+        np.minimum(cells, np.array(shape, np.int32) - 1, out=cells)
+        flat = (cells[..., 0] * shape[1] + cells[..., 1]) * shape[2] + cells[..., 2]
+        return self.nearest.ravel()[flat].astype(np.int64)
 
 
 def directions() -> Array:
@@ -49,7 +81,7 @@ def directions() -> Array:
 
 
 def appearance_of(name: str, library: Library) -> Appearance:
-    """The surface of an asset; the same points each time.
+    """The surface of an asset; the same points each time. What was worked out once is kept for later processes.
 
     Raises:
         UnknownNameError: the library has no such asset.
@@ -60,10 +92,29 @@ def appearance_of(name: str, library: Library) -> Appearance:
 
 
 @lru_cache(maxsize=_KEPT)
-def _appearance(name: str, roots: tuple[object, ...], path: object, modified: int) -> Appearance:
-    from pathlib import Path
+def _appearance(name: str, roots: tuple[Path, ...], path: Path, modified: int) -> Appearance:
+    library = Library(*roots)
+    key = key_of(name, library)
+    found = kept(key)
+    if found is None:
+        found = _worked_out(name, library)
+        keep(key, found)
+    return Appearance(
+        points=found["points"],
+        normals=found["normals"],
+        tones=found["tones"],
+        half=found["half"],
+        views=found["views"],
+        around=found["around"],
+        turns=found["turns"],
+        nearest=found["nearest"],
+        low=found["low"],
+        cell=float(found["cell"]),
+    )
 
-    library = Library(*(Path(str(root)) for root in roots))
+
+def _worked_out(name: str, library: Library) -> Arrays:
+    """The arrays of `Appearance`."""
     triangles = gather_posed([(name, HERE)], library)
     corners = triangles.corners
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
@@ -77,9 +128,30 @@ def _appearance(name: str, roots: tuple[object, ...], path: object, modified: in
     colors = _colors(triangles, chosen, weights)
     half = (high - low) / 2
     facing = np.clip(directions() @ normals.T, 0, None)
-    return Appearance(
-        points, normals, tone(_smoothed(points, colors)), half, histograms(colors, facing), _axis(points, half)
-    )
+    nearest, cell = _grid(points, half)
+    around = _around(points, normals, half)
+    return {
+        "points": points.astype(np.float32),
+        "normals": normals.astype(np.float32),
+        "tones": tone(_smoothed(points, colors)).astype(np.float32),
+        "half": half.astype(np.float32),
+        "views": histograms(colors, facing),
+        "around": around.astype(np.float32),
+        "turns": _distinct(around).astype(np.float32),
+        "nearest": nearest,
+        "low": (-half - _MARGIN).astype(np.float32),
+        "cell": np.array(cell),
+    }
+
+
+def _grid(points: Array, half: Array) -> tuple[npt.NDArray[np.int16], float]:
+    """The number of the nearest point in each cell, and the edge of a cell, m."""
+    extent = 2 * (half + _MARGIN)
+    cell = float(np.cbrt(extent.prod() / _CELLS))
+    axes = [-half[axis] - _MARGIN + (np.arange(int(np.ceil(extent[axis] / cell))) + 0.5) * cell for axis in range(3)]
+    middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    nearest, _ = Tree(points).nearest(middles.reshape(-1, 3))
+    return nearest.reshape(middles.shape[:3]).astype(np.int16), cell
 
 
 def _colors(triangles: Triangles, chosen: npt.NDArray[np.int64], weights: Array) -> Array:
@@ -94,6 +166,40 @@ def _colors(triangles: Triangles, chosen: npt.NDArray[np.int64], weights: Array)
         rows = np.minimum((down * height).astype(np.int64), height - 1)
         colors[mine] = image[rows, columns] / 255
     return colors
+
+
+def _around(points: Array, normals: Array, half: Array) -> Array:
+    """(S, 3, 3) turns that leave a shape as it is, the identity first: quarter turns, and any about a round axis."""
+    tree = Tree(points)
+    some = points[::4]
+    same = [turn for turn in quarter_turns() if _off_itself(tree, points, normals, some @ turn.T) < _SAME]
+    axis = _axis(points, half)
+    if axis < 0:
+        return np.array(sorted(same, key=lambda turn: -float(np.trace(turn))))
+    one, two = (axis + 1) % 3, (axis + 2) % 3
+    angles = np.arange(_ANGLES) * 2 * np.pi / _ANGLES
+    spun = np.tile(np.eye(3), (_ANGLES, 1, 1))
+    spun[:, one, one] = spun[:, two, two] = np.cos(angles)
+    spun[:, one, two], spun[:, two, one] = -np.sin(angles), np.sin(angles)
+    flips = [turn for turn in same if turn[axis, axis] < -0.5]
+    return np.concatenate([spun, spun @ flips[0]]) if flips else spun
+
+
+def _distinct(around: Array) -> Array:
+    """(T, 3, 3) the quarter turns, of those that only differ by one of ``around`` the first."""
+    found: list[Array] = []
+    for turn in quarter_turns():
+        if not any(np.abs(other @ around - turn).max(axis=(1, 2)).min() < 0.1 for other in found):
+            found.append(turn)
+    return np.array(found)
+
+
+def _off_itself(tree: Tree, points: Array, normals: Array, turned: Array) -> float:
+    """How far turned points are off the surface, mean, m."""
+    nearest, squares = tree.nearest(turned)
+    across = np.abs(np.einsum("ni,ni->n", points[nearest] - turned, normals[nearest]))
+    apart = np.sqrt(squares)
+    return float(np.where(apart < 0.008, across, apart).mean())
 
 
 def _axis(points: Array, half: Array) -> int:

@@ -45,6 +45,10 @@ def open_clip_embedder(folder: str | None) -> Embedder:
         torch, open_clip = import_module("torch"), import_module("open_clip")
     except ImportError as error:
         raise ConfigError("match_clip needs OpenCLIP", "pip install 'grs-agents[clip]'") from error
+    except RuntimeError as error:  # torchvision built for another torch
+        raise ConfigError(
+            f"OpenCLIP cannot be loaded: {str(error).splitlines()[0]}", "install torch and torchvision of one build"
+        ) from error
     try:
         model, preprocess = open_clip.create_model_from_pretrained(f"local-dir:{Path(folder).resolve()}")
     except (RuntimeError, ValueError, OSError, KeyError) as error:

@@ -120,12 +120,15 @@ class AssetIndex:
         found = sorted((one for one in found if one[1] not in gone), key=lambda one: (-one[0], one[1]))[:count]
         return [(self._names[number], value) for value, number in found]
 
-    def exact(self, query: Vectors, count: int = 20) -> list[tuple[str, float]]:
-        """As `search`, comparing with each vector: what `search` is measured against."""
-        near = self._vectors() @ np.asarray(query, np.float32)
-        near[list(self._meta.removed)] = -np.inf
-        first = np.argsort(-near, kind="stable")[: min(count, len(self))]
-        return [(self._names[int(number)], float(near[number])) for number in first]
+    def exact(self, queries: Vectors, count: int = 20) -> list[list[tuple[str, float]]]:
+        """As `search` for each of ``queries`` (Q, DIMENSIONS), by every vector: what `search` is measured against."""
+        near = np.asarray(queries, np.float32) @ self._vectors().T
+        near[:, list(self._meta.removed)] = -np.inf
+        first = np.argsort(-near, axis=1, kind="stable")[:, : min(count, len(self))]
+        return [
+            [(self._names[int(number)], float(row[number])) for number in numbers]
+            for row, numbers in zip(near, first, strict=True)
+        ]
 
     def _places(self) -> dict[str, int]:
         if self._numbers is None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from grs_agents.correspondence.catalogue import catalogue_of
 from grs_agents.correspondence.embedding import embed
 from grs_agents.correspondence.index import AssetIndex
-from grs_agents.correspondence.lettering import read_words
+from grs_agents.correspondence.lettering import read_words, reader
 from grs_agents.correspondence.observation import Observation, observe, view_of
 from grs_agents.correspondence.painting import DAYLIGHT
 from grs_agents.correspondence.ranking import Ranked, Use, implausible, rank
@@ -45,8 +45,12 @@ def ranked_of(request: MatchRequest, library: Library, use: Use = "all") -> dict
     view = view_of(request.frame, request.table)
     observed = [observe(view, one.mask, one.upright) for one in request.segments]
     assets = offered(library) if request.index is None else _indexed(Path(request.index), observed, library)
-    printed = [read_words(request.frame, one.mask) if request.ocr else [] for one in request.segments]
-    ranked = rank(catalogue_of(assets, library), observed, view, use, printed) if assets else []
+
+    def read(seen: Observation) -> list[str]:
+        return read_words(request.frame, seen.mask)
+
+    reading = read if request.ocr and reader() is not None else None
+    ranked = rank(catalogue_of(assets, library), observed, view, use, reading) if assets else []
     ranked = ranked or [Ranked((), (), ()) for _ in observed]
     return {
         one.id: (found, implausible(seen))

@@ -4,23 +4,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.correspondence.appearance import Appearance
-from grs_agents.correspondence.laying import Laid, project
-from grs_agents.correspondence.observation import Observation, View
+from grs_agents.correspondence.aligning import Laid
+from grs_agents.correspondence.appearance import Appearance, Floats
+from grs_agents.correspondence.observation import Observation
 from grs_agents.scene.frame import Array
 
-_NEAR = 0.015
-"""A point of the surface is seen where what was measured is at most so far off, m."""
 _FEWEST = 8
 _SPREAD = (0.30, 0.14, 0.14)
 """Logarithms by which brightness and the two ratios may differ."""
-_AROUND = 20
-"""What is round is turned so often."""
-_SLANT = 0.15
+_HUES = np.array(_SPREAD[1:], np.float32)
 _WORSE = 0.0025
 """A pose that fits worse by more than this (m) is not looked at."""
-_COARSE, _FINE = 350, 1500
-"""So many points tell which pose is best, and how good it is."""
+_COARSE = 120
+"""So many pixels tell which turn is best."""
+_RIDGE = np.diag([0.002, 0.03, 0.03, 0.03]).astype(np.float32)
+_MOST = np.float32(4.0)
+"""A misfit of one pixel counts as this at most, so that a highlight does not decide."""
+_LEAST = 0.05
+"""No mean misfit is taken for less."""
 
 
 @dataclass(frozen=True)
@@ -44,83 +45,82 @@ DAYLIGHT = Light(-0.35, np.zeros(2), 0.25)
 
 @dataclass(frozen=True)
 class Painted:
-    """The best agreement over poses.
+    """The best agreement over poses and over the turns that leave the shape as it is.
 
     Attributes:
-        agreement: share of the surface seen whose colour is the photo's, 0..1, soft.
-        tint: by how much the light would have to be coloured: logarithms of both ratios.
+        level: (P,) misfit in brightness of each pixel, beyond what shading explains, in units of what it may be.
+        hue: (P, 2) by how much both ratios differ, logarithms.
         gain: by how much brighter (logarithm) the photo is than the asset.
-        seen: share of the facing surface that lies on the candidate's pixels.
-        pose: (4, 4) the pose it is for.
-        rank: which of the laid poses it came from.
+        pattern: by how much the asset's pattern explains the photo better than one colour would: half the logarithm
+            of the ratio of both misfits.
+        rank: which of the poses it came from.
     """
 
-    agreement: float
-    tint: tuple[float, float]
+    level: Floats
+    hue: Floats
     gain: float
-    seen: float
-    pose: Array
+    pattern: float
     rank: int
 
+    @property
+    def tint(self) -> Floats:
+        """(2,) by how much the light would have to be coloured: logarithms of both ratios."""
+        return self.hue.mean(axis=0)
 
-def paint(asset: Appearance, laid: Laid, seen: Observation, view: View) -> Painted | None:
-    """Compare colours at each of the poses; ``None`` where too little of the surface is seen."""
-    misfit = laid.off + 0.7 * laid.air
-    ranks = np.flatnonzero(misfit <= misfit[0] + _WORSE)
-    around = _around(asset.round)
-    poses = (laid.poses[ranks][:, None] @ around[None]).reshape(-1, 4, 4)
-    coarse, *_ = _agreement(asset, poses, _COARSE, seen, view, DAYLIGHT)
-    best = int(np.argmax(coarse))
-    return _told(asset, poses[best], seen, view, DAYLIGHT, int(ranks[best // len(around)]))
+    def agreement(self, light: Light) -> float:
+        """Share of the pixels whose colour is the asset's in a light, 0..1, soft."""
+        return float(np.exp(-0.5 * _misfit(self.level, self.hue, light)).mean())
 
 
-def repaint(asset: Appearance, painted: Painted, seen: Observation, view: View, light: Light) -> Painted | None:
-    """The same pose, once the light of the scene is known."""
-    return _told(asset, painted.pose, seen, view, light, painted.rank)
-
-
-def _told(
-    asset: Appearance, pose: Array, seen: Observation, view: View, light: Light, rank: int
-) -> Painted | None:  # fmt: skip
-    agreement, tint, gain, share = _agreement(asset, pose[None], _FINE, seen, view, light)
-    if agreement[0] <= 0:
+def paint(asset: Appearance, laid: Laid, seen: Observation, light: Light = DAYLIGHT) -> Painted | None:
+    """Compare colours at the poses that fit about equally well; ``None`` where there are too few pixels."""
+    if len(seen.surface) < _FEWEST:
         return None
-    red, blue = (float(value) for value in tint[0])
-    return Painted(float(agreement[0]), (red, blue), float(gain[0]), float(share[0]), pose, rank)
+    ranks = np.flatnonzero(laid.misfit <= laid.misfit[0] + _WORSE)[:2]
+    best: tuple[float, int, Floats] | None = None
+    for rank in ranks.tolist():
+        turns = laid.turns[rank] @ asset.around
+        level, hue, _ = _apart(asset, laid, rank, turns, seen, _COARSE)
+        agreement = np.exp(-0.5 * _misfit(level, hue, light)).mean(axis=1)
+        one = int(np.argmax(agreement))
+        if best is None or agreement[one] > best[0]:
+            best = float(agreement[one]), rank, turns[one]
+    assert best is not None
+    _, rank, turn = best
+    level, hue, gain = _apart(asset, laid, rank, turn[None], seen, len(seen.surface))
+    return Painted(level[0], hue[0], float(gain[0]), _pattern(asset, laid, rank, seen, (level[0], hue[0])), rank)
 
 
-def _around(axis: int) -> Array:
-    """(T, 4, 4) turns about the axis of what is round; of anything else the identity."""
-    if axis < 0:
-        return np.eye(4)[None]
-    one, two = (axis + 1) % 3, (axis + 2) % 3
-    angles = np.arange(_AROUND) * 2 * np.pi / _AROUND
-    found = np.tile(np.eye(4), (_AROUND, 1, 1))
-    found[:, one, one] = found[:, two, two] = np.cos(angles)
-    found[:, one, two], found[:, two, one] = -np.sin(angles), np.sin(angles)
-    return found
+def _apart(
+    asset: Appearance, laid: Laid, rank: int, turns: Floats, seen: Observation, count: int
+) -> tuple[Floats, Floats, Floats]:
+    """Brightness (S, P) beyond shading, hues (S, P, 2) and gain (S,) by which the photo differs, for each turn."""
+    nearest = asset.at((seen.surface[:count] - laid.places[rank]) @ turns)
+    apart = seen.tones[:count] - asset.tones[nearest]
+    # turns that leave the shape as it is leave its normals too, so that the shading is one for all of them
+    level = apart[..., 0] @ _unshaded(asset.normals[nearest[0]] @ turns[0].T)
+    return level / np.float32(_SPREAD[0]), apart[..., 1:], apart[..., 0].mean(axis=1)
 
 
-def _agreement(
-    asset: Appearance, poses: Array, count: int, seen: Observation, view: View, light: Light
-) -> tuple[Array, Array, Array, Array]:
-    """Agreement, tint, gain and share seen at each pose (K, 4, 4); all 0 where too little is seen."""
-    placed = asset.points[:count] @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
-    normals = asset.normals[:count] @ poses[:, :3, :3].transpose(0, 2, 1)
-    ray = placed - view.eye
-    facing = np.einsum("kni,kni->kn", normals, ray) < -_SLANT * np.linalg.norm(ray, axis=2)
-    rows, columns, depth, inside = project(view, placed)
-    measured = view.frame.depth[rows, columns]
-    lit = facing & inside & seen.mask[rows, columns] & ((measured <= 0) | (np.abs(measured - depth) < _NEAR))
-    number = lit.sum(axis=1)
-    weight = lit / np.maximum(number, 1)[:, None]
-    apart = view.tones[rows, columns] - asset.tones[:count]
-    gain, middle = (weight * apart[..., 0]).sum(axis=1), np.einsum("kn,knc->kc", weight, apart[..., 1:])
-    shading = np.concatenate([np.ones((*lit.shape, 1)), normals], axis=2)
-    left: Array = np.einsum("kn,kni,knj->kij", weight, shading, shading) + np.diag([0.002, 0.03, 0.03, 0.03])
-    right: Array = np.einsum("kn,kni,kn->ki", weight, shading, apart[..., 0])
-    level = apart[..., 0] - np.einsum("kni,ki->kn", shading, np.linalg.solve(left, right[..., None])[..., 0])
-    hue = apart[..., 1:] - np.clip(middle, light.tint - light.slack, light.tint + light.slack)[:, None]
-    misfit = (level / _SPREAD[0]) ** 2 + ((hue / _SPREAD[1:]) ** 2).sum(axis=2)
-    agreement = (weight * np.exp(-0.5 * misfit)).sum(axis=1) * (number >= _FEWEST)
-    return agreement, middle, gain, number / np.maximum(facing.sum(axis=1), 1)
+def _unshaded(normals: Floats) -> Floats:
+    """(P, P) takes out of brightness at surfaces with these normals (P, 3) what one lamp and an even light explain."""
+    shading = np.concatenate([np.ones((len(normals), 1), np.float32), normals], axis=1)
+    part = shading / np.float32(len(normals))
+    return np.eye(len(normals), dtype=np.float32) - part @ np.linalg.solve(shading.T @ part + _RIDGE, shading.T)
+
+
+def _misfit(level: Floats, hue: Floats, light: Light) -> Floats:
+    """(..., P) of brightness and hue together."""
+    tint = np.clip(hue.mean(axis=-2, keepdims=True), light.tint - light.slack, light.tint + light.slack)
+    return level**2 + (((hue - tint.astype(np.float32)) / _HUES) ** 2).sum(axis=-1)
+
+
+def _pattern(asset: Appearance, laid: Laid, rank: int, seen: Observation, told: tuple[Floats, Floats]) -> float:
+    """How much better the asset's pattern explains the photo than one colour; ``told`` is what both leave of it."""
+    level, hue = told
+    nearest = asset.at((seen.surface - laid.places[rank]) @ laid.turns[rank])
+    plain = seen.tones[:, 0] @ _unshaded(asset.normals[nearest] @ laid.turns[rank].T) / np.float32(_SPREAD[0])
+    without = plain**2 + (((seen.tones[:, 1:] - seen.tones[:, 1:].mean(axis=0)) / _HUES) ** 2).sum(axis=1)
+    given = level**2 + (((hue - hue.mean(axis=0)) / _HUES) ** 2).sum(axis=1)
+    one, other = (float(np.minimum(misfit, _MOST).mean()) + _LEAST for misfit in (without, given))
+    return 0.5 * float(np.log(one / other))

@@ -4,14 +4,14 @@ The likelihoods are those of a choice between the assets that were tried and non
 McFadden 1974). Its weights were fitted to scenes of `grs_agents.synth` that no reported figure is measured on.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from grs_agents.correspondence.catalogue import Catalogue
-from grs_agents.correspondence.features import GEOMETRY, NAMES, Pair, light_of, numbers, pairs, relit
+from grs_agents.correspondence.features import GEOMETRY, NAMES, Pair, light_of, numbers, pairs
 from grs_agents.correspondence.lettering import support
 from grs_agents.correspondence.observation import Observation, View
 from grs_agents.scene.frame import Array
@@ -21,9 +21,27 @@ _THINNEST, _NARROWEST, _LONGEST, _SLENDER = 0.006, 0.012, 0.6, 25
 _FEWEST = 30
 _LETTERS = 3.0
 """What a word that is spelt as the asset's counts, in natural logarithms of odds; chosen, not fitted."""
+_CERTAIN = 0.95
+"""What is likelier than this without letters is not read."""
 WEIGHTS: dict[Use, tuple[float, ...]] = {
-    "all": (-0.55, -0.447, -2.014, -1.508, 0.002, 1.418, 0.447, -1.201, 2.454, -1.0, -1.344, 0.664, -1.067),
-    "no size": (0.0,) * GEOMETRY + (1.215, 0.856, -1.133, 2.512, -1.709, -2.003, 0.386, -2.467),
+    "all": (
+        -0.468,
+        -2.253,
+        -1.39,
+        -0.242,
+        -0.517,
+        -0.109,
+        1.561,
+        -1.583,
+        2.835,
+        4.955,
+        -2.405,
+        -0.937,
+        -1.319,
+        2.151,
+        -3.311,
+    ),
+    "no size": (0.0,) * len(GEOMETRY) + (1.651, -1.961, 3.448, 5.432, -2.61, -1.361, -1.067, 1.993, -6.536),
 }
 """One for each of `grs_agents.correspondence.features.NAMES`; without size, those of geometry count nothing."""
 
@@ -48,7 +66,7 @@ def rank(
     observed: Sequence[Observation],
     view: View,
     use: Use = "all",
-    printed: Sequence[Sequence[str]] = (),
+    read: Callable[[Observation], Sequence[str]] | None = None,
 ) -> list[Ranked]:
     """Rank the assets for each candidate of a photo.
 
@@ -56,16 +74,18 @@ def rank(
         catalogue: the assets.
         observed, view: the candidates, all together, since they share their light; and the photo.
         use: all that is known, or colours alone.
-        printed: the words that were read on each, if any were.
+        read: reads the words on a candidate; asked where the rest leaves a doubt, since reading takes longest.
     """
     tried = [pairs(catalogue, seen, view, use == "all") for seen in observed]
     light = light_of(tried)
     found: list[Ranked] = []
-    for number, (some, seen) in enumerate(zip(tried, observed, strict=True)):
-        lit = relit(catalogue, some, seen, view, light)
-        words = printed[number] if printed else ()
-        letters = np.array([support(words, catalogue.assets[one.asset]) if words else 0.0 for one in lit])
-        found.append(_ranked(catalogue, lit, numbers(lit, light), letters, use))
+    for some, seen in zip(tried, observed, strict=True):
+        told = numbers(catalogue, some, seen, light)
+        letters = np.zeros(len(some))
+        if read is not None and likelihoods(told, WEIGHTS[use]).max(initial=0.0) < _CERTAIN and not implausible(seen):
+            words = read(seen)
+            letters = np.array([support(words, catalogue.assets[one.asset]) for one in some])
+        found.append(_ranked(catalogue, some, told, letters, use))
     return found
 
 
@@ -93,18 +113,20 @@ def _ranked(catalogue: Catalogue, some: Sequence[Pair], told: Array, letters: Ar
         tuple(catalogue.assets[some[index].asset].name for index in order),
         tuple(float(likely[index]) for index in order),
         tuple(
-            _reason(dict(zip(NAMES, told[index].tolist(), strict=True)), use)
+            _reason(
+                dict(zip(NAMES, told[index].tolist(), strict=True)), float(some[index].laid.off[some[index].rank]), use
+            )
             + (", and its name is printed on it" if letters[index] else "")
             for index in order
         ),
     )
 
 
-def _reason(told: dict[str, float], use: Use) -> str:
+def _reason(told: dict[str, float], off: float, use: Use) -> str:
     colors = f"tones {10 * told['tones']:.0f} % alike"
     if use == "no size":
         return colors
     return (
-        f"its surface is {told['off']:.1f} mm off the points, {colors}, "
+        f"its surface is {1000 * off:.1f} mm off the points, {colors}, "
         f"{20 * told['agreement']:.0f} % of what is seen of it has the photo's colour"
     )

@@ -4,9 +4,10 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import ValidationError
 from rich.console import Console
@@ -21,6 +22,7 @@ from grs_agents.measure.match_types import Matching, MatchOrder, Method, matchin
 from grs_agents.measure.types import Order
 from grs_agents.run.tables import table
 
+_Outcome = TypeVar("_Outcome")
 METHODS: dict[str, Method] = {
     one.name: one
     for one in (
@@ -108,7 +110,7 @@ def _make(orders: Sequence[MatchOrder], out: Path, workers: int) -> None:
     with _progress() as progress, ThreadPoolExecutor(workers) as pool:
         bar = progress.add_task("making scenes", total=len(missing))
         jobs = [pool.submit(_worker, "worker", ("make", str(out)), one.model_dump_json()) for one in missing]
-        for job in as_completed(jobs):
+        for job in _done(jobs, pool):
             job.result()
             progress.update(bar, advance=1)
 
@@ -118,10 +120,18 @@ def _all(orders: Sequence[MatchOrder], out: Path, workers: int, what: str) -> li
     with _progress() as progress, ThreadPoolExecutor(workers) as pool:
         bar = progress.add_task(what, total=len(orders))
         waiting = {pool.submit(_matching, order, out): order for order in orders}
-        for job in as_completed(waiting):
+        for job in _done(waiting, pool):
             found[waiting[job].stem] = job.result()
             progress.update(bar, advance=1, description=waiting[job].stem)
     return [found[order.stem] for order in orders]
+
+
+def _done(jobs: Iterable[Future[_Outcome]], pool: ThreadPoolExecutor) -> Iterator[Future[_Outcome]]:
+    """The jobs as they end; who stops asking (an interrupt, say) does not wait for those that have not begun."""
+    try:
+        yield from as_completed(jobs)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _matching(order: MatchOrder, out: Path) -> Matching:

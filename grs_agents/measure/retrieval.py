@@ -1,7 +1,7 @@
 """What the index of assets costs, measured in processes of their own; nothing here has been photographed or described.
 
-The assets are synthetic: descriptions of nine words by Zipf's law, four of them shared by all of a kind; looks mixed
-from six of 400 colours; sizes spread around those of the kind. Queries are assets whose vectors were disturbed.
+The assets are synthetic: descriptions of nine words by Zipf's law, four of them shared by all of a kind; looks of six
+of 400 colours; sizes spread around those of the kind. Queries are assets of the index, their vectors disturbed.
 """
 
 import json
@@ -18,7 +18,7 @@ import numpy as np
 from grs_agents.correspondence.embedding import DIMENSIONS, WEIGHTS, Vectors, look_vector, size_vectors, words_vector
 from grs_agents.correspondence.index import AssetIndex
 from grs_agents.correspondence.tone import histograms
-from grs_agents.errors import GrsError
+from grs_agents.errors import GrsError, InputError
 from grs_agents.measure.figures import Target
 
 _KINDS, _WORDS, _TOLD, _COLORS = 300, 8000, 9, 400
@@ -52,21 +52,22 @@ def synthetic_vectors(count: int, rng: np.random.Generator) -> Vectors:
     return found
 
 
-def build(folder: Path, count: int, seed: int) -> dict[str, float]:
-    """Make an index of ``count`` synthetic assets."""
+def build(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]:
+    """Make an index of ``count`` synthetic assets, and beside it the vectors of some of them that will be asked for."""
     vectors = synthetic_vectors(count, np.random.default_rng(seed))
+    np.save(_asked(folder), vectors[np.linspace(0, count - 1, queries).astype(np.int64)])
     begin = time.process_time()
     AssetIndex(folder).add([f"synthetic/{number}.urdf" for number in range(count)], vectors)
     return {"build s": time.process_time() - begin}
 
 
-def probe(folder: Path, queries: int, seed: int) -> dict[str, float]:
+def probe(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]:
     """Open the index, search it, and add to it."""
     begin = time.process_time()
     index = AssetIndex(folder)
     opened = time.process_time() - begin
     rng = np.random.default_rng(seed + 1)
-    asked = synthetic_vectors(queries, np.random.default_rng(seed))  # the first of those that are in it
+    asked: Vectors = np.load(_asked(folder), allow_pickle=False)
     asked += rng.normal(0, _NOISE, asked.shape).astype(np.float32)
     index.search(asked[0])
     seconds: list[float] = []
@@ -77,13 +78,15 @@ def probe(folder: Path, queries: int, seed: int) -> dict[str, float]:
         seconds.append(time.process_time() - begin)
         answers.append({name for name, _ in found})
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MEBIBYTE
+    if len(index) != count:
+        raise InputError(f"the index holds {len(index)} assets of {count}", "measure again")
     fresh = synthetic_vectors(1000, rng)
     begin = time.process_time()
     index.add([f"added/{number}.urdf" for number in range(1000)], fresh)
     added = time.process_time() - begin
     index.remove([f"added/{number}.urdf" for number in range(1000)])
-    shares = [len(some & {name for name, _ in index.exact(query, _NEAREST)}) / _NEAREST
-              for some, query in zip(answers, asked, strict=True)]  # fmt: skip
+    exact = index.exact(asked, _NEAREST)
+    shares = [len(some & {name for name, _ in found}) / _NEAREST for some, found in zip(answers, exact, strict=True)]
     return {
         "open s": opened,
         "search ms, median": 1000 * float(np.median(seconds)),
@@ -102,8 +105,9 @@ def measured(folder: Path, count: int, queries: int, seed: int) -> dict[str, flo
         GrsError: one of them failed.
     """
     figures: dict[str, float] = {}
-    for verb, number in (("build", count), ("probe", queries)):
-        command = [sys.executable, "-m", "grs_agents.measure.retrieval", verb, str(folder), str(number), str(seed)]
+    for verb in ("build", "probe"):
+        numbers = [str(number) for number in (count, queries, seed)]
+        command = [sys.executable, "-m", "grs_agents.measure.retrieval", verb, str(folder), *numbers]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
@@ -120,20 +124,24 @@ def targets(figures: dict[str, float]) -> list[Target]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """``build`` or ``probe``, the folder, how many, the seed; prints figures as JSON.
+    """``build`` or ``probe``, the folder, how many assets and queries, the seed; prints figures as JSON.
 
     Returns:
         0.
     """
-    verb, folder, number, seed = arguments
+    verb, folder, *numbers = arguments
     work: dict[str, Any] = {"build": build, "probe": probe}
     try:
         import_threads()
-        print(json.dumps(work[verb](Path(folder), int(number), int(seed))))
+        print(json.dumps(work[verb](Path(folder), *(int(number) for number in numbers))))
     except GrsError as error:
         print(error, file=sys.stderr)
         return error.exit_status
     return 0
+
+
+def _asked(folder: Path) -> Path:
+    return folder.parent / f"{folder.name}-asked.npy"
 
 
 def import_threads() -> None:

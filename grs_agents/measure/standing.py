@@ -108,7 +108,7 @@ def _segments(
         if one.id in assets:
             stood = poses[one.id] = register(assets[one.id], library, one.upright, frame, table, one.mask)
             thing = Thing(assets[one.id], (stood.position, stood.orientation))
-        segments.append(Segment(one.mask, one.upright, one.shape, thing))
+        segments.append(Segment(one.mask, one.upright, one.shape, thing, one.hollow))
     return segments
 
 

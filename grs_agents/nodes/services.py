@@ -20,7 +20,7 @@ from grs_agents.sandbox import Sandbox
 from grs_agents.sim.arms import ROBOTS, get_arm
 from grs_agents.state import RunState
 from grs_agents.toolkit import ToolContext, load_tool
-from grs_agents.trace import EventLog, NodeEnded, NodeStarted
+from grs_agents.trace import EventLog, NodeEnded, NodeStarted, brief
 
 Update = dict[str, Any]
 Body = Callable[[RunState, "Services"], Update]
@@ -115,7 +115,15 @@ def node(body: Body) -> Node:
             raise
         finally:
             seconds = time.perf_counter() - begin
-            services.log.append(NodeEnded(node=name, seconds=seconds, changed=tuple(update), error=error))
+            services.log.append(
+                NodeEnded(
+                    node=name,
+                    seconds=seconds,
+                    changed=tuple(update),
+                    values={key: brief(value) for key, value in update.items()},
+                    error=error,
+                )
+            )
         return update
 
     # LangGraph reads the annotations of what it is given, and ``wraps`` has put the body's there.

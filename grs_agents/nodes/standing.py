@@ -20,6 +20,7 @@ from grs_agents.scene import (
     TableFrame,
     TwinReport,
     add_candidates,
+    aligned,
     body_of,
     found_later,
     load_frame,
@@ -138,6 +139,7 @@ def _agreed(
             records[one.id].upright,
             records[one.id].shape,
             Thing(one.asset, (one.position, one.orientation)) if one.matched else None,
+            records[one.id].hollow,
         )
         for one in objects
     ]
@@ -146,9 +148,10 @@ def _agreed(
     for index, one in enumerate(objects):
         claim = agreed.claims.get(index)
         if claim is not None and claim.box != records[one.id].upright:
-            photo, words = (frame, table), one.description
+            photo, words, measured = (frame, table), one.description, claim.measured(records[one.id].upright)
             asset = write_stand_in(one.name, records[one.id], claim.box, claim.shape, words, services, photo)
-            update = {"position": claim.box.center, "orientation": about_z(claim.box.yaw), "size": asset.size}
+            update = {"position": claim.box.center, "orientation": about_z(claim.box.yaw), "size": asset.size,
+                      "box": aligned(measured, claim.shape), "upright": measured}  # fmt: skip
             kept.append(one.model_copy(update={**update, "reachable": reachable(claim.box.center)}))
         elif index not in agreed.pieces:
             kept.append(one)

@@ -3,10 +3,11 @@
 import errno
 import sqlite3
 from collections import Counter
-from collections.abc import Callable
-from contextlib import AbstractContextManager, closing, suppress
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from grs_agents.agents import Agents
 from grs_agents.config import Config
@@ -20,6 +21,9 @@ from grs_agents.run.record import EXIT_STATUS, RunRecord, counts, seconds_by_sta
 from grs_agents.sandbox import Sandbox
 from grs_agents.trace import Event, EventLog, Note, RunEnded, RunStarted, read_events
 
+if TYPE_CHECKING:
+    from langgraph.checkpoint.base import BaseCheckpointSaver
+
 INTERRUPTED = 130
 Views = Callable[[Path, EventLog], AbstractContextManager[None]]
 """Attaches what people look at (recording, progress) to the log of a run, and closes it at the end."""
@@ -30,16 +34,29 @@ class UnexpectedError(GrsError):
     """What nobody foresaw; its cause is for those who write GRS."""
 
 
-def execute(order: Order, views: Views) -> tuple[Path, RunRecord, GrsError | None]:
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        folder: the run folder.
+        record: its final record.
+        problem: the error that ended the run if there was one; the record then says ``failed``.
+        state: what the graph reached; empty where an ended run was resumed.
+    """
+
+    folder: Path
+    record: RunRecord
+    problem: GrsError | None = None
+    state: State = field(default_factory=dict[str, Any])
+
+
+def execute(order: Order, views: Views) -> Outcome:
     """Run the configured graph on ``order.source``.
 
     Args:
         order: what to do.
         views: what follows the log.
-
-    Returns:
-        The run folder, its final record, and the error that ended it if there was one (the record then says
-        ``failed``).
 
     Raises:
         InputError: the scene does not exist, the run folder cannot be made or resumed, or the configuration
@@ -47,27 +64,27 @@ def execute(order: Order, views: Views) -> tuple[Path, RunRecord, GrsError | Non
     """
     folder, record, config = open_run(order)
     if order.resume and record.status in EXIT_STATUS:
-        return folder, record, None
+        return Outcome(folder, record)
     record.write(folder)
     problem: GrsError | None = None
+    state: State = {}
     try:
         with EventLog(folder / "events.jsonl") as log, views(folder, log):
-            record, problem = _follow(order, config, folder, log, record)
+            record, problem = _follow(order, config, folder, log, record, state)
     except (Exception, KeyboardInterrupt) as error:  # the log or a view could not be opened or closed
         if record.status == "running":
             record, problem = _failed(record, error, folder)
             record.write(folder)
         elif problem is None:  # the verdict stands
             problem = _as_grs_error(error, folder)
-    return folder, record, problem
+    return Outcome(folder, record, problem, state)
 
 
 def _follow(
-    order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord
+    order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State
 ) -> tuple[RunRecord, GrsError | None]:
     """Run the graph and write the record of how it ended."""
     problem: GrsError | None = None
-    state: State = {}
     try:
         _invoke(order, config, folder, log, record, state)
         record = _verdict(order, record, state)
@@ -115,17 +132,11 @@ def _as_grs_error(error: BaseException, folder: Path) -> GrsError:
 
 
 def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State) -> None:
-    """Compile the graph with its checkpointer and run it, or go on with it; ``state`` takes what it reached."""
-    from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
-    from langgraph.checkpoint.sqlite import SqliteSaver
-
-    # Without a list of modules of ours, a tampered checkpoint cannot have anything called when it is read.
-    strict = JsonPlusSerializer(allowed_msgpack_modules=None)
-    connection = sqlite3.connect(folder / "checkpoint.sqlite", check_same_thread=False)
-    with open_sandbox(config) as sandbox, closing(connection):
+    """Compile the graph and run it, or go on with it; ``state`` takes what it reached."""
+    with open_sandbox(config) as sandbox, _checkpointer(order, folder) as checkpointer:
         sandbox.warm()  # its imports overlap with comprehension
         services = _services(config, folder, log, sandbox)
-        graph = load_graph(config.graph).build().compile(checkpointer=SqliteSaver(connection, serde=strict))
+        graph = load_graph(config.graph).build().compile(checkpointer=checkpointer)
         drawn = graph.get_graph()
         log.append(
             RunStarted(
@@ -138,24 +149,36 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
                 edges=tuple((edge.source, edge.target) for edge in drawn.edges),
             )
         )
-        settings: dict[str, Any] = {
-            "configurable": {"thread_id": record.id},
-            "recursion_limit": 25 + 4 * config.max_fixes,
-        }
-        begin: State | None = {
-            "scene_path": str(order.source),
-            "max_fixes": config.max_fixes,
-            "fixes": 0,
-            "history": [],
-        }
-        if order.resume and graph.get_state(settings).values:
+        settings: dict[str, Any] = {"recursion_limit": 25 + 4 * config.max_fixes}
+        begin: State = {**order.given, "scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0,
+                        "history": []}  # fmt: skip
+        if order.nested:
+            state.update(graph.invoke(begin, settings, context=services))
+            return
+        settings["configurable"] = {"thread_id": record.id}
+        resumed = order.resume and bool(graph.get_state(settings).values)
+        if resumed:
             log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
-            begin = None
         try:
-            graph.invoke(begin, settings, context=services, durability="sync")
+            graph.invoke(None if resumed else begin, settings, context=services, durability="sync")
         finally:
             with suppress(sqlite3.Error):  # a full disk is reported by what it stopped
                 state.update(graph.get_state(settings).values)
+
+
+@contextmanager
+def _checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointSaver[str] | bool"]:
+    """Where the graph's checkpoints go; False if the graph that it is part of keeps its own."""
+    from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
+    from langgraph.checkpoint.sqlite import SqliteSaver
+
+    if order.nested:
+        yield False
+        return
+    # Without a list of modules of ours, a tampered checkpoint cannot have anything called when it is read.
+    strict = JsonPlusSerializer(allowed_msgpack_modules=None)
+    with closing(sqlite3.connect(folder / "checkpoint.sqlite", check_same_thread=False)) as connection:
+        yield SqliteSaver(connection, serde=strict)
 
 
 def _services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> Services:

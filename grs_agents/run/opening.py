@@ -1,9 +1,10 @@
 """Open a run: all that can be known to be wrong is refused here, before anything ran and before a folder is made."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from grs_agents import content
 from grs_agents.config import Config, validated
@@ -29,6 +30,8 @@ class Order:
         config: the effective configuration.
         out: the run folder, if named.
         resume: go on with the run in ``out``.
+        given: fields of the state beside those that every run begins with.
+        nested: the graph runs in a node of another, which is told of its steps and keeps the checkpoints.
     """
 
     command: str
@@ -36,6 +39,8 @@ class Order:
     config: Config
     out: Path | None = None
     resume: bool = False
+    given: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    nested: bool = False
 
 
 def open_run(order: Order) -> tuple[Path, RunRecord, Config]:
@@ -53,12 +58,12 @@ def open_run(order: Order) -> tuple[Path, RunRecord, Config]:
         config = validated(record.config)
         if record.status in EXIT_STATUS:
             return folder, record, config
-        check_names(config, order.command)
+        check_names(config, order.command, order.given)
         update = {"status": "running", "reason": "", "exit_status": None, "attempts": record.attempts + 1}
         return folder, record.model_copy(update=update), config
     config = order.config
     check_source(order.source)
-    check_names(config, order.command)
+    check_names(config, order.command, order.given)
     folder = new_folder(scene_name(order.source), config.seed, order.out)
     record = RunRecord(
         id=folder.resolve().name,
@@ -73,7 +78,7 @@ def open_run(order: Order) -> tuple[Path, RunRecord, Config]:
     return folder, record, config
 
 
-def check_names(config: Config, command: str) -> None:
+def check_names(config: Config, command: str, given: Mapping[str, Any]) -> None:
     """See that every graph, policy, tool, prompt and model that ``config`` names can be had.
 
     Raises:
@@ -81,7 +86,7 @@ def check_names(config: Config, command: str) -> None:
     """
     graph = load_graph(config.graph)
     needs: Sequence[str] = getattr(graph, "NEEDS", ())
-    missing = [name for name in needs if name not in GIVEN]
+    missing = [name for name in needs if name not in GIVEN and name not in given]
     if missing:
         raise ConfigError(
             f"graph {config.graph!r} needs {' and '.join(missing)} in its state, and a run begins with a photo alone",

@@ -20,6 +20,7 @@ from grs_agents.trace.events import (
     event_schema,
 )
 from grs_agents.trace.log import EventLog, Subscriber, read_events
+from grs_agents.trace.values import brief
 
 __all__ = [
     "EVENT",
@@ -40,6 +41,7 @@ __all__ = [
     "Subscriber",
     "TaskDefined",
     "TestsRun",
+    "brief",
     "event_schema",
     "read_events",
 ]

@@ -55,12 +55,16 @@ class NodeStarted(Stamped):
 
 
 class NodeEnded(Stamped):
-    """A node is done: wall ``seconds``, the state fields it changed, and the error that ended it, if any."""
+    """A node is done: wall ``seconds``, the state fields it changed, and the error that ended it, if any.
+
+    ``values`` tells in brief what the fields became: what is long, such as a program, is in the node's other events.
+    """
 
     kind: Literal["node_ended"] = "node_ended"
     node: Text
     seconds: float
     changed: tuple[str, ...] = ()
+    values: JsonObject = Field(default_factory=dict[str, Any])
     error: Text = ""
 
 

@@ -34,6 +34,24 @@ def plain(value: Any) -> Any:
     return _encodable_tree(to_jsonable_python(_encodable_tree(value), fallback=_as_list))
 
 
+def brief(value: Any, depth: int = 2) -> Any:
+    """``value`` as plain JSON data of a few words; of long texts and lists, and of what lies deep, only the size."""
+    value = plain(value)
+    if isinstance(value, str) and ("\n" in value or len(value) > _LONG):
+        return f"{len(value.splitlines())} lines, {len(value)} characters"
+    if isinstance(value, list):
+        items = cast("list[Any]", value)
+        short = depth > 0 and len(items) <= _FEW and not any(isinstance(item, list | dict) for item in items)
+        return [brief(item, 0) for item in items] if short else f"{len(items)} items"
+    if isinstance(value, dict):
+        fields = cast("dict[str, Any]", value)
+        if depth == 0 or len(fields) > _MANY:
+            return f"{len(fields)} fields"
+        return {key: brief(item, depth - 1) for key, item in fields.items()}
+    return value
+
+
+_LONG, _FEW, _MANY = 160, 4, 16
 Text = Annotated[str, BeforeValidator(encodable)]
 """A string that UTF-8 can hold."""
 JsonObject = Annotated[dict[str, Any], BeforeValidator(plain)]

@@ -8,12 +8,13 @@ from grs_agents.views.step_text import failed_step, find_step, sections, visible
 from grs_agents.views.steps import Step, Steps, steps
 from grs_agents.views.terminal import Progress, summary_table
 from grs_agents.views.tree import step_record, steps_tree
-from grs_agents.views.viewer import live_viewer, open_viewer, viewer_command
+from grs_agents.views.viewer import WebAddress, live_viewer, open_viewer, viewer_command
 
 __all__ = [
     "Progress",
     "Step",
     "Steps",
+    "WebAddress",
     "failed_step",
     "find_step",
     "live_viewer",

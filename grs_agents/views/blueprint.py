@@ -73,7 +73,7 @@ class _Views:
     def fixes(self) -> rrb.Vertical:
         return rrb.Vertical(
             rrb.Horizontal(self._text("REPORT"), self._text("DECISION"), self._diff(), column_shares=[3, 2, 3]),
-            rrb.Horizontal(self._lane(), self._metrics(), column_shares=[3, 2]),
+            rrb.Horizontal(self._lane(), self._metrics("Tests passed"), column_shares=[3, 2]),
             row_shares=[3, 1],
             name="3 Tests and fixes",
         )
@@ -165,7 +165,7 @@ class _Views:
             line_grid=False,
         )
 
-    def _metrics(self) -> rrb.Tabs:
+    def _metrics(self, first: str = "Reward") -> rrb.Tabs:
         reward = rrb.ScalarAxis(range=(-0.05, 1.1), zoom_lock=True)
         metrics = self._at(Paths.METRICS)
         return rrb.Tabs(
@@ -173,6 +173,7 @@ class _Views:
             rrb.TimeSeriesView(origin=f"{metrics}/tests", name="Tests passed"),
             rrb.TimeSeriesView(origin=f"{metrics}/tokens", name="Tokens"),
             rrb.TimeSeriesView(origin=f"{metrics}/seconds", name="Seconds"),
+            active_tab=first,
         )
 
 

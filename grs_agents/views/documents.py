@@ -74,14 +74,19 @@ def tests(event: TestsRun) -> str:
     parts = [f"### Tests: {report.get('outcome', '?')}", summary, str(report.get("message") or "")]
     if cases:
         rows = [
-            f"| {cell(case.get('id'))} | **{cell(case.get('outcome'))}** | {case.get('seconds') or 0:.2f} "
+            f"| **{cell(case.get('outcome'))}** | {cell(_short(case))} | {case.get('seconds') or 0:.2f} "
             f"| {cell(case.get('message') or '')} |"
             for case in cases
         ]
-        parts.append("\n".join(["| test | outcome | s | message |", "|---|---|---|---|", *rows]))
+        parts.append("\n".join(["| outcome | test | s | message |", "|---|---|---|---|", *rows]))
     for case in cases:
         parts.extend(_details(case))
     return document("\n\n".join(part for part in parts if part))
+
+
+def _short(case: dict[str, Any]) -> str:
+    """The test's own name: that of its class is long and the same for all, and would push the rest out of sight."""
+    return str(case.get("id")).rpartition(".")[2]
 
 
 def _details(case: dict[str, Any]) -> list[str]:

@@ -64,18 +64,14 @@ class EventView:
         if isinstance(event, Rollout):
             self._clock.play(duration(self._folder, event))
 
-    def write(self, event: Event, flush: bool = True) -> None:
-        """Show ``event``; once this returns it is in the file, unless ``flush`` is False."""
+    def write(self, event: Event) -> None:
+        """Show ``event``; it is in the file a moment later."""
         self._follow(event)
         recording = self._open()
         recording.moment = self._clock.tick(event)
         recording.require_space()
-        try:
-            self._summarise(recording, event)
-            self._show(recording, event)
-        finally:
-            if flush:
-                recording.flush()
+        self._summarise(recording, event)
+        self._show(recording, event)
 
     def close(self) -> None:
         """Finish the file."""
@@ -112,20 +108,20 @@ class EventView:
 
     def _summarise(self, recording: Recording, event: Event) -> None:
         """One line in the list of events."""
-        recording.log(Paths.LOG, rr.TextLog(drawable(line(event)[:300]), level=level(event)))
+        recording.row(Paths.LOG, rr.TextLog, text=[drawable(line(event)[:300])], level=[level(event)])
 
     def _show(self, recording: Recording, event: Event) -> None:
         if isinstance(event, RunStarted | RunEnded | NodeStarted):
             self._machine.show(recording)
         for path, markdown in self._texts(event):
-            recording.log(path, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
+            recording.text(path, markdown)
         match event:
             case NodeEnded():
-                recording.log(f"{Paths.METRICS}/seconds/{event.node}", rr.Scalars(event.seconds))
+                recording.row(f"{Paths.METRICS}/seconds/{event.node}", rr.Scalars, scalars=[event.seconds])
             case Prompt():
                 self._pictures(recording, event)
             case Reply():
-                self._cost(recording, event)
+                recording.row(f"{Paths.METRICS}/tokens", rr.Scalars, scalars=[self._tokens])
             case ProgramVersion():
                 log_program(recording, self._folder, event)
             case TestsRun():
@@ -169,21 +165,7 @@ class EventView:
             recording.log(Paths.IMAGE, rr.Clear(recursive=False))
         self._picture = picture
 
-    def _cost(self, recording: Recording, event: Reply) -> None:
-        values = rr.AnyValues(
-            role=event.role,
-            model=event.model,
-            input_tokens=event.input_tokens,
-            output_tokens=event.output_tokens,
-            seconds=event.seconds,
-            finish_reason=event.finish_reason,
-        )
-        recording.log(Paths.CALL, values)
-        recording.log(f"{Paths.METRICS}/tokens", rr.Scalars(self._tokens))
-
     def _rollout(self, recording: Recording, event: Rollout) -> None:
-        values = rr.AnyValues(seed=event.seed, outcome=event.outcome, reward=event.reward, steps=event.steps)
-        recording.log(Paths.ROLLOUT, values)
         self._clock.play(self._rollouts.show(recording, event))
         reward = rr.Scalars.columns(scalars=[event.reward])
         recording.columns(f"{Paths.METRICS}/reward", np.array([duration(self._folder, event)]), reward)
@@ -192,5 +174,5 @@ class EventView:
 def _log_tests(recording: Recording, event: TestsRun) -> None:
     cases = documents.cases_of(event)
     passed = documents.count_cases(cases).get("passed", 0)
-    recording.log(f"{Paths.METRICS}/tests/passed", rr.Scalars(passed))
-    recording.log(f"{Paths.METRICS}/tests/failed", rr.Scalars(len(cases) - passed))
+    for outcome, count in (("passed", passed), ("failed", len(cases) - passed)):
+        recording.row(f"{Paths.METRICS}/tests/{outcome}", rr.Scalars, scalars=[count])

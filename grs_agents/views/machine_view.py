@@ -1,5 +1,7 @@
 """The state machine and the lane of nodes in the recording."""
 
+from typing import Any
+
 import rerun as rr
 
 from grs_agents.trace import Event, NodeStarted, RunEnded, RunStarted
@@ -23,6 +25,7 @@ class MachineView:
         self._edges: tuple[machine.Edge, ...] = machine.edges(self.nodes)
         self._visits: dict[str, int] = {}
         self._active = ""
+        self._placed: tuple[str, ...] = ()
 
     def follow(self, event: Event) -> None:
         """Take in an event without showing it."""
@@ -47,17 +50,18 @@ class MachineView:
 
     def show(self, recording: Recording) -> None:
         """The machine as it stands, and the active node in the lane."""
-        spots = machine.places(self.nodes)
-        nodes = rr.GraphNodes(
-            list(spots),
-            positions=list(spots.values()),
-            labels=[self._label(node) for node in spots],
-            colors=[machine.color(node) if node == self._active else machine.QUIET for node in spots],
-            show_labels=True,
-        )
-        recording.log(Paths.MACHINE, nodes)
+        looks: dict[str, Any] = {
+            "labels": [self._label(node) for node in self.nodes],
+            "colors": [machine.color(node) if node == self._active else machine.QUIET for node in self.nodes],
+        }
+        if self.nodes != self._placed:
+            spots = list(machine.places(self.nodes).values())
+            recording.log(Paths.MACHINE, rr.GraphNodes(self.nodes, positions=spots, show_labels=True, **looks))
+            self._placed = self.nodes
+        else:
+            recording.row(Paths.MACHINE, rr.GraphNodes, **looks)
         if self._active:
-            recording.log(Paths.NODE, rr.StateChange(state=self._active))
+            recording.row(Paths.NODE, rr.StateChange, state=[self._active])
 
     def _label(self, node: str) -> str:
         visits = self._visits.get(node, 0)

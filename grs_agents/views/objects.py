@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -25,10 +26,8 @@ def name_of(item: dict[str, Any]) -> str:
 def rectangles(labels: npt.NDArray[Any]) -> dict[int, Rectangle]:
     """The box around each label of a label picture (H, W), 0 left out."""
     found: dict[int, Rectangle] = {}
-    for label in np.unique(labels):
+    for label in np.flatnonzero(np.bincount(labels.ravel())):
         if label:
-            mask = labels == label
-            rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-            left, top = int(columns[0]), int(rows[0])
-            found[int(label)] = (left, top, int(columns[-1]) - left + 1, int(rows[-1]) - top + 1)
+            left, top, width, height = cv2.boundingRect((labels == label).astype(np.uint8))
+            found[int(label)] = (left, top, width, height)
     return found

@@ -17,17 +17,10 @@ _LONGEST = 400
 
 
 def log_program(recording: Recording, folder: Path, event: ProgramVersion) -> None:
-    """Show one version: its file as a document, its diff as coloured lines, its identity as values."""
+    """Show one version: its file as a document, its diff as coloured lines."""
     path = Paths.SIMULATION if event.program == "simulation" else Paths.TESTS
     source = (folder / event.path).read_text(encoding="utf-8", errors="replace")
-    recording.log(path, rr.TextDocument(documents.program(event, source), media_type=rr.MediaType.MARKDOWN))
-    values = rr.AnyValues(
-        program=event.program,
-        number=event.number,
-        sha256=event.sha256,
-        author=event.author_role or event.source,
-    )
-    recording.log(Paths.VERSION, values)
+    recording.text(path, documents.program(event, source))
     head = f"{event.program} version {event.number}" + (f" by {event.author_role}" if event.author_role else "")
     lines = [head, *_changed(event, source)]
     columns = rr.TextLog.columns(

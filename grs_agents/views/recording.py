@@ -5,6 +5,7 @@ import threading
 from collections.abc import Iterable
 from copy import copy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +14,11 @@ import rerun.blueprint as rrb
 
 from grs_agents.errors import InputError
 from grs_agents.views.clock import Moment
+from grs_agents.views.rows import Archetype, Rows
 
 APPLICATION = "grs"
 LEAST_FREE = 16 * 2**20
 """Bytes that must be free on the disk before an event is recorded."""
-FLUSH_SECONDS = 10.0
-"""How long the file may take to swallow one event."""
 
 
 class Recording:
@@ -35,7 +35,6 @@ class Recording:
         self.moment = Moment()
         self._path = path
         self._prefix = ""
-        self._broken = False
         self._clocks: list[tuple[Moment, int] | None] = [None]  # one for all that lie below other paths
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
         if live is None:
@@ -45,6 +44,7 @@ class Recording:
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._stream.send_recording_name(run_id)
+        self._rows = Rows(self._stream)
 
     def below(self, prefix: str) -> "Recording":
         """The same recording, in which everything lies below ``prefix``; its moment is its own."""
@@ -68,6 +68,14 @@ class Recording:
             self._keep_time()
         self._stream.log(f"{self._prefix}{path}", *archetypes, static=static, strict=True)
 
+    def row(self, path: str, kind: type[Archetype], **values: list[Any]) -> None:
+        """Log the components of an archetype at the present moment, together with other rows."""
+        self._rows.add(f"{self._prefix}{path}", kind, self.moment, values)
+
+    def text(self, path: str, markdown: str) -> None:
+        """Show a document."""
+        self.row(path, rr.TextDocument, text=[markdown], media_type=[rr.MediaType.MARKDOWN])
+
     def _keep_time(self) -> None:
         """Set the clocks, which rerun keeps for each thread, unless they stand right already."""
         now = (self.moment, threading.get_ident())
@@ -89,20 +97,7 @@ class Recording:
         )
         self._stream.send_columns(f"{self._prefix}{path}", indexes, columns, strict=True)
 
-    def flush(self) -> None:
-        """Put everything logged so far into the file, so that a killed run leaves a readable one.
-
-        Raises:
-            RuntimeError: the file cannot be written, e.g. the disk is full; the recording ends there.
-        """
-        if self._broken:  # rerun would wait for ever for a file that it has given up
-            return
-        try:
-            self._stream.flush(timeout_sec=FLUSH_SECONDS)
-        except RuntimeError:
-            self._broken = True
-            raise
-
     def close(self) -> None:
         """Write what is left and the footer."""
+        self._rows.send()
         self._stream.disconnect()

@@ -14,7 +14,7 @@ TRACE = "trace.rrd"
 
 
 class RerunView:
-    """Shows every event in rerun; each is in the file before the next one happens.
+    """Shows every event in rerun; each is in the file a moment later, so that a killed run leaves its film.
 
     A run that is resumed goes on in ``trace.1.rrd`` and so on, with the same recording id, so that all parts
     open as one recording; :meth:`finish` leaves a single ``trace.rrd``.
@@ -84,7 +84,7 @@ def compare(runs: Sequence[tuple[Path, Library]], path: Path) -> Path:
     for (folder, library), (_, prefix, _), events in zip(runs, columns, logs, strict=True):
         view = EventView(folder, library, recording.below(prefix))
         for event in events:
-            view.write(event, flush=False)
+            view.write(event)
     recording.close()
     return path
 
@@ -95,19 +95,28 @@ def _distinct(names: list[str]) -> list[str]:
     return [f"{number} {name}" if same else name for number, name in enumerate(names, start=1)]
 
 
+def record(run_folder: Path, library: Library, path: Path) -> bool:
+    """Write the recording of a run, as far as it has come, into the file ``path``; False if it has no event yet.
+
+    Raises:
+        InputError: the folder has no readable event log.
+    """
+    events = read_events(run_folder / "events.jsonl")
+    view = EventView(run_folder, library, path)
+    for event in events:
+        view.write(event)
+    view.close()
+    return bool(events)
+
+
 def rebuild(run_folder: Path, library: Library) -> Path:
     """Make ``trace.rrd`` anew from ``events.jsonl`` and the files it names; parts of resumed runs go away.
 
     Raises:
         InputError: the folder has no readable event log.
     """
-    events = read_events(run_folder / "events.jsonl")
     temporary = run_folder / f".{TRACE}"
-    view = EventView(run_folder, library, temporary)
-    for event in events:
-        view.write(event, flush=False)
-    view.close()
-    if events:
+    if record(run_folder, library, temporary):
         temporary.replace(run_folder / TRACE)
         for part in run_folder.glob("trace.[0-9]*.rrd"):
             part.unlink()

@@ -1,6 +1,7 @@
 """The photo in the recording: picture, depth, masks, boxes in two and three dimensions, point cloud."""
 
 import colorsys
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,12 @@ from grs_agents.views.objects import label_of, name_of, rectangles
 from grs_agents.views.paths import Paths
 from grs_agents.views.recording import Recording
 from grs_agents.views.shape_view import show_asset
-from grs_agents.views.twin import run_library, twin_objects
+from grs_agents.views.twin import changed, run_library, twin_objects
 
 MOST_POINTS = 40_000
 """Points of the cloud that are kept, evenly spread over the picture."""
+SMALL = 64 * 1024
+"""Bytes up to which a PNG is shown as it is."""
 _BOX = (255, 205, 60)
 _TINT = 0.4
 """How much a mask covers of the photo."""
@@ -33,16 +36,38 @@ def read_picture(path: Path, flags: int) -> Image:
     Raises:
         InputError: the file is missing or not a picture.
     """
-    image = cv2.imread(str(path), flags)
+    image = _decoded(path, changed(path), flags)
     if image is None:
         raise InputError(f"cannot read the picture {path}", "restore the file or run again")
     return image
 
 
+@lru_cache(maxsize=4)
+def _decoded(path: Path, _changed: int, flags: int) -> Image | None:
+    """The pictures read last; photo and depth serve several parts of a stage."""
+    image = cv2.imread(str(path), flags)
+    if image is not None:
+        image.setflags(write=False)
+    return image
+
+
 def log_picture(recording: Recording, path: str, file: Path) -> None:
     """Show the colour picture ``file``, compressed."""
-    image = cv2.cvtColor(read_picture(file, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
-    recording.log(path, rr.Image(image).compress(jpeg_quality=88))
+    recording.log(path, _shown_picture(file, changed(file)))
+
+
+@lru_cache(maxsize=16)
+def _shown_picture(file: Path, _changed: int) -> rr.EncodedImage:
+    """A picture as it is shown; kept, since the prompts of a run show the same few again and again."""
+    if file.suffix == ".png" and file.is_file() and file.stat().st_size < SMALL:
+        return rr.EncodedImage(contents=file.read_bytes(), media_type="image/png")
+    return _compressed(read_picture(file, cv2.IMREAD_COLOR), 88)
+
+
+def _compressed(image: Image, quality: int, draw_order: float | None = None) -> rr.EncodedImage:
+    """A JPEG of ``image`` (H, W, 3), blue first."""
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return rr.EncodedImage(contents=data.tobytes(), media_type="image/jpeg", draw_order=draw_order)
 
 
 class SceneView:
@@ -54,6 +79,8 @@ class SceneView:
         self._camera: dict[str, Any] = {}
         self._depth_scale: float | None = None
         self._cloud_shown_for: Any = None
+        self._stand_ins: dict[int, str] = {}
+        self._shown: dict[str, str] = {}
 
     def show(self, recording: Recording, event: SceneStage) -> None:
         """Show what ``event`` brings."""
@@ -63,9 +90,9 @@ class SceneView:
         self._depth_scale = float(scale) if scale else None
         if event.summary.get("camera"):
             self._show_camera(recording)
-        if "rgb" in event.files:
+        if self._is_new("rgb", event):
             log_picture(recording, f"{Paths.CAMERA}/rgb", self._folder / event.files["rgb"])
-        if "depth" in event.files:
+        if self._is_new("depth", event):
             self._show_depth(recording)
         self._show_cloud(recording)
         objects: list[dict[str, Any]] = event.summary.get("objects") or []
@@ -73,12 +100,19 @@ class SceneView:
             self._show_masks(recording, objects)
         if objects:
             _show_boxes(recording, objects)
-            table = rr.TextDocument(_objects(objects), media_type=rr.MediaType.MARKDOWN)
-            recording.log(Paths.OBJECTS, table)
+            recording.text(Paths.OBJECTS, _objects(objects))
             self._show_twin(recording, objects)
         background = event.summary.get("asset" if event.stage == "background" else "background")
         if background:
             show_asset(recording, Paths.SURROUNDINGS, str(background), run_library(self._folder, self._library))
+
+    def _is_new(self, name: str, event: SceneStage) -> bool:
+        """Whether ``event`` brings a file that is not shown yet."""
+        file = event.files.get(name)
+        if file is None or file == self._shown.get(name):
+            return False
+        self._shown[name] = file
+        return True
 
     def _show_twin(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
         """The assets that stand for the objects, where they do; the viewer draws them from the camera of the photo."""
@@ -87,7 +121,13 @@ class SceneView:
             path, (position, quaternion) = f"{Paths.TWIN}/object_{item.id}", item.pose
             pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion))
             recording.log(path, pose)
-            show_asset(recording, path, item.asset, library)
+            looks = f"{path}/{rr.escape_entity_path_part(item.asset)}"
+            before = self._stand_ins.get(item.id)
+            if before != looks:
+                show_asset(recording, looks, item.asset, library)
+                self._stand_ins[item.id] = looks
+            if before and before != looks:
+                recording.log(before, rr.Clear(recursive=True))
 
     def _show_camera(self, recording: Recording) -> None:
         camera = self._camera
@@ -107,7 +147,8 @@ class SceneView:
     def _show_depth(self, recording: Recording) -> None:
         file = self._folder / self._files["depth"]
         depth = read_picture(file, cv2.IMREAD_UNCHANGED)
-        seen = depth[depth > 0]
+        sample = depth[::4, ::4]
+        seen = sample[sample > 0]
         low, high = np.percentile(seen, [2, 98]) if seen.size else (0, 1)
         image = rr.EncodedDepthImage(
             blob=file.read_bytes(),
@@ -139,20 +180,16 @@ class SceneView:
 
     def _show_masks(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
         labels = read_picture(self._folder / self._files["masks"], cv2.IMREAD_UNCHANGED)
-        present = [int(label) for label in np.unique(labels) if label]
-        names = {label_of(item, index): name_of(item) for index, item in enumerate(objects)}
-        texts = [drawable(f"{label} {names.get(label, '')}".rstrip()) for label in present]
-        infos = [
-            rr.AnnotationInfo(id=label, label=text, color=_color(label))
-            for label, text in zip(present, texts, strict=True)
-        ]
-        recording.log(Paths.CAMERA, rr.AnnotationContext(infos))
+        boxes = rectangles(labels)
+        present = list(boxes)
         self._show_tinted(recording, labels, present)
-        boxes = list(rectangles(labels).values())
         if boxes:
-            numbers = [str(label) for label in present]
             drawn = rr.Boxes2D(
-                array=boxes, array_format=rr.Box2DFormat.XYWH, class_ids=present, labels=numbers, show_labels=True
+                array=list(boxes.values()),
+                array_format=rr.Box2DFormat.XYWH,
+                colors=[_color(label) for label in present],
+                labels=[str(label) for label in present],
+                show_labels=True,
             )
             recording.log(f"{Paths.CAMERA}/boxes", drawn)
 
@@ -160,14 +197,15 @@ class SceneView:
         """The photo with each mask in its colour; laid over it, a segmentation image would tint its background too."""
         if "rgb" not in self._files:
             return
-        image = cv2.cvtColor(read_picture(self._folder / self._files["rgb"], cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+        image = read_picture(self._folder / self._files["rgb"], cv2.IMREAD_COLOR)
         if image.shape[:2] != labels.shape:
             return
         colors = np.zeros((int(labels.max()) + 1, 3), np.uint8)
         for label in present:
-            colors[label] = _color(label)
-        tinted = np.where(labels[..., None] > 0, (1 - _TINT) * image + _TINT * colors[labels], image).astype(np.uint8)
-        recording.log(f"{Paths.CAMERA}/masks", rr.Image(tinted, draw_order=1.0).compress(jpeg_quality=85))
+            colors[label] = _color(label)[::-1]
+        blended = cv2.addWeighted(image, 1 - _TINT, colors[labels], _TINT, 0)
+        tinted = np.where(labels[..., None] > 0, blended, image)
+        recording.log(f"{Paths.CAMERA}/masks", _compressed(tinted, 85, draw_order=1.0))
 
 
 def _color(label: int) -> tuple[int, int, int]:

@@ -70,7 +70,7 @@ def _mesh(shape: Shape, library: Library, color: Rgba | None) -> rr.Mesh3D:
 @lru_cache(maxsize=128)
 def _load_mesh(path: Path) -> Any:
     """The mesh of an OBJ file, one vertex for each of its texture coordinates."""
-    return trimesh.load_mesh(path, process=False)
+    return trimesh.load_mesh(path, process=False, skip_materials=True)
 
 
 def _vertex_normals(mesh: Any) -> npt.NDArray[np.float64]:

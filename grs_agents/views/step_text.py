@@ -90,11 +90,19 @@ def _section(event: Event) -> Section | None:
             found = Section(f"audit, {event.check}: {'passed' if event.passed else 'failed'}", event.detail)
         case Note():
             found = Section(event.level, event.text)
-        case NodeEnded(error=error) if error:
-            found = Section("error", error)
+        case NodeEnded():
+            found = _ending(event)
         case _:
             found = None
     return found
+
+
+def _ending(event: NodeEnded) -> Section | None:
+    """What the node made of the state, or the error that ended it."""
+    if event.error:
+        return Section("error", event.error)
+    lines = [f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in event.values.items()]
+    return Section("state", "\n".join(lines)) if lines else None
 
 
 def _reply_heading(event: Reply) -> str:

@@ -1,6 +1,7 @@
 """The described scene as assets that stand where the photo shows them, and as the camera of the photo would see it."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,18 @@ from grs_agents.sim.world import model_of
 def run_library(folder: Path, library: Library) -> Library:
     """``library`` with the assets laid over that the run has made so far."""
     own = folder / "assets"
-    return library.overlay(own) if (own / "manifest.json").is_file() else library
+    return _overlaid(library, own, changed(own / "manifest.json")) if own.is_dir() else library
+
+
+@lru_cache(maxsize=2)
+def _overlaid(library: Library, own: Path, _written: int) -> Library:
+    """Kept, since reading a manifest takes longer than showing its assets."""
+    return library.overlay(own)
+
+
+def changed(file: Path) -> int:
+    """When ``file`` was written last (ns), by which what was read of it can be kept; 0 where there is none."""
+    return file.stat().st_mtime_ns if file.is_file() else 0
 
 
 def twin_objects(objects: Sequence[dict[str, Any]], library: Library) -> list[InstanceObject]:

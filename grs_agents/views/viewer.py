@@ -8,7 +8,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
 from grs_agents.errors import GrsError, InputError
 
@@ -43,16 +45,37 @@ def recordings(path: Path) -> list[Path]:
     return files
 
 
-def viewer_command(path: Path, web: bool = False) -> list[str]:
+@dataclass(frozen=True)
+class WebAddress:
+    """Where a viewer in the browser finds its page and its data, two ports of this machine."""
+
+    page: int
+    data: int
+
+    @classmethod
+    def free(cls) -> "WebAddress":
+        """Two ports that nothing listens to; the page's is the usual one if it can be."""
+        with socket.socket() as probe:
+            taken = probe.connect_ex((LOOPBACK, WEB_PORT)) == 0
+        return cls(_free_port() if taken else WEB_PORT, _free_port())
+
+    @property
+    def url(self) -> str:
+        """What to open in the browser."""
+        data = quote(f"rerun+http://{LOOPBACK}:{self.data}/proxy", safe="")
+        return f"http://{LOOPBACK}:{self.page}?url={data}"
+
+
+def viewer_command(path: Path, web: WebAddress | None = None) -> list[str]:
     """The command that shows the recording of a run folder (or file), in a window or in the browser.
 
     Raises:
         InputError: there is no recording.
         GrsError: rerun's viewer is not installed.
     """
-    place = ["--bind", LOOPBACK, "--port", "auto"]
+    place = ["--bind", LOOPBACK, "--port", str(web.data) if web else "auto"]
     if web:
-        place += ["--web-viewer", "--web-viewer-port", str(WEB_PORT)]
+        place += ["--web-viewer", "--web-viewer-port", str(web.page)]
     return [str(rerun_program()), *place, *map(str, recordings(path))]
 
 
@@ -89,19 +112,19 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def open_viewer(path: Path, web: bool = False) -> subprocess.Popen[bytes]:
+def open_viewer(path: Path, web: WebAddress | None = None) -> subprocess.Popen[bytes]:
     """Open the recording of a run folder (or file) and return the viewer's process.
 
     Args:
         path: the run folder or an ``.rrd`` file.
-        web: in the browser instead of a window; needs no display on this machine.
+        web: in the browser instead of a window, there; needs no display on this machine.
 
     Raises:
         InputError: there is no recording.
         GrsError: no display, no viewer, or the viewer ended at once; the remedy says what to do instead.
     """
     command = viewer_command(path, web)
-    if not web and not has_display():
+    if web is None and not has_display():
         files = shlex.join(file.name for file in recordings(path))
         raise GrsError(
             "no display to open the viewer on",

@@ -1,9 +1,15 @@
 """The verbs that look at a run."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
 import pytest
 
 from grs_agents.config import Config
@@ -11,6 +17,7 @@ from grs_agents.run import RunRecord
 from grs_agents.trace import EventLog
 from grs_agents.views import film
 from tests.cli.command import grs
+from tests.views.browsing import needs_chromium, page_once
 from tests.views.conftest import Script
 
 KEY = "a-very-secret-key-of-mine"
@@ -69,3 +76,29 @@ def test_share_holds_neither_key_nor_home(run: Path, monkeypatch: pytest.MonkeyP
     assert {"run/trace.rrd", "run/report.html", "run/events.jsonl"} <= set(content)
     assert not any(KEY.encode() in data or b"/home/ada" in data for data in content.values())
     assert b"~/photo" in content["run/run.json"]
+
+
+@needs_chromium
+def test_a_browser_shows_a_run_that_was_cut_short(run: Path) -> None:
+    events = (run / "events.jsonl").read_bytes().splitlines(keepends=True)
+    (run / "events.jsonl").write_bytes(b"".join(events[:-1]))
+    command = [sys.executable, "-m", "grs_agents", "replay", str(run), "--web"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            url = process.stdout.readline().removeprefix("open ").strip()
+            assert url.startswith("http://127.0.0.1:")
+            image = page_once(url, lambda picture: rewards(picture) > 20)
+        finally:
+            os.killpg(process.pid, signal.SIGTERM)
+    assert rewards(image) > 20
+    assert image.std() > 10
+    assert not (run / "trace.rrd").exists()
+
+
+def rewards(picture: npt.NDArray[np.uint8]) -> int:
+    """Pixels of the colour in which the rewards of rollouts are plotted (blue, green, red)."""
+    return int((np.abs(picture.astype(int) - (15, 196, 241)).max(axis=-1) < 12).sum())

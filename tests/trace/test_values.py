@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.trace.values import encodable, plain
+from grs_agents.trace.values import brief, encodable, plain
 
 SCALARS = st.none() | st.booleans() | st.floats() | st.integers(-(2**53), 2**53) | st.text()
 TREES = st.recursive(SCALARS, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=12)
@@ -30,3 +30,25 @@ def test_tuples_paths_arrays_and_nan_become_json() -> None:
     value = {"size": (1, 2), "file": Path("a/b"), "pose": np.eye(2), "score": float("nan"), "n": np.int64(3)}
     expected = {"size": [1, 2], "file": "a/b", "pose": [[1.0, 0.0], [0.0, 1.0]], "score": "NaN", "n": 3}
     assert plain(value) == expected
+
+
+def test_what_is_long_or_deep_is_told_by_its_size() -> None:
+    report = {
+        "outcome": "failed",
+        "cases": [{"id": "a"}, {"id": "b"}],
+        "pose": [1.0, 2.0],
+        "deep": {"a": {"b": 1}},
+    }
+    told = {"outcome": "failed", "cases": "2 items", "pose": [1.0, 2.0], "deep": {"a": "1 fields"}}
+    assert brief(report) == told
+    assert brief("class A:\n    pass\n") == "2 lines, 18 characters"
+    assert brief({"scene": dict.fromkeys(map(str, range(40)), 0)}) == {"scene": "40 fields"}
+    assert brief(3) == 3
+    assert brief(float("nan")) == "NaN"
+
+
+@given(TREES)
+def test_a_brief_value_is_plain_and_stays_short(value: Any) -> None:
+    told = brief(value)
+    assert plain(told) == told
+    assert not isinstance(told, list) or len(told) <= 4

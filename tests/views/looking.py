@@ -35,18 +35,26 @@ def free_port() -> int:
 @contextlib.contextmanager
 def headless(recording: Path) -> Iterator[ViewerClient]:
     """A viewer of 1600 x 900 that has loaded ``recording``."""
+    with viewer(recording) as url:
+        yield connected(url)
+
+
+@contextlib.contextmanager
+def viewer(*recordings: Path) -> Iterator[str]:
+    """The address of a viewer of 1600 x 900 that opens ``recordings`` and waits for more."""
     port = free_port()
     command = [str(rerun_program()), "--headless", "--bind", "127.0.0.1", "--port", str(port)]
-    command += [str(recording), "--window-size", "1600x900"]
+    command += [*map(str, recordings), "--window-size", "1600x900"]
     process = subprocess.Popen(command, env={**os.environ, **viewer_environment()}, stderr=subprocess.DEVNULL)
     try:
-        yield _connected(f"rerun+http://127.0.0.1:{port}/proxy")
+        yield f"rerun+http://127.0.0.1:{port}/proxy"
     finally:
         process.terminate()
         process.wait(30)
 
 
-def _connected(url: str) -> ViewerClient:
+def connected(url: str) -> ViewerClient:
+    """The viewer at ``url`` once it shows a run."""
     end = time.monotonic() + PATIENCE
     while True:
         try:

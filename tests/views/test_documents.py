@@ -12,8 +12,8 @@ def test_a_report_is_a_table_with_tracebacks_below() -> None:
     }  # fmt: skip
     passed = {"id": "T.test_a", "outcome": "passed", "seconds": None, "message": None}
     text = documents.tests(Tested(report={"outcome": "failed", "cases": [passed, failed]}))
-    assert "| T.test_a | **passed** | 0.00 |  |" in text
-    assert "| T.test_b | **failed** | 1.00 | a\\|b |" in text
+    assert "| **passed** | test_a | 0.00 |  |" in text
+    assert "| **failed** | test_b | 1.00 | a\\|b |" in text
     assert "````python\nTraceback ``` x\n````" in text
     assert "oracle: step_limit, reward 0.5: two left" in text
     assert "1 passed, 1 failed" in text

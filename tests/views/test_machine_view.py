@@ -6,6 +6,7 @@ from rerun.chunk import RrdReader
 
 from grs_agents.trace import NodeStarted, RunEnded, RunStarted
 from grs_agents.views.blueprint import blueprint
+from grs_agents.views.clock import Moment
 from grs_agents.views.machine_view import MachineView
 from grs_agents.views.paths import Paths
 from grs_agents.views.recording import Recording
@@ -23,14 +24,16 @@ def test_the_graph_of_the_run_is_shown_with_visits(tmp_path: Path) -> None:
     view.prepare(recording)
     view.show(recording)
     view.follow(RunEnded(status="accepted"))
+    recording.moment = Moment(event=1)
     view.show(recording)
     recording.close()
-    labels: list[list[str]] = []
+    labels: list[tuple[int, list[str]]] = []
     for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content=Paths.MACHINE).to_chunks():
         batch = chunk.to_record_batch()
         if "GraphNodes:labels" in batch.schema.names:
-            labels += batch.column("GraphNodes:labels").to_pylist()
+            shown = batch.column("GraphNodes:labels").to_pylist()
+            labels += zip(batch.column("event").to_pylist(), shown, strict=True)
         else:
             drawn = batch.column("GraphEdges:edges").to_pylist()[0]
             assert [tuple(edge.values()) for edge in drawn] == [("route", "mine"), ("mine", "end")]
-    assert labels == [["● route ×2", "mine", "end"], ["route ×2", "mine", "● end"]]
+    assert sorted(labels) == [(0, ["● route ×2", "mine", "end"]), (1, ["route ×2", "mine", "● end"])]

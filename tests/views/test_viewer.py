@@ -1,23 +1,37 @@
 """Opening the viewer."""
 
+import contextlib
+import socket
 import sys
 from pathlib import Path
 
 import pytest
 
 from grs_agents.errors import GrsError, InputError
-from grs_agents.views import open_viewer, viewer_command
-from grs_agents.views.viewer import has_display, recordings, viewer_environment
+from grs_agents.views import WebAddress, open_viewer, viewer_command
+from grs_agents.views.viewer import WEB_PORT, has_display, recordings, viewer_environment
 
 
 def test_the_viewer_listens_to_this_machine_alone(tmp_path: Path) -> None:
     (tmp_path / "trace.rrd").touch()
     (tmp_path / "trace.1.rrd").touch()
-    for web in (False, True):
+    for web in (None, WebAddress(page=9091, data=9092)):
         command = viewer_command(tmp_path, web)
         assert command[command.index("--bind") + 1] == "127.0.0.1"
-        assert ("--web-viewer" in command) == web
+        assert ("--web-viewer" in command) == (web is not None)
+        assert web is None or {"9091", "9092"} <= set(command)
         assert {Path(part).name for part in command} >= {"trace.rrd", "trace.1.rrd"}
+
+
+def test_the_page_in_the_browser_is_on_a_port_that_is_free() -> None:
+    usual = WebAddress.free()
+    assert usual.url == f"http://127.0.0.1:{usual.page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{usual.data}%2Fproxy"
+    with socket.socket() as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with contextlib.suppress(OSError):
+            other.bind(("127.0.0.1", WEB_PORT))
+            other.listen()
+        assert WebAddress.free().page != WEB_PORT
 
 
 def test_no_usage_data_leaves(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,58 @@
+"""The graphs as LangGraph's own server and clients meet them: ``langgraph dev`` reads them from ``langgraph.json``.
+
+A request names the scene, and each node's changes stream back; what the run leaves behind is a run folder like any
+other's. Settings come from ``GRS_*`` variables and from the request.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from langchain_core.runnables import RunnableConfig
+from langgraph.graph import END, START, StateGraph
+
+from grs_agents.cli.running import Watching, follow
+from grs_agents.config import load_config
+from grs_agents.errors import InputError
+from grs_agents.run import GIVEN, Order, execute, load_graph
+from grs_agents.state import RunState
+
+
+class Answer(RunState):
+    """The state that a run ended in, and where the rest of it lies.
+
+    Attributes:
+        folder: the run folder, for ``grs show``, ``grs report`` and ``grs replay``.
+    """
+
+    folder: str
+
+
+def serve(name: str) -> StateGraph[Answer, None, RunState, Answer]:
+    """The graph ``name`` with all that ``grs run`` gives it: sandbox, models, event log, recording.
+
+    The request's state has ``scene_path`` and what else the graph needs; its ``configurable`` may have ``set``, a list
+    of settings as ``--set`` takes them.
+    """
+
+    def run(state: RunState, config: RunnableConfig) -> dict[str, Any]:
+        settings: list[str] = [*config.get("configurable", {}).get("set", ()), f"graph={name}"]
+        if not state.get("scene_path"):
+            raise InputError("the request names no scene", "give the state a scene_path: a folder, a file, or bop:...")
+        given = {key: value for key, value in state.items() if key not in GIVEN}
+        command = "run" if getattr(load_graph(name), "VERDICT", True) else "scene"
+        order = Order(command, Path(state["scene_path"]), load_config(None, settings).config, given=given, nested=True)
+        ended = execute(order, partial(follow, watching=Watching()))
+        if ended.problem is not None:
+            raise ended.problem
+        return {**ended.state, "folder": str(ended.folder)}
+
+    graph = StateGraph(Answer, input_schema=RunState, output_schema=Answer)
+    graph.add_node(name, run)
+    graph.add_edge(START, name)
+    graph.add_edge(name, END)
+    return graph
+
+
+grs, router, scene = serve("grs"), serve("router"), serve("scene")
+no_router, no_fix, llm_only = serve("no_router"), serve("no_fix"), serve("llm_only")

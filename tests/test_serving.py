@@ -1,0 +1,106 @@
+"""The graphs behind LangGraph's own server."""
+
+import contextlib
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from langgraph.graph import StateGraph
+
+from grs_agents import content, serving
+from grs_agents.errors import ConfigError, InputError
+from grs_agents.run import read_record
+from grs_agents.trace import read_events
+from tests.views.looking import free_port
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_langgraph_json_serves_every_graph() -> None:
+    graphs: dict[str, str] = json.loads((ROOT / "langgraph.json").read_text(encoding="utf-8"))["graphs"]
+    assert sorted(graphs) == content.names("graphs")
+    for name, target in graphs.items():
+        assert target == f"{serving.__name__}:{name}"
+        assert isinstance(getattr(serving, name), StateGraph)
+
+
+def test_a_served_graph_leaves_a_run_and_streams_its_nodes(
+    tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    steps = list(
+        serving.scene.compile().stream(
+            {"scene_path": str(sample_scene)},
+            {"configurable": {"set": ["seed=3"]}},
+            stream_mode="updates",
+            subgraphs=True,
+        )
+    )
+    assert [next(iter(update)) for _, update in steps] == ["comprehend", "match", "scene"]
+    ended = steps[-1][1]["scene"]
+    record = read_record(Path(ended["folder"]))
+    assert (record.status, record.config["seed"], record.graph) == ("accepted", 3, "scene")
+    assert len(ended["scene"]["objects"]) >= 8
+    assert read_events(Path(ended["folder"]) / "events.jsonl")[-1].kind == "run_ended"
+    assert (Path(ended["folder"]) / "trace.rrd").is_file()
+
+
+def test_what_a_request_leaves_out_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="names no scene"):
+        serving.grs.compile().invoke({"max_fixes": 3})
+    with pytest.raises(InputError, match="nowhere"):
+        serving.grs.compile().invoke({"scene_path": "nowhere"})
+    (tmp_path / "photo").mkdir()
+    with pytest.raises(ConfigError, match="needs task and scene"):
+        serving.router.compile().invoke({"scene_path": str(content.path("assets", "scenes") / "groceries")})
+    with pytest.raises(ConfigError, match="policy"):
+        serving.grs.compile().invoke(
+            {"scene_path": str(content.path("assets", "scenes") / "groceries")},
+            {"configurable": {"set": ["policy=none_such"]}},
+        )
+
+
+@contextlib.contextmanager
+def langgraph_dev(folder: Path) -> Iterator[str]:
+    """The address of a development server."""
+    port = free_port()
+    address = f"http://127.0.0.1:{port}"
+    command = [sys.executable, "-m", "langgraph_cli", "dev", "--config", str(ROOT / "langgraph.json")]
+    command += ["--host", "127.0.0.1", "--port", str(port), "--no-browser", "--no-reload"]
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path, "LANGSMITH_TRACING": "false"}
+    with (folder / "server.log").open("wb") as log:
+        process = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log, start_new_session=True)
+    try:
+        while process.poll() is None:
+            with contextlib.suppress(OSError), urllib.request.urlopen(f"{address}/ok", timeout=5):
+                break
+        yield address
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait(30)
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("langgraph_api") is None, reason='no LangGraph server: pip install "langgraph-cli[inmem]"'
+)
+def test_langgraph_dev_serves_a_scene(tmp_path: Path, sample_scene: Path) -> None:
+    body: dict[str, Any] = {"assistant_id": "scene", "input": {"scene_path": str(sample_scene)}}
+    with langgraph_dev(tmp_path) as address:
+        request = urllib.request.Request(
+            f"{address}/runs/wait", json.dumps(body).encode(), {"Content-Type": "application/json"}
+        )
+        with urllib.request.urlopen(request, timeout=200) as reply:
+            ended = json.load(reply)
+    assert len(ended["scene"]["objects"]) >= 8
+    assert read_record(tmp_path / ended["folder"]).status == "accepted"
