@@ -41,7 +41,9 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--model", default=load_config(None).config.segment.model, metavar="DIR", help="model of that tool's own"
     )
-    parser.add_argument("--repeats", type=positive, default=1, help="how often the work is timed; the least counts")
+    parser.add_argument(
+        "--repeats", type=positive, default=3, help="how often the work is timed: 3; least and median count"
+    )
     parser.add_argument("--workers", type=positive, default=2, help="scenes at a time")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args(arguments)

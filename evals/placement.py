@@ -6,13 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from grs_agents.errors import InputError
-from grs_agents.scene import SceneObject, read_description
-
-CENTRE, SIZE = 0.02, 0.25
-"""The centre may be off by so much (m), each extent by such a share."""
+from grs_agents.library import Library
+from grs_agents.scene import SceneObject, deviation, read_description, upright_of
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -31,9 +27,11 @@ def main(arguments: Sequence[str]) -> int:
     files = sorted(options.folder.rglob("scene.json"))
     if not files:
         raise InputError(f"{options.folder} holds no scene.json", "make some with `grs eval real` or `grs scene`")
-    rows = [
-        {"scene": file.parent.name, **deviation(thing)} for file in files for thing in read_description(file).objects
-    ]
+    rows: list[dict[str, Any]] = []
+    for file in files:
+        library, proxies = Library(), file.parent / "assets"
+        library = library.overlay(proxies) if proxies.is_dir() else library
+        rows += [{"scene": file.parent.name, **_row(thing, library)} for thing in read_description(file).objects]
     off = [row for row in rows if not row["agrees"]]
     if options.json:
         print(json.dumps({"scenes": len(files), "objects": len(rows), "off": off}, indent=2))
@@ -45,17 +43,7 @@ def main(arguments: Sequence[str]) -> int:
     return 1 if off else 0
 
 
-def deviation(thing: SceneObject) -> dict[str, Any]:
-    """How far a stand-in's centre (m) and largest extent (share) are off the measured box."""
-    x, y, z, w = thing.orientation
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    cosine, sine = abs(np.cos(yaw)), abs(np.sin(yaw))
-    size = np.sort(thing.size)
-    around = np.sort([size[0], size[1], size[2]])
-    measured = np.sort(thing.box.size)
-    turned = np.sort([thing.size[0] * cosine + thing.size[1] * sine, thing.size[0] * sine + thing.size[1] * cosine,
-                      thing.size[2]])  # fmt: skip
-    share = min(float(np.abs(one / measured - 1).max()) for one in (around, turned))
-    centre = float(np.linalg.norm(np.subtract(thing.position, thing.box.center)))
-    return {"object": thing.name, "asset": thing.asset, "centre": centre, "size": share,
-            "agrees": centre <= CENTRE and share <= SIZE}  # fmt: skip
+def _row(thing: SceneObject, library: Library) -> dict[str, Any]:
+    measured = thing.upright or upright_of(thing.box)
+    off = deviation(thing.asset, (thing.position, thing.orientation), library, measured)
+    return {"object": thing.name, "asset": thing.asset, "centre": off.centre, "size": off.size, "agrees": off.agrees}

@@ -31,12 +31,14 @@ class Request(Frozen):
         seeds: one instance is asked for each.
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
         robot: ``ur5e``, ``panda`` or the path of an MJCF file.
+        background: library name of what stands fixed around the robot, so that nothing is placed in it.
     """
 
     simulation: str
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=1000)] = (0, 1, 2)
     library_roots: tuple[str, ...] = ()
     robot: str = "ur5e"
+    background: str | None = None
 
 
 class Failure(Frozen):
@@ -106,7 +108,8 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
     compatibility.install()
     library = open_library(request["library_roots"])
-    sim.configure(library, robot=request["robot"], limits=Limits.model_validate(request["limits"]))
+    limits, background = Limits.model_validate(request["limits"]), request["background"]
+    sim.configure(library, robot=request["robot"], limits=limits, background=background)
     items: Sequence[str] = request["items"]
     task: Any = None
     with sandbox.Caught() as loading:

@@ -19,6 +19,7 @@ class Request(Frozen):
         simulation_name: another module name the tests may import the program by.
         library_roots: asset folders, later ones win; none means the library shipped with GRS.
         robot: ``ur5e``, ``panda`` or the path of an MJCF file.
+        background: library name of what stands fixed around the robot, so that nothing is placed in it.
         seed: seeds ``random`` and ``numpy.random`` before each test.
     """
 
@@ -27,6 +28,7 @@ class Request(Frozen):
     simulation_name: str = "task_code"
     library_roots: tuple[str, ...] = ()
     robot: str = "ur5e"
+    background: str | None = None
     seed: int = Field(default=0, ge=0, lt=2**32)
 
 
@@ -49,6 +51,7 @@ def run(request: Request, context: ToolContext) -> Result:
         extra={
             "library_roots": request.library_roots,
             "robot": request.robot,
+            "background": request.background,
             "limits": context.limits.model_dump(mode="json"),
         },
     )
@@ -64,5 +67,6 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     compatibility.install()
     extra = request["extra"]
     limits = Limits.model_validate(extra["limits"])
-    sim.configure(open_library(extra["library_roots"]), request["seed"], extra["robot"], limits)
+    library, background = open_library(extra["library_roots"]), extra["background"]
+    sim.configure(library, request["seed"], extra["robot"], limits, background)
     return sandbox.run_tests_inside(request)

@@ -1,6 +1,7 @@
 """Pictures of an asset from given directions, drawn by a z-buffer with its textures: no GL, no randomness.
 
-The same asset gives the same picture on every machine, which a graphics driver would not promise.
+The same asset gives the same picture on every machine, which a graphics driver would not promise: what assets are
+matched and described by is drawn so. For people `grs_agents.library.drawing` draws the same views with OpenGL.
 """
 
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ from grs_agents.library.tessellate import solid_surface
 
 Floats = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
-_FINER: Final = 2
+FINER: Final = 2
 """Each pixel is the mean of so many rows and columns of samples."""
 _AROUND: Final = 0.55
 """Share of the light that comes from everywhere; the rest comes from the camera."""
@@ -102,15 +103,29 @@ def asset_views(
         UnknownNameError: nothing has that name.
         InputError: its files are faulty, or a number is out of range.
     """
+    painted = painted_asset(library, name)
+    center, distance, focal = framed(painted, size, field_of_view)
+    return tuple(_view(painted, center, one, distance, focal, size) for one in directions)
+
+
+def painted_asset(library: Library, name: str) -> Painted:
+    """What is seen of an asset, or what collides where nothing is seen; errors as `asset_views`."""
+    model = library.model(name)
+    return paint(library, model.visuals or model.colliders, library.asset(name).color)
+
+
+def framed(painted: Painted, size: int, field_of_view: float) -> tuple[Floats, float, float]:
+    """The point that views look at (m), the camera's distance from it (m) and its focal length (px).
+
+    Raises:
+        InputError: a number is out of range.
+    """
     if not 8 <= size <= 4096 or not 1 <= field_of_view <= 120:
         raise InputError(f"views of {size} px and {field_of_view:g} degrees", "ask for 8 to 4096 px, 1 to 120 degrees")
-    model = library.model(name)
-    painted = paint(library, model.visuals or model.colliders, library.asset(name).color)
     low, high = painted.corners.min(axis=(0, 1)), painted.corners.max(axis=(0, 1))
     center, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
     distance = 1.02 * radius / float(np.sin(np.deg2rad(field_of_view) / 2))
-    focal = size / 2 / float(np.tan(np.deg2rad(field_of_view) / 2))
-    return tuple(_view(painted, center, one, distance, focal, size) for one in directions)
+    return center, distance, size / 2 / float(np.tan(np.deg2rad(field_of_view) / 2))
 
 
 def paint(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Painted:
@@ -180,25 +195,40 @@ def camera_axes(direction: Floats) -> Floats:
     return np.stack([right, np.cross(forward, right), forward])
 
 
-def _view(painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int) -> AssetView:
+def unit_of(towards: Vec3) -> Floats:
+    """A direction with length 1.
+
+    Raises:
+        InputError: it has none.
+    """
     length = float(np.linalg.norm(towards))
     if not np.isfinite(length) or length < 1e-9:
         raise InputError(f"view direction {towards}", "give a vector that is not zero")
-    direction = np.asarray(towards, dtype=np.float64) / length
-    axes, edge = camera_axes(direction), size * _FINER
+    return np.asarray(towards, dtype=np.float64) / length
+
+
+def _view(painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int) -> AssetView:
+    direction = unit_of(towards)
+    axes, edge = camera_axes(direction), size * FINER
     local = (painted.corners - center) @ axes.T + (0.0, 0.0, distance)
     middle = (edge - 1) / 2
-    pixels = local[:, :, :2] / local[:, :, 2:] * (focal * _FINER) + middle
+    pixels = local[:, :, :2] / local[:, :, 2:] * (focal * FINER) + middle
     buffer = rasterise(pixels, 1 / local[:, :, 2], edge, edge)
     seen = buffer.triangle >= 0
     index, depth = buffer.triangle[seen], 1 / buffer.nearness[seen]
     rows, columns = np.nonzero(seen)
-    rays = np.stack([columns - middle, rows - middle, np.full(len(rows), focal * _FINER)], axis=1) / (focal * _FINER)
+    rays = np.stack([columns - middle, rows - middle, np.full(len(rows), focal * FINER)], axis=1) / (focal * FINER)
     points = rays * depth[:, None]
     shade = _shade(_normals(local)[index], rays)
     fine, deep = np.zeros((edge, edge, 4)), np.zeros((edge, edge))
     fine[seen, :3], fine[seen, 3] = _albedo(painted, index, points, local) * shade[:, None], 1.0
     deep[seen] = depth
+    return view_of_samples(fine, deep, direction, distance, focal)
+
+
+def view_of_samples(fine: Floats, deep: Floats, direction: Floats, distance: float, focal: float) -> AssetView:
+    """A view of `FINER` times as many rows and columns of samples: colour and coverage (.., .., 4), and depth, m."""
+    size = len(fine) // FINER
     x, y, z = (float(value) for value in direction)
     return AssetView(_mean(fine, size), _nearest(deep, size), (x, y, z), distance, focal)
 
@@ -237,11 +267,11 @@ def _wrapped(values: Floats) -> Floats:
 
 def _mean(fine: Floats, size: int) -> Image:
     """(size, size, 4) uint8 of premultiplied samples."""
-    total = fine.reshape(size, _FINER, size, _FINER, 4).mean(axis=(1, 3))
+    total = fine.reshape(size, FINER, size, FINER, 4).mean(axis=(1, 3))
     total[:, :, :3] /= np.maximum(total[:, :, 3:], 1e-9)
     return np.rint(np.clip(total, 0, 1) * 255).astype(np.uint8)
 
 
 def _nearest(deep: Floats, size: int) -> npt.NDArray[np.float32]:
-    samples = np.where(deep > 0, deep, np.inf).reshape(size, _FINER, size, _FINER).min(axis=(1, 3))
+    samples = np.where(deep > 0, deep, np.inf).reshape(size, FINER, size, FINER).min(axis=(1, 3))
     return np.where(np.isfinite(samples), samples, 0).astype(np.float32)

@@ -84,7 +84,8 @@ def _pose_errors(one: TrueObject, candidate: Candidate, library: Library, stood:
         found["position"] = float(np.linalg.norm(np.subtract(center, middle)))
         found["angle"] = symmetry.angle(rotation_matrix(turned), true)
         found["symmetric"] = len(symmetry.axes) > 0
-    found["drift"] = stood.drifts.get(candidate.id)
+    if (placed := stood.placed.get(candidate.id)) is not None:
+        found["drift"], found["held"] = placed.drift, placed.held
     return found
 
 

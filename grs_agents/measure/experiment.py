@@ -190,7 +190,6 @@ def _targets(bounds: Sequence[Target]) -> Table:
     for one in bounds:
         if one.value is not None:
             sign = "<=" if one.smaller_is_better else ">="
-            shown.add_row(
-                one.name, f"{one.value:.3g} {one.unit}", f"{sign} {one.bound:g}", "" if one.reached else "missed"
-            )
+            bound = "" if one.bound is None else f"{sign} {one.bound:g}"
+            shown.add_row(one.name, f"{one.value:.3g} {one.unit}", bound, "missed" if one.reached is False else "")
     return shown

@@ -21,19 +21,22 @@ COLUMNS = ("scene", "sensor", "tilt", "objects", "segments", "IoU", "F1@.5", "F1
 at which the twin at rest is within 2 cm, ``penetration`` its deepest."""
 
 
+SMALL, LARGE = 640 * 480, 1920 * 1080
+
+
 class Target(Frozen):
-    """A total and the bound it should keep; ``None`` where nothing was measured."""
+    """A total and the bound it should keep, if any; its value is ``None`` where nothing was measured."""
 
     name: str
     value: float | None
-    bound: float
+    bound: float | None = None
     unit: str = ""
     smaller_is_better: bool = True
 
     @property
     def reached(self) -> bool | None:
         """Whether the bound is kept."""
-        if self.value is None:
+        if self.value is None or self.bound is None:
             return None
         return self.value <= self.bound if self.smaller_is_better else self.value >= self.bound
 
@@ -77,15 +80,12 @@ def totals(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
 
 
 def targets(scenes: Sequence[SceneFigures]) -> list[Target]:
-    """The totals that have a bound."""
+    """The totals that have a bound, and what tells how they came about."""
     score = total([scene.score for scene in scenes])
     objects = [one for scene in scenes for one in scene.objects]
     frames = [scene.frame for scene in scenes if scene.frame is not None]
     twins = [scene.twin for scene in scenes if scene.twin is not None]
     turned = _values(objects, lambda one: None if one.symmetric else one.angle)
-    pixels = [(scene.cpu_seconds, scene.width * scene.height) for scene in scenes]
-    small = [seconds for seconds, count in pixels if count <= 640 * 480]
-    large = [seconds for seconds, count in pixels if 640 * 480 < count <= 1920 * 1080]
     return [
         Target(name="F1 at IoU 0.5", value=score.f1[0], bound=0.90, smaller_is_better=False),
         Target(name="mean IoU of matched", value=_finite(score.mean_iou), bound=0.85, smaller_is_better=False),
@@ -100,15 +100,48 @@ def targets(scenes: Sequence[SceneFigures]) -> list[Target]:
                value=_mean([one.fidelity for one in twins if one.fidelity is not None])),
         Target(name="twin: penetration, largest", value=max((1000 * one.penetration for one in twins), default=None),
                bound=1, unit="mm"),
-        Target(name="twin: drift, median", value=_median(_values(objects, lambda one: one.drift), 1000), bound=10,
-               unit="mm"),
+        *_drifts(_values(objects, lambda one: one.drift)),
+        Target(name="twin: objects held on something unseen", value=_mean(_values(objects, lambda one: one.held))),
+        Target(name="assets within 1 cm and 10 deg", value=_mean(_values(objects, _stands))),
         Target(name="frame tilt, largest", value=max((one.tilt for one in frames), default=None), bound=1, unit="deg"),
         Target(name="frame height, largest", value=_largest_height([one.height for one in frames]), bound=5, unit="mm"),
-        Target(name="CPU up to 640x480, largest", value=max(small, default=None), bound=1, unit="s"),
-        Target(name="CPU up to 1920x1080, largest", value=max(large, default=None), bound=3, unit="s"),
+        *_times("CPU up to 640x480", 1, [one for one in scenes if one.width * one.height <= SMALL]),
+        *_times("CPU up to 1920x1080", 3, [one for one in scenes if SMALL < one.width * one.height <= LARGE]),
         Target(name="peak memory, largest", value=max((one.peak_mib for one in scenes), default=None), bound=1024,
                unit="MiB"),
     ]  # fmt: skip
+
+
+def _times(name: str, bound: float, scenes: Sequence[SceneFigures]) -> list[Target]:
+    """The least of each scene's tries, as a shared machine only ever adds to it: of the slowest scene, and the median;
+    and the median of the medians of the tries."""
+    least = [one.cpu_seconds for one in scenes]
+    usual = _median([one.cpu_median or one.cpu_seconds for one in scenes])
+    return [
+        Target(name=f"{name}, largest", value=max(least, default=None), bound=bound, unit="s"),
+        Target(name=f"{name}, median", value=_median(least), bound=bound, unit="s"),
+        Target(name=f"{name}, median of the tries' medians", value=usual, bound=bound, unit="s"),
+    ]
+
+
+def _drifts(drifts: Sequence[float]) -> list[Target]:
+    """How far objects drift until the twin rests: the median, what 95 % keep, the farthest, and how many keep 1 cm."""
+    ordered = sorted(1000 * drift for drift in drifts)
+    most = [ordered[max(0, math.ceil(share * len(ordered)) - 1)] for share in (0.95, 1.0)] if ordered else [None, None]
+    near = _mean([float(drift <= 10) for drift in ordered])
+    return [
+        Target(name="twin: drift, median", value=_median(ordered), bound=10, unit="mm"),
+        Target(name="twin: drift, 95 %", value=most[0], bound=10, unit="mm"),
+        Target(name="twin: drift, largest", value=most[1], bound=10, unit="mm"),
+        Target(name="twin: objects that drift by at most 1 cm", value=near, bound=1.0, smaller_is_better=False),
+    ]
+
+
+def _stands(one: ObjectFigures) -> bool | None:
+    """Whether an asset stands where it should, as far as can be seen."""
+    if one.position is None or one.angle is None:
+        return None
+    return one.position <= 0.01 and (one.angle <= 10 or bool(one.symmetric))
 
 
 def write_figures(out: Path, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
@@ -169,8 +202,12 @@ def _targets_table(bounds: Sequence[Target]) -> str:
     lines = ["| figure | measured | target |", "|---|---|---|"]
     for one in bounds:
         if one.value is not None:
-            sign, missed = "at most" if one.smaller_is_better else "at least", "" if one.reached else " (missed)"
-            lines.append(f"| {one.name} | {one.value:.3g} {one.unit}{missed} | {sign} {one.bound:g} {one.unit} |")
+            sign, missed = (
+                "at most" if one.smaller_is_better else "at least",
+                " (missed)" if one.reached is False else "",
+            )
+            bound = "" if one.bound is None else f"{sign} {one.bound:g} {one.unit}"
+            lines.append(f"| {one.name} | {one.value:.3g} {one.unit}{missed} | {bound} |")
     return "\n".join(lines) + "\n"
 
 

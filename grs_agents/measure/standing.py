@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.library import Library, write_proxy
+from grs_agents.correspondence.proxying import proxy_points
+from grs_agents.library import Library, fitted_kind, write_fitted_proxy
 from grs_agents.scene import (
     Candidate,
     Claim,
@@ -22,7 +23,7 @@ from grs_agents.scene import (
 )
 from grs_agents.scene.metrics import MATCHED, overlaps
 from grs_agents.scene.truth import LabelledScene
-from grs_agents.twin import Segment, Thing, reconcile, report_of
+from grs_agents.twin import Placed, Segment, Thing, reconcile, report_of
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,12 @@ class Standing:
 
     Attributes:
         poses: of the assets of candidates that match an object of the library.
-        drifts: how far each thing moves until the twin is at rest, m.
+        placed: where they come to rest in the twin.
         twin: its figures; ``None`` where nothing stands on the simulated table.
     """
 
     poses: Mapping[int, Registered] = field(default_factory=dict[int, Registered])
-    drifts: Mapping[int, float] = field(default_factory=dict[int, float])
+    placed: Mapping[int, Placed] = field(default_factory=dict[int, Placed])
     twin: TwinReport | None = None
 
 
@@ -107,7 +108,7 @@ def _segments(
         if one.id in assets:
             stood = poses[one.id] = register(assets[one.id], library, one.upright, frame, table, one.mask)
             thing = Thing(assets[one.id], (stood.position, stood.orientation))
-        segments.append(Segment(one.mask, one.upright, one.shape, thing))
+        segments.append(Segment(one.mask, one.upright, one.shape, thing, one.hollow))
     return segments
 
 
@@ -123,19 +124,23 @@ def _settled(
     agreed = reconcile(segments, scene.frame, table, library)
     kept = [index for index in range(len(segments)) if index not in agreed.pieces]
     with tempfile.TemporaryDirectory(prefix="grs-twin-") as folder:
-        proxies = {index: _proxy(candidates[index], claim, Path(folder)) for index, claim in agreed.claims.items()}
+        where = Path(folder)
+        proxies = {
+            index: _proxy(candidates[index], claim, scene, table, where) for index, claim in agreed.claims.items()
+        }
         things = [segments[index].known or proxies[index] for index in kept]
         both = library.overlay(Path(folder)) if proxies else library
         rest, twin = report_of(things, both, scene.frame, table, scene.labels > 0)
-    drifts = {
-        candidates[index].id: placed.drift
-        for index, placed in zip(kept, rest.placed, strict=True)
-        if placed is not None
-    }
-    return Standing(poses, drifts, twin if drifts else None)
+    placed = {candidates[index].id: one for index, one in zip(kept, rest.placed, strict=True) if one is not None}
+    return Standing(poses, placed, twin if placed else None)
 
 
-def _proxy(one: Candidate, claim: Claim, folder: Path) -> Thing:
+def _proxy(one: Candidate, claim: Claim, scene: LabelledScene, table: TableFrame, folder: Path) -> Thing:
+    """What a run would let stand for a thing of no asset: the solid that fits its points best."""
     box = claim.box
-    asset = write_proxy(folder, f"candidate_{one.id}", claim.shape, box.size, one.color, "a proxy")
-    return Thing(asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))))
+    points = proxy_points(scene.frame, table, one.mask, box)
+    kind = fitted_kind(points, box.size, claim.shape == "cylinder", one.hollow)
+    asset = write_fitted_proxy(folder, f"candidate_{one.id}", kind, points, box.size, one.color, "a proxy")
+    return Thing(
+        asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))), guessed=True
+    )

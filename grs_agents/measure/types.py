@@ -29,6 +29,7 @@ class ObjectFigures(Frozen):
         residual: how far its points are off the asset's surface.
         method: ``registered``, or ``box`` where the asset is laid into the measured box.
         drift: how far what stands for it moves until the twin is at rest.
+        held: it would have fallen, and may stand on something that the photo does not show: in the twin it stays.
     """
 
     id: int
@@ -44,6 +45,7 @@ class ObjectFigures(Frozen):
     residual: float | None = None
     method: str = ""
     drift: float | None = None
+    held: bool | None = None
 
 
 class FrameFigures(Frozen):
@@ -67,7 +69,8 @@ class SceneFigures(Frozen):
         objects: one entry for each true object that counts.
         frame: without calibration, where the calibration is known.
         twin: how the scene stands in MuJoCo, where true assets are known; its objects' pixels are the true ones.
-        cpu_seconds: from the frame to the candidates, on one core.
+        cpu_seconds: from the frame to the candidates, on one core, the least of several tries.
+        cpu_median: their median.
         peak_mib: memory of the process that did so, imports included.
         width, height: of the picture.
         error: why there are no segments, or no frame without calibration.
@@ -81,6 +84,7 @@ class SceneFigures(Frozen):
     frame: FrameFigures | None = None
     twin: TwinReport | None = None
     cpu_seconds: float = 0.0
+    cpu_median: float = 0.0
     peak_mib: float = 0.0
     width: int = 0
     height: int = 0
@@ -97,7 +101,7 @@ class Order(Frozen):
         tool: the segment tool.
         model: the folder of its model, if it has one.
         seed: of the search for the table.
-        repeats: how often the work is timed; the least time counts.
+        repeats: how often the work is timed.
         content: content folders laid over the shipped ones, the one that wins first.
         fingerprint: of everything else that the figures depend on; a result with another one is measured again.
     """

@@ -9,6 +9,7 @@ from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
 from grs_agents.nodes.background import stand_in
 from grs_agents.nodes.corresponding import correspond, measurements
+from grs_agents.nodes.fitting import fitting
 from grs_agents.nodes.matching import Matched, dropped, object_of
 from grs_agents.nodes.services import Services, Update, node
 from grs_agents.nodes.standing import registered, seen_later, stand
@@ -132,8 +133,12 @@ def _understood(
             lost.append(DroppedCandidate(id=record.id, reason=reason))
         else:
             new.append(object_of(found, services, [one.name for one in (*objects, *new)], photo))
-    objects += registered(new, records, state, services)
-    return lost
+    placed, unlike = fitting(
+        registered(new, records, state, services), {one.id: one for one in records},
+        [one.name for one in objects], photo, services,
+    )  # fmt: skip
+    objects += placed
+    return [*lost, *unlike]
 
 
 @node

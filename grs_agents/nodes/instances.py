@@ -30,12 +30,13 @@ def measure(simulation: str, services: Services, background: str | None = None) 
     """Instantiate ``simulation`` for each audit seed in the sandbox, then solve each instance in a process that has
     never imported it; as many at a time as the sandbox has workers.
 
-    The program knows nothing of the ``background``: its asset is put around every instance here, and whatever came out
-    of the sandbox in its place is overwritten.
+    The program has the ``background`` around it and cannot name it: its asset is put around every instance here, and
+    whatever came out of the sandbox in its place is overwritten.
     """
     roots = [str(root) for root in services.library.roots]
     seeds = [services.config.seed + step for step in range(services.config.audit.seeds)]
-    result = services.tool("instantiate", simulation=simulation, seeds=seeds, library_roots=roots, robot=services.robot)
+    around = {"library_roots": roots, "robot": services.robot, "background": background}
+    result = services.tool("instantiate", simulation=simulation, seeds=seeds, **around)
     failures = [f"seed {failure.seed}: {failure.outcome}: {failure.message}" for failure in result.failures]
     for stale in (services.folder / "instances").glob("seed_*"):  # of the program before this one
         stale.unlink()

@@ -25,6 +25,7 @@ def run_tests(state: RunState, services: Services) -> Update:
         tests=state["tests"],
         library_roots=[str(root) for root in services.library.roots],
         robot=services.robot,
+        background=SceneDescription.model_validate(state["scene"]).background,
         seed=services.config.seed,
     )
     report: TestReport = result.report

@@ -69,6 +69,7 @@ def object_of(
         category=description.category,
         color=description.color,
         box=record.box,
+        upright=record.upright,
         position=position,
         orientation=orientation,
         size=size,

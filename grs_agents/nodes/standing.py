@@ -20,6 +20,7 @@ from grs_agents.scene import (
     TableFrame,
     TwinReport,
     add_candidates,
+    aligned,
     body_of,
     found_later,
     load_frame,
@@ -138,6 +139,7 @@ def _agreed(
             records[one.id].upright,
             records[one.id].shape,
             Thing(one.asset, (one.position, one.orientation)) if one.matched else None,
+            records[one.id].hollow,
         )
         for one in objects
     ]
@@ -146,9 +148,10 @@ def _agreed(
     for index, one in enumerate(objects):
         claim = agreed.claims.get(index)
         if claim is not None and claim.box != records[one.id].upright:
-            photo, words = (frame, table), one.description
+            photo, words, measured = (frame, table), one.description, claim.measured(records[one.id].upright)
             asset = write_stand_in(one.name, records[one.id], claim.box, claim.shape, words, services, photo)
-            update = {"position": claim.box.center, "orientation": about_z(claim.box.yaw), "size": asset.size}
+            update = {"position": claim.box.center, "orientation": about_z(claim.box.yaw), "size": asset.size,
+                      "box": aligned(measured, claim.shape), "upright": measured}  # fmt: skip
             kept.append(one.model_copy(update={**update, "reachable": reachable(claim.box.center)}))
         elif index not in agreed.pieces:
             kept.append(one)
@@ -160,7 +163,7 @@ def _agreed(
 
 
 def _settled(stood: Stood, frame: RGBDFrame, table: TableFrame, mask: Mask, library: Library) -> Stood:
-    things = [Thing(one.asset, (one.position, one.orientation)) for one in stood.objects]
+    things = [Thing(one.asset, (one.position, one.orientation), not one.matched) for one in stood.objects]
     rest, twin = report_of(things, library, frame, table, mask)
     objects = tuple(
         one if placed is None else one.model_copy(update={"settled": placed.pose, "drift": placed.drift})

@@ -6,6 +6,7 @@ from grs_agents.scene.clipping import Claim, clipped
 from grs_agents.scene.explaining import Shell, explained, shell_of
 from grs_agents.scene.frame import Camera, Image, Mask, RGBDFrame
 from grs_agents.scene.leftover import found_later
+from grs_agents.scene.likeness import Deviation, aligned, deviation, upright_of
 from grs_agents.scene.pictures import add_candidates, annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.scene.proposals import Proposal, segment_proposed
 from grs_agents.scene.reading import (
@@ -46,6 +47,7 @@ __all__ = [
     "CandidateRecord",
     "Claim",
     "DepthEstimate",
+    "Deviation",
     "DroppedCandidate",
     "Estimator",
     "Image",
@@ -63,11 +65,13 @@ __all__ = [
     "TwinReport",
     "UprightBox",
     "add_candidates",
+    "aligned",
     "annotate",
     "body_of",
     "candidates_of",
     "check_source",
     "clipped",
+    "deviation",
     "explained",
     "find_table",
     "found_later",
@@ -88,4 +92,5 @@ __all__ = [
     "segment",
     "segment_proposed",
     "shell_of",
+    "upright_of",
 ]

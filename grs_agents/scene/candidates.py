@@ -9,9 +9,9 @@ import numpy as np
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.errors import InputError
-from grs_agents.scene.completion import ROUND, ellipse_of, view_of
+from grs_agents.scene.completion import ROUND, Ellipse, ellipse_of, view_of
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
-from grs_agents.scene.geometry import THINNEST, Labels, hull_of, inside_hull, is_open, rectangle_of, within
+from grs_agents.scene.geometry import THINNEST, Labels, hull_of, inside_hull, is_open, rectangle_of, turns, within
 from grs_agents.scene.table import as_matrix, robot_points_at
 from grs_agents.scene.types import Aabb, Candidate, Solid, TableFrame, UprightBox
 
@@ -19,6 +19,8 @@ LARGEST = 0.5
 """A segment longer than this (m) is not an object that the arm could move."""
 SAMPLES = 3000
 """A footprint is measured from about so many points."""
+OVERHANG = 0.12
+"""Points that reach beyond a round footprint by more than this share of its diameter tell of more than that."""
 OUTLIERS = 0.4
 """Percent of the points at each end of each axis that are left out of a footprint."""
 WORKSPACE_CENTER = (0.5, 0.0)
@@ -76,9 +78,10 @@ def _measure(
     inner = cloud[within(cloud, low, high)]
     bottom = _bottom(inner[::5], others)
     top = max(float(high[2]), bottom + THINNEST)
-    shape, (x, y), (length, width), yaw = _footprint(frame, table, mask, cloud)
+    shape, (x, y), (length, width), yaw, rounded = _footprint(frame, table, mask, cloud)
     cosine, sine = abs(math.cos(yaw)), abs(math.sin(yaw))
-    reach = np.array([length * cosine + width * sine, length * sine + width * cosine]) / 2
+    sides = np.array([[length * cosine, width * sine], [length * sine, width * cosine]]) / 2
+    reach = np.hypot(*sides.T) if rounded else sides.sum(axis=1)
     middle = np.array([x, y])
     least, most = np.minimum(low[:2], middle - reach), np.maximum(high[:2], middle + reach)
     return Candidate(
@@ -96,21 +99,29 @@ def _measure(
 
 def _footprint(
     frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array
-) -> tuple[Solid, tuple[float, float], tuple[float, float], float]:
-    """Shape, centre, sides (m) and yaw (rad) of a footprint: of a round thing with its unseen back."""
+) -> tuple[Solid, tuple[float, float], tuple[float, float], float, bool]:
+    """Shape, centre, sides (m), yaw (rad) of a footprint, and whether it is round: then with its unseen back."""
     low, high = np.percentile(cloud, (OUTLIERS, 100 - OUTLIERS), axis=0)
     inner = cloud[within(cloud, low, high)]
     inner = inner[:: len(inner) // SAMPLES + 1]
     view = view_of(frame, table, mask, inner)
     ellipse = None if view is None else ellipse_of(inner, view)
+    ellipse = ellipse if ellipse is not None and _holds(ellipse, inner) else None
     if ellipse is not None and ellipse.diameters[1] < ROUND * ellipse.diameters[0]:
-        return "box", ellipse.center, ellipse.diameters, ellipse.yaw
+        return "box", ellipse.center, ellipse.diameters, ellipse.yaw, True
     if ellipse is not None:
         diameter = sum(ellipse.diameters) / 2
-        return "cylinder", ellipse.center, (diameter, diameter), 0.0
+        return "cylinder", ellipse.center, (diameter, diameter), 0.0, True
     if (circle := _circle(inner)) is not None:
-        return "cylinder", circle[0], (circle[1], circle[1]), 0.0
-    return "box", *rectangle_of(inner)
+        return "cylinder", circle[0], (circle[1], circle[1]), 0.0, True
+    return "box", *rectangle_of(inner), False
+
+
+def _holds(ellipse: Ellipse, cloud: Array) -> bool:
+    """Whether a footprint reaches as far as the points do: a half-hidden thing may look round, a mug has a handle."""
+    axes = turns(np.array([ellipse.yaw]))[0]
+    low, high = np.percentile((cloud[:, :2] - ellipse.center) @ axes.T, (1, 99), axis=0)
+    return bool((np.maximum(-low, high) < (0.5 + OVERHANG) * np.array(ellipse.diameters)).all())
 
 
 def _circle(cloud: Array) -> tuple[tuple[float, float], float] | None:

@@ -15,8 +15,12 @@ SLACK = 0.003
 """Overlaps up to this (m) are left to physics: boxes are measured no better."""
 STRAY = 0.03
 """Of what intrudes this share may stay: a rim, a handle."""
-LOST = 0.45
+LOST = 0.7
 """A cut may cut off at most this share of a thing's own points."""
+KEPT = 0.8
+"""And must leave at least this share of the extent over which they were measured: less is no stand-in of its size."""
+LONGEST_LOSS = 0.035
+"""And may leave out at most this length of it, m: half of it shifts the centre, which is to stay within 2 cm."""
 VOLUME = 0.2
 """A cut that takes all of a box off counts as much as one that takes this share of its points off."""
 CELL = 0.008
@@ -33,6 +37,35 @@ class Claim:
     box: UprightBox
     shape: Solid
     points: Array
+
+    @property
+    def volume(self) -> float:
+        """Of its box, m^3."""
+        return float(np.prod(self.box.size))
+
+    def share(self, points: Array) -> float:
+        """Which share of (N, 3) points lies in it."""
+        return float(_inside(self, _local(self, points)).mean()) if len(points) else 0.0
+
+    def measured(self, before: UprightBox) -> UprightBox:
+        """The box of what was measured: ``before`` it gave way, without what was only guessed of that."""
+        low, high = self._sides(before)
+        first, last = np.percentile(_turned(before, self.points), (1, 99), axis=0)
+        half = np.array(before.size) / 2
+        return _box(before, np.minimum(low, np.maximum(first, -half)), np.maximum(high, np.minimum(last, half)))
+
+    def joined(self, points: Array) -> "Claim":
+        """It with (N, 3) points that belong to it too."""
+        low, high = self._sides(self.box)
+        first, last = np.percentile(_turned(self.box, points), (1, 99), axis=0)
+        wider = bool((first < low)[:2].any() or (last > high)[:2].any())
+        box = _box(self.box, np.minimum(low, first), np.maximum(high, last))
+        return Claim(box, "box" if wider else self.shape, np.concatenate([self.points, points]))
+
+    def _sides(self, frame: UprightBox) -> tuple[Array, Array]:
+        """Its lowest and highest corner about the centre and along the axes of a box of the same yaw."""
+        middle = _turned(frame, np.array([self.box.center]))[0]
+        return middle - np.array(self.box.size) / 2, middle + np.array(self.box.size) / 2
 
     @property
     def space(self) -> Array:
@@ -82,7 +115,19 @@ def _cost(cut: _Cut | None) -> float:
 
 
 def _local(claim: Claim, points: Array) -> Array:
-    return (points - claim.box.center) @ about_z(claim.box.yaw)
+    return _turned(claim.box, points)
+
+
+def _turned(box: UprightBox, points: Array) -> Array:
+    """Points about the centre of a box and along its axes."""
+    return (points - box.center) @ about_z(box.yaw)
+
+
+def _box(frame: UprightBox, low: Array, high: Array) -> UprightBox:
+    """The box between two corners about the centre and along the axes of another."""
+    x, y, z = (float(value) for value in about_z(frame.yaw) @ ((low + high) / 2) + frame.center)
+    length, width, height = (float(value) for value in high - low)
+    return UprightBox(center=(x, y, z), size=(length, width, height), yaw=frame.yaw)
 
 
 def _inside(claim: Claim, local: Array) -> Mask:
@@ -106,7 +151,7 @@ def _cut(claim: Claim, others: Array) -> _Cut | None:
         for side in (-1, 1):
             place = side * float(np.percentile(side * local[:, axis], 100 * STRAY))
             left = side * place + half[axis]
-            if left < THINNEST:
+            if left < THINNEST or not _kept(axis, side * place, side, own, half):
                 continue
             lost = float((side * own[:, axis] > side * place).mean())
             if lost < LOST:
@@ -114,12 +159,20 @@ def _cut(claim: Claim, others: Array) -> _Cut | None:
     return min(cuts, key=_cost, default=None)
 
 
+def _kept(axis: int, place: float, side: int, own: Array, half: Array) -> bool:
+    """Whether a cut leaves what is `KEPT` at least of the extent of a thing's ``own`` points (N, 3) along an axis.
+
+    ``place`` is that of the cut along ``side`` times the axis, m.
+    """
+    low, high = np.percentile(side * own[:, axis], (1, 99))
+    lost = max(high - place, 0.0) + max(-half[axis] - low, 0.0)
+    return bool(lost <= min(SLACK + (1 - KEPT) * (high - low), LONGEST_LOSS))
+
+
 def _applied(claim: Claim, cut: _Cut | None) -> Claim:
     if cut is None:
         return claim
     low, high = -np.array(claim.box.size) / 2, np.array(claim.box.size) / 2
     (high if cut.side > 0 else low)[cut.axis] = cut.place
-    x, y, z = (float(value) for value in about_z(claim.box.yaw) @ ((low + high) / 2) + claim.box.center)
-    length, width, height = (float(value) for value in high - low)
-    box = UprightBox(center=(x, y, z), size=(length, width, height), yaw=claim.box.yaw)
+    box = _box(claim.box, low, high)
     return replace(claim, box=box, shape="box" if cut.axis < 2 else claim.shape)

@@ -9,22 +9,26 @@ import numpy as np
 
 from grs_agents.scene.brinks import Brinks
 from grs_agents.scene.frame import Array
-from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, within
+from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, is_solid, within
 
 TOUCHING = 0.012
 """Parts nearer than this (m) touch."""
 LEVEL = 0.02
 """Rims within this height (m) of each other are one rim."""
+BESIDE = 0.02
+"""Walls nearer than this (m) are one beside the other."""
 RIM_GAP = 0.05
 """Ends of one rim are nearer than this (m)."""
 WITHIN = 0.5
 """What has this share of its points over the footprint of another lies in it or on it: it is not its near wall."""
 NARROW = 0.022
 """What is thinner than this (m) may be a wall, a handle or a fragment."""
+THICK = 0.04
+"""What is thicker than this (m) is no wall, however a bad sensor blurs it."""
 FIN = (0.025, 0.065)
 """What is thinner and shorter than this (m) and sticks out of something higher is its tab, lip or fin."""
 CAP = 0.045
-"""What is smaller than this (m) across, on top of something larger, is its cap."""
+"""What is smaller than this (m) across and lower, on top of something larger, is its cap."""
 CARRIED = 0.02
 """What hangs higher than this (m) above the table wants a support."""
 
@@ -53,6 +57,11 @@ class Part:
     def ends(self) -> tuple[Array, Array]:
         """Lowest and highest corner of the points, (3,) m."""
         return self.cloud.min(axis=0), self.cloud.max(axis=0)
+
+    @cached_property
+    def solid(self) -> bool:
+        """Whether it is a thing of its own, and neither a wall nor the inside of a hollow one."""
+        return self.width > THICK and is_solid(self.cloud)
 
 
 def part_of(points: Array) -> Part | None:
@@ -90,13 +99,21 @@ class Merger:
     def __init__(self, labels: Labels, points: Array) -> None:
         self.labels = labels.copy()
         self.points = points
-        numbers = range(1, int(labels.max()) + 1)
-        measured = {label: part_of(points[labels == label]) for label in numbers}
+        pixels = np.flatnonzero(labels)
+        owners = labels.ravel()[pixels]
+        order = np.argsort(owners, kind="stable")
+        counts = np.bincount(owners, minlength=int(labels.max()) + 1)
+        clouds = np.split(points.reshape(-1, 3)[pixels[order]], np.cumsum(counts[1:-1]))
+        measured = {label: part_of(cloud) for label, cloud in enumerate(clouds, 1)}
         self.parts = {label: part for label, part in measured.items() if part is not None}
         table = points[(labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < 0.015)]
         self.table = table[::5]
         self.brinks = Brinks(labels, points)
-        self.columns = {label: int((labels == label).any(axis=0).sum()) for label in self.parts}
+        width = labels.shape[1]
+        columns = np.bincount(
+            np.unique(owners.astype(np.int64) * width + pixels % width) // width, minlength=len(counts)
+        )
+        self.columns = {label: int(columns[label]) for label in self.parts}
         self.refused: set[tuple[int, int]] = set()
 
     def run(self) -> Labels:
@@ -133,18 +150,29 @@ class Merger:
 
     def _belongs(self, small: int, big: int, distance: float) -> bool:
         one, other = self.parts[small], self.parts[big]
-        if abs(one.top - other.top) < LEVEL and self._one_rim(small, big, distance):
+        own = one.solid or other.solid
+        if abs(one.top - other.top) < LEVEL and not own and self._one_rim(small, big, distance):
             return True  # two walls, or a wall and an inside
         if distance > TOUCHING:
             return False
         share = covered(one, other)
-        if share > 0.7 and one.top < other.top + 0.008 and (one.count < 0.1 * other.count or self._open(one, other)):
+        if (
+            share > 0.7
+            and one.top < other.top + 0.008
+            and (one.count < 0.1 * other.count or (not one.solid and self._open(one, other)))
+        ):
             return True  # inside it
         minor = one.count < 0.4 * other.count
         ridge = one.width < FIN[0] and one.length < 0.1 and one.count < 0.2 * other.count
-        if minor and share > 0.5 and (one.length < CAP or ridge) and one.bottom > other.top - 0.03:
+        if (
+            minor
+            and share > 0.5
+            and (one.length < CAP or ridge)
+            and other.top - 0.03 < one.bottom
+            and one.top < other.top + CAP
+        ):
             return True  # a cap, or a ridge
-        tiny = one.length < NARROW or one.count < 0.02 * other.count
+        tiny = (one.length < NARROW or one.count < 0.02 * other.count) and one.top < other.top + CAP
         fin = one.width < FIN[0] and one.length < FIN[1] and one.count < 0.2 * other.count and one.top < other.top
         hangs = one.bottom > CARRIED and one.width < 2 * NARROW and one.length < 0.12 and not self._carried(small)
         return minor and (tiny or fin or hangs)
@@ -166,7 +194,7 @@ class Merger:
             return True
         if distance >= RIM_GAP:
             return False
-        beside = bool(walls) or distance < TOUCHING or covered(one, other, TOUCHING) > WITHIN
+        beside = bool(walls) or distance < BESIDE or covered(one, other, TOUCHING) > WITHIN
         return beside and self._open(one, other)
 
     def _carried(self, small: int) -> bool:

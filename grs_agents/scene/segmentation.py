@@ -11,6 +11,7 @@ from grs_agents.scene.merging import merge_parts
 from grs_agents.scene.patches import patches
 from grs_agents.scene.reaching import reaches_in
 from grs_agents.scene.scales import reduced, restored
+from grs_agents.scene.splitting import split
 from grs_agents.scene.table import robot_points
 from grs_agents.scene.types import TableFrame
 
@@ -62,7 +63,7 @@ def objects_of(labels: Labels, smooth: RGBDFrame, points: Array, table: TableFra
     ]
     numbers = np.zeros(len(areas), np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
-    return _filled(join_hidden(numbers[labels], smooth, points), points)
+    return _filled(split(join_hidden(numbers[labels], smooth, points), points, smallest), points)
 
 
 def _is_ghost(cloud: Array, small: int, flattest: float) -> bool:

@@ -145,9 +145,10 @@ class SceneObject(Frozen):
         asset: library name, or the proxy's.
         matched: False for a primitive proxy.
         description, category, color: in words.
-        box: axis-aligned, as measured, robot frame.
+        box: axis-aligned, as measured, robot frame; what is not seen of it ends where something else was measured.
         position: centre of the asset, metres, robot frame.
         orientation: of the asset, xyzw.
+        upright: the same box along its own axes; ``None`` in descriptions of before there was one.
         size: extents of the asset as placed, along the world's axes (before yaw), metres.
         reachable: within the arm's workspace.
         evidence: why this asset, in words.
@@ -181,6 +182,7 @@ class SceneObject(Frozen):
     settled: Pose | None = None
     drift: float | None = None
     match: MatchEvidence | None = None
+    upright: UprightBox | None = None
 
 
 class DroppedCandidate(Frozen):
@@ -208,6 +210,7 @@ class TwinReport(Frozen):
         fidelity: share of the objects' pixels at which the twin at rest, seen by the photo's camera, is within 2 cm of
             the measured depth; ``None`` if nothing was measured.
         still: everything came to rest.
+        held: so many things would have fallen, and may stand on something that the photo does not show: they stay.
     """
 
     found: float
@@ -215,6 +218,7 @@ class TwinReport(Frozen):
     drift: float
     fidelity: float | None
     still: bool
+    held: int = 0
 
 
 class SceneDescription(Frozen):

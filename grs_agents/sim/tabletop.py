@@ -48,7 +48,7 @@ class Tabletop:
         self.library, self.budget, self.arm = library, budget, arm
         self.timestep = world.TIMESTEP
         self.tool: world.Tool = "suction"
-        self.background: str | None = None
+        self.background = templates.default_background()
         self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
         self._ties: list[InstanceTie] = []
@@ -66,7 +66,7 @@ class Tabletop:
         self._ties.clear()
         self._models.clear()
         self._outlines.clear()
-        self._physics, self._stale, self._vertices, self.background = None, False, 0, None
+        self._physics, self._stale, self._vertices, self.background = None, False, 0, templates.default_background()
 
     def add_object(
         self,

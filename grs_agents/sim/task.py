@@ -9,7 +9,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Quat
 from grs_agents.sim import ends, placement, scoring, templates
 from grs_agents.sim.episode import NoFreeSpaceError
-from grs_agents.sim.geometry import Prism
+from grs_agents.sim.geometry import Prism, prisms
 from grs_agents.sim.goals import Goal, doubts, make_goal, named
 from grs_agents.sim.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.kitting import kitting_objects
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 _PATIENCE = 200
+_ORIGIN: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 _LENIENT = 0.05
 """A goal is met when at most 0.01 of reward is missing, and at most this share of the goal."""
 
@@ -238,5 +239,7 @@ class Task(TaskKit):
 
 
 def _standing(env: "Environment") -> list[Prism]:
-    """One outline for each object; marks on the table count, since nothing should start on a target."""
-    return [env.outline(item.id) for item in env.objects]
+    """One outline for each object, marks on the table included, since nothing should start on a target; and what is
+    around the robot."""
+    around = [] if env.background is None else prisms(env.library.model(env.background), _ORIGIN)
+    return [*(env.outline(item.id) for item in env.objects), *around]

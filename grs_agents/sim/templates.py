@@ -35,6 +35,7 @@ class _Defaults:
     library: Library | None = None
     seed: int = 0
     robot: str = DEFAULT
+    background: str | None = None
 
 
 _defaults = _Defaults()
@@ -43,15 +44,17 @@ _known: WeakKeyDictionary[Library, dict[tuple[str, str, str], Any]] = WeakKeyDic
 
 
 def configure(
-    library: Library | None = None, seed: int = 0, robot: str = DEFAULT, limits: Limits | None = None
-) -> None:
+    library: Library | None = None, seed: int = 0, robot: str = DEFAULT, limits: Limits | None = None,
+    background: str | None = None,
+) -> None:  # fmt: skip
     """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none.
 
     Args:
         library, seed, robot: those to use.
         limits: what all environments of this process may cost together from now on; None leaves that as it is.
+        background: library name of what stands fixed around the robot in all of them.
     """
-    _defaults.library, _defaults.seed, _defaults.robot = library, seed, robot
+    _defaults.library, _defaults.seed, _defaults.robot, _defaults.background = library, seed, robot, background
     if limits is not None:
         allowance.grant(limits)
 
@@ -71,6 +74,11 @@ def default_seed() -> int:
 def default_robot() -> str:
     """The robot given to ``configure``, else the UR5e."""
     return _defaults.robot
+
+
+def default_background() -> str | None:
+    """The background given to ``configure``, if any."""
+    return _defaults.background
 
 
 def asset_name(name: str, library: Library) -> str:

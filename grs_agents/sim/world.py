@@ -7,6 +7,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from grs_agents.library import Library, ObjectModel, Shape
+from grs_agents.library.mesh_surface import solid_volume
 from grs_agents.sim import templates
 from grs_agents.sim.arm import Arm
 from grs_agents.sim.arms import get_arm
@@ -232,7 +233,7 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
     body = spec.worldbody.add_body(name=name)
     if is_free(item, shapes):
         body.add_freejoint(name=name)
-    volumes = [_volume(shape, shapes) for shape in shapes.colliders]
+    volumes = [_volume(shape, library) for shape in shapes.colliders]
     total = sum(volumes)
     mass = shapes.mass if shapes.mass > 0 else max(0.02, _DENSITY * total)
     for index, (shape, volume) in enumerate(zip(shapes.colliders, volumes, strict=True)):
@@ -273,14 +274,15 @@ def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, 
     return (red, green, blue, 1.0)
 
 
-def _volume(shape: Shape, shapes: ObjectModel) -> float:
+def _volume(shape: Shape, library: Library) -> float:
+    """Of a collider, m^3; the parts of an object share its mass in this proportion."""
     if shape.kind == "box":
         return float(np.prod(shape.size))
     if shape.kind == "cylinder":
         return float(np.pi * shape.size[0] ** 2 * shape.size[1])
     if shape.kind == "sphere":
         return float(4 / 3 * np.pi * shape.size[0] ** 3)
-    return max(float(np.prod(shapes.size)), 1e-9)
+    return max(float(abs(np.prod(shape.size))) * solid_volume(library.mesh_path(shape.mesh or "")), 1e-12)
 
 
 def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -> Any:

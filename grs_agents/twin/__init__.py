@@ -3,7 +3,8 @@
 from grs_agents.twin.fidelity import fidelity
 from grs_agents.twin.reconcile import Reconciled, Segment, reconcile
 from grs_agents.twin.report import report_of
-from grs_agents.twin.settle import Placed, Rest, Thing, settle
+from grs_agents.twin.settle import Placed, Rest, settle
+from grs_agents.twin.thing import Thing
 
 __all__ = [
     "Placed",

@@ -6,7 +6,9 @@ from grs_agents.library import Library
 from grs_agents.scene import RGBDFrame, TableFrame, TwinReport
 from grs_agents.scene.frame import Mask
 from grs_agents.twin.fidelity import fidelity
-from grs_agents.twin.settle import Rest, Thing, settle
+from grs_agents.twin.holding import may_stand_on_something_unseen
+from grs_agents.twin.settle import Rest, settle
+from grs_agents.twin.thing import Thing
 
 
 def report_of(
@@ -18,7 +20,7 @@ def report_of(
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
-    rest = settle(things, library)
+    rest = settle(things, library, lambda one: may_stand_on_something_unseen(one, library, frame, table))
     pairs = zip(things, rest.placed, strict=True)
     resting = [one if placed is None else Thing(one.asset, placed.pose) for one, placed in pairs]
     return rest, TwinReport(
@@ -27,4 +29,5 @@ def report_of(
         drift=max((placed.drift for placed in rest.placed if placed is not None), default=0.0),
         fidelity=fidelity(resting, library, frame, table, mask),
         still=rest.still,
+        held=sum(placed.held for placed in rest.placed if placed is not None),
     )

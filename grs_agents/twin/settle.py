@@ -1,6 +1,6 @@
 """Let a described scene come to rest: what overlaps is taken or eased apart, then gravity acts."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from grs_agents.sim.engine import mujoco
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.world import World, build, place
 from grs_agents.twin.parting import deepest, part
+from grs_agents.twin.thing import Thing
 
 CENTER, REACH = (0.4, 0.0), 1.1
 """Only what lies within this distance (m) of the middle of the simulated table stands on it."""
@@ -30,22 +31,25 @@ STILL = 0.01
 CHUNK = 25
 ROLLING = 0.004
 """Arm of the rolling resistance (m): nothing in a photo rolls."""
-
-
-@dataclass(frozen=True)
-class Thing:
-    """An asset, and where the centre of its bounding box is (m) with its rotation (xyzw)."""
-
-    asset: str
-    pose: Pose
+FALLEN = 0.01
+"""What moves farther than this (m) under gravity was not at rest as it is described."""
+MOST_HELD = 8
+"""At most so many things are taken to stand on something unseen."""
 
 
 @dataclass(frozen=True)
 class Placed:
-    """Where a thing came to rest: ``pose`` as in `Thing`, and how far its centre moved, m."""
+    """Where a thing came to rest.
+
+    Attributes:
+        pose: as in `Thing`.
+        drift: how far its centre moved, m.
+        held: it would have fallen, and may stand on something that the photo does not show: it stays where it is.
+    """
 
     pose: Pose
     drift: float
+    held: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,34 +82,83 @@ def instances(things: Sequence[Thing], library: Library) -> list[InstanceObject]
     ]
 
 
-def settle(things: Sequence[Thing], library: Library) -> Rest:
+def settle(things: Sequence[Thing], library: Library, unseen: Callable[[Thing], bool] | None = None) -> Rest:
     """Let things come to rest, without the robot.
+
+    Args:
+        things: as described.
+        library: where their assets are looked up.
+        unseen: whether a thing may stand on something that is not described; of those that may and fall, the lowest
+            are held in the air, one after the other, until no other falls.
 
     Raises:
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
     here = [number for number, one in enumerate(things) if on_table(one)]
-    items = instances([things[number] for number in here], library)
+    items, held, tried = instances([things[number] for number in here], library), set[int](), set[int]()
+    guessed = {item.id for item, number in zip(items, here, strict=True) if things[number].guessed}
+    fall = begun = _fallen(items, (), guessed, library)
+    while unseen is not None and len(held) < MOST_HELD:
+        fell = [number for number in fall.fell if number not in tried]
+        if not fell:
+            break
+        lowest = min(fell, key=lambda number: _bottom(begun.parted[number], library))
+        tried.add(lowest)
+        pose = _shifted(begun.parted[lowest].pose, _middle(items[lowest].asset, library))
+        if unseen(Thing(items[lowest].asset, pose)):
+            held.add(lowest)
+            fall = _fallen(begun.parted, held, guessed, library)
+    placed: list[Placed | None] = [None] * len(things)
+    for item, rest, number in zip(items, fall.poses, here, strict=True):
+        pose = _shifted(rest, _middle(item.asset, library))
+        drift = float(np.linalg.norm(np.subtract(pose[0], things[number].pose[0])))
+        placed[number] = Placed(pose, drift, item.id in held)
+    return Rest(tuple(placed), begun.found, fall.penetration, fall.still)
+
+
+@dataclass(frozen=True)
+class _Fall:
+    """Things once they were taken apart, the poses in which they rest, and which of them fell, by number."""
+
+    parted: list[InstanceObject]
+    poses: list[Pose]
+    fell: list[int]
+    found: float
+    penetration: float
+    still: bool
+
+
+def _fallen(
+    items: Sequence[InstanceObject], held: Collection[int], guessed: Collection[int], library: Library
+) -> _Fall:
+    """Take things apart and let all fall but those that are held."""
+    items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
     world = build(items, library)
     place(world, items)
     _prepare(world)
     mujoco.mj_forward(world.model, world.data)
-    found = deepest(world)
-    still = False
+    found, still = deepest(world), False
+    parted: list[Pose] = []
     for _ in range(TRIES):
-        part(world)
+        part(world, guessed)
         _ease(world)
+        parted = parted or [_pose(world.data, world.bodies[item.id]) for item in items]
         still = _fall(world)
         mujoco.mj_forward(world.model, world.data)
         if deepest(world) < OVERLAP:
             break
-    placed: list[Placed | None] = [None] * len(things)
-    for item, number in zip(items, here, strict=True):
-        pose = _shifted(_pose(world.data, world.bodies[item.id]), _middle(item.asset, library))
-        drift = float(np.linalg.norm(np.subtract(pose[0], things[number].pose[0])))
-        placed[number] = Placed(pose, drift)
-    return Rest(tuple(placed), found, deepest(world), still)
+    poses = [_pose(world.data, world.bodies[item.id]) for item in items]
+    moved = [float(np.linalg.norm(np.subtract(one[0], two[0]))) for one, two in zip(parted, poses, strict=True)]
+    begun = [item.model_copy(update={"pose": pose}) for item, pose in zip(items, parted, strict=True)]
+    fell = [item.id for item, far in zip(items, moved, strict=True) if far > FALLEN]
+    return _Fall(begun, poses, fell, found, deepest(world), still)
+
+
+def _bottom(item: InstanceObject, library: Library) -> float:
+    """The height of the lowest corner of its box, m."""
+    corners = np.array(np.meshgrid(*np.array(library.model(item.asset).bounds).T)).reshape(3, -1)
+    return float((rotation_matrix(item.pose[1]) @ corners)[2].min() + item.pose[0][2])
 
 
 def _prepare(world: World) -> None:

@@ -50,3 +50,28 @@ def test_what_does_not_overlap_stays(yaw: float, apart: float) -> None:
     one = claim((0, 0, 0), (0.07, 0.07, 0.05), top((0, 0), (0.07, 0.07), 0.05), yaw)
     other = claim((apart, 0, 0), (apart + 0.07, 0.07, 0.05), top((apart, 0), (apart + 0.07, 0.07), 0.05))
     assert clipped([one, other], NOTHING) == [one, other]
+
+
+def test_what_is_cut_off_keeps_most_of_what_was_measured() -> None:
+    seen = claim((0, 0, 0), (0.2, 0.1, 0.05), top((0, 0), (0.2, 0.1), 0.05))
+    (stays,) = clipped([seen], claim((0.12, -0.02, 0), (0.3, 0.12, 0.05), NOTHING).space)
+    assert stays.box.size[0] > 0.16
+    (cut,) = clipped([seen], claim((0.18, -0.02, 0), (0.3, 0.12, 0.05), NOTHING).space)
+    assert cut.box.size[0] == pytest.approx(0.18, abs=0.008)
+
+
+def test_the_measured_box_ends_where_the_cut_is_or_where_points_end() -> None:
+    before = claim((0, 0, 0), (0.2, 0.1, 0.12), top((0, 0), (0.15, 0.1), 0.12), yaw=0.0)
+    after = claim((0, 0, 0.05), (0.14, 0.1, 0.12), before.points)
+    measured = after.measured(before.box)
+    assert measured.center[2] - measured.size[2] / 2 == pytest.approx(0.05)  # it was only guessed below
+    assert measured.center[0] + measured.size[0] / 2 == pytest.approx(0.15, abs=0.002)  # here it was seen
+    assert measured.size[1] == pytest.approx(0.1)
+
+
+def test_what_is_joined_to_a_claim_lies_in_it() -> None:
+    whole = claim((0, 0, 0), (0.2, 0.08, 0.04), top((0, 0), (0.2, 0.08), 0.04)).joined(
+        top((0.05, 0), (0.1, 0.08), 0.06)
+    )
+    assert whole.box.size == pytest.approx((0.2, 0.08, 0.06), abs=1e-3)
+    assert whole.share(top((0.05, 0.01), (0.1, 0.07), 0.03)) == 1.0

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from grs_agents.scene.geometry import components, hull_of, inside_hull, is_open
+from grs_agents.scene.geometry import components, hull_of, inside_hull, is_open, is_solid
 
 POINTS = arrays.arrays(np.float64, st.tuples(st.integers(3, 40), st.just(2)), elements=st.floats(-1, 1, width=32))
 
@@ -55,3 +55,18 @@ def test_a_bowl_is_open_and_a_lid_is_not() -> None:
 def test_a_slope_is_not_open() -> None:
     flat = _grid()
     assert not is_open(np.column_stack([flat, 0.1 + flat[:, 0]]), np.zeros((0, 3)))
+
+
+def test_what_is_highest_in_its_middle_is_solid_and_what_is_hollow_or_steep_is_not() -> None:
+    x, y = (part.ravel() for part in np.meshgrid(np.linspace(-0.05, 0.05, 40), np.linspace(-0.04, 0.04, 32)))
+
+    def solid(height: np.ndarray) -> bool:
+        return is_solid(np.stack([x, y, np.broadcast_to(height, x.shape)], axis=1))
+
+    assert solid(np.full_like(x, 0.06)), "the top of a box"
+    assert solid(0.06 - 8 * (x**2 + y**2)), "a ball"
+    assert not solid(0.03 + 8 * (x**2 + y**2)), "a bowl"
+    assert not solid(np.full_like(x, 0.005)), "a floor"
+    assert not solid(0.06 + 0.5 * x), "a slope"
+    rim = np.hypot(x / 0.05, y / 0.04) > 0.8
+    assert not is_solid(np.stack([x, y, np.full_like(x, 0.06)], axis=1)[rim]), "a rim"

@@ -1,10 +1,12 @@
 """One sandbox for the tools, with the simulation imported ahead of time."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from grs_agents.library import Library
+from grs_agents.library import Library, write_background
 from grs_agents.sandbox import Limits, Sandbox
 from grs_agents.toolkit import ToolContext
 
@@ -36,6 +38,15 @@ class StackBlocks(Task):
 def context() -> Iterator[ToolContext]:
     with Sandbox(preload=("grs_agents.sim",)) as sandbox:
         yield ToolContext(sandbox=sandbox, library=Library(), limits=Limits())
+
+
+@pytest.fixture
+def wall(tmp_path: Path) -> tuple[tuple[str, ...], str]:
+    """Asset folders, and a background: a wall that fills the table beyond x = 0.55 m and 0.3 m to the left."""
+    corners = np.array([[0.55, -1.0, 0.0], [0.55, 0.3, 0.0], [0.55, 0.3, 0.4], [0.55, -1.0, 0.4]])
+    boxes = np.array([[[0.55, -1.0, 0.0], [1.2, 1.0, 0.4]], [[0.0, 0.3, 0.0], [1.2, 1.0, 0.4]]])
+    name = write_background(tmp_path, corners, np.array([[0, 1, 2], [0, 2, 3]]), boxes, (0.5, 0.5, 0.5))
+    return (*(str(root) for root in Library().roots), str(tmp_path)), name
 
 
 @pytest.fixture

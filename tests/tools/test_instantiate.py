@@ -129,3 +129,19 @@ def test_what_is_no_text_of_an_instance_is_refused(made: str, told: str, context
     result = draw(context, simulation + forged + "sim.instantiate = lambda *given: Forged()\n", (0,))
     assert not result.instances
     assert result.failures[0].outcome == "invalid" and told in result.failures[0].message
+
+
+def test_nothing_is_placed_in_the_background(
+    context: ToolContext, simulation: str, wall: tuple[tuple[str, ...], str]
+) -> None:
+    tool = load_tool("instantiate")
+    (roots, background), seeds = wall, tuple(range(8))
+
+    def places(behind: str | None) -> list[tuple[float, float]]:
+        request = tool.Request(simulation=simulation, seeds=seeds, library_roots=roots, background=behind)
+        instances = [TaskInstance.model_validate(one) for one in tool.run(request, context).instances]
+        assert len(instances) == len(seeds) and {one.background for one in instances} == {None}
+        return [one.objects[1].pose[0][:2] for one in instances]
+
+    assert all(x < 0.55 and y < 0.3 for x, y in places(background))
+    assert any(x > 0.55 or y > 0.3 for x, y in places(None))

@@ -119,3 +119,31 @@ def test_a_tests_own_steps_stay_used_up(context: ToolContext, simulation: str) -
     report = tool.run(tool.Request(simulation=simulation, tests=tests), context).report
     assert [case.outcome for case in report.cases] == ["limit", "limit", "passed"], report.text()
     assert "SimulationBudgetError" in report.cases[1].traceback
+
+
+BEFORE_A_WALL = """
+import unittest
+from grs_agents.sim import Environment
+from task_code import StackBlocks
+
+class TestPlaces(unittest.TestCase):
+    def test_every_block_starts_before_the_wall(self):
+        env = Environment(seed=5)
+        env.set_task(StackBlocks())
+        for _ in range(5):
+            env.reset()
+            (x, y, _), _ = env.get_object_pose(env.objects[-1].id)
+            self.assertTrue(x < 0.55 and y < 0.3, (x, y))
+"""
+
+
+def test_programs_run_within_the_background(
+    context: ToolContext, simulation: str, wall: tuple[tuple[str, ...], str]
+) -> None:
+    tool = load_tool("run_tests")
+    roots, background = wall
+    within = tool.Request(simulation=simulation, tests=BEFORE_A_WALL, library_roots=roots, background=background)
+    without = tool.Request(simulation=simulation, tests=BEFORE_A_WALL, library_roots=roots)
+    report = tool.run(within, context).report
+    assert report.ok, report.text()
+    assert not tool.run(without, context).report.ok

@@ -27,3 +27,15 @@ def test_a_piece_is_dropped_and_a_fat_box_gives_way() -> None:
     assert agreed.pieces == {1: 0}
     assert set(agreed.claims) == {2}
     assert agreed.claims[2].box.size[0] < 0.11
+
+
+def test_what_stays_inside_a_solid_thing_is_a_piece_of_it_but_not_in_a_hollow_one() -> None:
+    frame, table, mask = photo_of([MILK, BLOCK], LIBRARY)
+    left = mask & (np.arange(mask.shape[1]) < np.median(np.nonzero(mask)[1]))
+    around = UprightBox(center=(0.45, 0.02, 0.1), size=(0.25, 0.2, 0.21), yaw=0.0)
+    inner = UprightBox(center=(0.45, 0.02, 0.1), size=(0.2, 0.15, 0.2), yaw=0.0)
+    for hollow, pieces in ((False, {1: 0}), (True, {})):
+        segments = [Segment(mask & ~left, around, "box", None, hollow), Segment(left, inner, "box", None)]
+        agreed = reconcile(segments, frame, table, LIBRARY)
+        assert agreed.pieces == pieces
+        assert set(agreed.claims) == {0, 1} - set(pieces)

@@ -1,8 +1,10 @@
 """Reading mesh files: OBJ, GLB, glTF, STL, PLY, DAE and MuJoCo's MSH, with every file they name checked first."""
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -48,14 +50,32 @@ def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | No
             check_picture(folder.path(one), limits.pixels)
     if suffix == ".dae":
         refuse_doctype(path.read_bytes(), lambda what, remedy: RefusedError(f"{name}: {what}", remedy))
-        unit, up = "m", "z"  # trimesh applies what the file says
     parts = _parts(path, suffix, folder, name, limits, image)
+    if suffix == ".dae":
+        scale, up = _dae_frame(path)
+        unit, parts = "m", [replace(part, vertices=part.vertices * scale) for part in parts]
     faces = sum(len(part.faces) for part in parts)
     if faces == 0:
         raise RefusedError(f"{name} has no faces", "export the surface, not its points")
     if faces > limits.faces:
         raise RefusedError(f"{name} has {faces} faces, {limits.faces} are the most", "simplify it")
     return Reading(parts, unit=unit, up=up)
+
+
+def _dae_frame(path: Path) -> tuple[float, Up]:
+    """The metres of a unit and the axis that points up, as a DAE file says; trimesh applies neither."""
+    axes: dict[str, Up] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
+    for _, element in ElementTree.iterparse(path):
+        if element.tag.rpartition("}")[2] == "asset":  # the first one is that of the whole file
+            told = {child.tag.rpartition("}")[2]: child for child in element}
+            up, unit = told.get("up_axis"), told.get("unit")
+            try:
+                scale = float(unit.get("meter", "1")) if unit is not None else 1.0
+            except ValueError:
+                scale = 1.0
+            usable = np.isfinite(scale) and scale > 0
+            return scale if usable else 1.0, axes.get((up.text or "").strip() if up is not None else "", "y")
+    return 1.0, "y"
 
 
 def _parts(path: Path, suffix: str, folder: Folder, name: str, limits: ImportLimits, image: Any | None) -> list[Part]:

@@ -1,8 +1,13 @@
 """Objaverse: metadata first; a model is downloaded only when it is asked for."""
 
+import contextlib
 import importlib
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+import socket
+import sys
+import zlib
+from collections import defaultdict
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol, cast
 
@@ -15,6 +20,10 @@ _LICENSES: Final = {
     "by": "CC-BY-4.0", "by-sa": "CC-BY-SA-4.0", "by-nd": "CC-BY-ND-4.0", "by-nc": "CC-BY-NC-4.0",
     "by-nc-sa": "CC-BY-NC-SA-4.0", "by-nc-nd": "CC-BY-NC-ND-4.0", "cc0": "CC0-1.0",
 }  # fmt: skip
+_FAULTS: Final = (OSError, EOFError, ValueError, KeyError, TypeError, zlib.error)
+"""What the package raises if it is offline, or if what it downloaded before is cut off."""
+_PATIENCE: Final = 60.0
+"""Seconds without a byte after which a host is given up; the package itself waits for ever."""
 
 
 class Objaverse(Protocol):
@@ -72,12 +81,8 @@ def matching(door: Objaverse, words: str, most: int = 50) -> list[Entry]:
     wanted = set(words_of(words))
     if not wanted:
         raise InputError("objaverse: without words", "name what you look for, as in objaverse:red mug")
-    try:
-        found = [entry for entry in _entries(door.load_annotations(), wanted) if entry.score >= len(wanted)]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            f"Objaverse's metadata cannot be loaded: {error}", "see whether this machine is online"
-        ) from error
+    with _told("metadata cannot be loaded"):
+        found = [entry for part in _annotations(door) for entry in _entries(part, wanted)]
     return sorted(found, key=lambda one: (-one.score, one.faces or 10**9, one.uid))[:most]
 
 
@@ -87,10 +92,8 @@ def download(door: Objaverse, entries: Sequence[Entry], folder: Path) -> dict[st
     Raises:
         InputError: nothing can be fetched.
     """
-    try:
+    with _told("models cannot be downloaded"):
         paths = door.load_objects([one.uid for one in entries])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"Objaverse cannot be reached: {error}", "see whether this machine is online") from error
     named: dict[str, Entry] = {}
     for entry in entries:
         path = Path(paths.get(entry.uid, ""))
@@ -99,6 +102,36 @@ def download(door: Objaverse, entries: Sequence[Entry], folder: Path) -> dict[st
             shutil.copyfile(path, folder / name)
             named[name] = entry
     return named
+
+
+@contextlib.contextmanager
+def _told(what: str) -> Generator[None]:
+    """What the package prints goes to standard error, and what goes wrong in it is told as ours."""
+    patience = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(_PATIENCE)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    except _FAULTS as error:
+        raise InputError(
+            f"Objaverse's {what}: {error or type(error).__name__}",
+            "see whether this machine is online, and delete what is cut off in ~/.objaverse",
+        ) from error
+    finally:
+        socket.setdefaulttimeout(patience)
+
+
+def _annotations(door: Objaverse) -> Iterator[Mapping[str, Mapping[str, Any]]]:
+    """What is known of all objects, one folder of 5,000 after the other: together they would take many gigabytes."""
+    places = getattr(door, "_load_object_paths", None)
+    if places is None:
+        yield door.load_annotations()
+        return
+    folders: defaultdict[str, list[str]] = defaultdict(list)
+    for uid, path in places().items():
+        folders[str(path).rpartition("/")[0]].append(str(uid))
+    for folder in sorted(folders):
+        yield door.load_annotations(folders[folder])
 
 
 def _entries(annotations: Mapping[str, Mapping[str, Any]], wanted: set[str]) -> Iterator[Entry]:

@@ -81,13 +81,38 @@ def write_mjcf(path: Path, file: str = "can.obj", texture: str = "label.png") ->
     """An MJCF of one body: a textured mesh to look at and a cylinder to touch."""
     path.parent.mkdir(parents=True, exist_ok=True)
     textured_box(path.parent / "parts", "can", (6.6, 6.6, 8.4), "label.png")
-    picture(path.parent / "parts" / "label.png")
+    picture(path.parent / "parts" / "label.png", (20, 130, 60), (240, 220, 60))
     path.write_text(
         '<mujoco><compiler meshdir="parts" texturedir="parts"/><asset>'
         f'<texture name="t" type="2d" file="{texture}"/><material name="m" texture="t"/>'
         f'<mesh name="can" file="{file}" scale="0.01 0.01 0.01"/></asset>'
         '<worldbody><body><geom type="mesh" mesh="can" material="m" contype="0" conaffinity="0"/>'
         '<geom type="cylinder" size="0.033 0.042" density="800" friction="0.7 0 0"/></body></worldbody></mujoco>'
+    )
+    return path
+
+
+def write_dae(path: Path, size: tuple[float, float, float], meter: str, up: str) -> Path:
+    """A red COLLADA box in the file's unit, with the file's axis up."""
+    box: Any = trimesh.creation.box(size)
+    numbers = " ".join(f"{value:.6g}" for value in box.vertices.ravel())
+    faces = " ".join(str(index) for index in box.faces.ravel())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(
+        '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">'
+        f'<asset><unit name="its" meter="{meter}"/><up_axis>{up}</up_axis></asset>'
+        '<library_effects><effect id="e"><profile_COMMON><technique sid="c"><lambert><diffuse>'
+        "<color>0.85 0.1 0.1 1</color></diffuse></lambert></technique></profile_COMMON></effect></library_effects>"
+        '<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>'
+        f'<library_geometries><geometry id="g"><mesh><source id="p"><float_array id="a" count="24">{numbers}'
+        '</float_array><technique_common><accessor source="#a" count="8" stride="3"><param name="X" type="float"/>'
+        '<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>'
+        '<vertices id="v"><input semantic="POSITION" source="#p"/></vertices><triangles count="12" material="s">'
+        f'<input semantic="VERTEX" source="#v" offset="0"/><p>{faces}</p></triangles></mesh></geometry>'
+        '</library_geometries><library_visual_scenes><visual_scene id="w"><node id="n"><instance_geometry url="#g">'
+        '<bind_material><technique_common><instance_material symbol="s" target="#m"/></technique_common>'
+        "</bind_material></instance_geometry></node></visual_scene></library_visual_scenes>"
+        '<scene><instance_visual_scene url="#w"/></scene></COLLADA>'
     )
     return path
 

@@ -15,10 +15,12 @@ from grs_agents.library.verify import verify
 from tests.library.importing import models
 
 
-def run(source: Path, root: Path, collection: str = "mine", again: bool = False) -> dict[str, tuple[Outcome, bool]]:
+def run(
+    source: Path, root: Path, collection: str = "mine", again: bool = False, faces: int = 12_000
+) -> dict[str, tuple[Outcome, bool]]:
     """Import a source; each outcome by its item's name, and whether it was known before."""
     told: dict[str, tuple[Outcome, bool]] = {}
-    options = ImportOptions()
+    options = ImportOptions(faces=faces)
     with opened(str(source), options) as found:
         order = Importing(root, collection, options, Library().assets(), again)
         order.run(found, lambda outcome, old: told.update({outcome.item: (outcome, old)}))
@@ -136,6 +138,33 @@ def test_known_layouts_are_read_as_what_they_are(tmp_path: Path) -> None:
     assert assets["cookies"].size == pytest.approx((0.123, 0.04, 0.167), abs=1e-4)
     for asset in assets.values():
         assert rest(colliders_of(Library(root), Library(root).model(asset.name)), asset.mass, 0.6).stable
+
+
+@pytest.mark.parametrize(("meter", "up"), [("0.01", "Y_UP"), ("0.001", "Z_UP"), ("1", "X_UP")])
+def test_a_dae_says_its_unit_and_what_is_up(tmp_path: Path, meter: str, up: str) -> None:
+    pytest.importorskip("collada")
+    size = {"X_UP": (0.2, 0.06, 0.08), "Y_UP": (0.06, 0.2, 0.08), "Z_UP": (0.06, 0.08, 0.2)}[up]
+    x, y, z = (extent / float(meter) for extent in size)
+    models.write_dae(tmp_path / "source" / "tower.dae", (x, y, z), meter, up)
+    (tower,) = run(tmp_path / "source", tmp_path / "root").values()
+    asset = tower[0].asset
+    assert asset is not None, tower[0].reason
+    assert (asset.size[2], asset.color) == (pytest.approx(0.2, abs=1e-4), "red")
+    assert sorted(asset.size) == pytest.approx([0.06, 0.08, 0.2], abs=1e-4)
+    assert not tower[0].notes
+
+
+def test_with_the_real_packages_a_fine_bowl_is_made_simpler_and_stays_hollow(tmp_path: Path) -> None:
+    pytest.importorskip("coacd")
+    pytest.importorskip("fast_simplification")
+    (tmp_path / "source").mkdir()
+    bowl = models.bowl()
+    bowl.subdivide_to_size(0.012).export(tmp_path / "source" / "bowl.ply")
+    ((outcome, _),) = run(tmp_path / "source", tmp_path / "root", faces=600).values()
+    assert outcome.asset is not None and outcome.asset.hollow, outcome.reason
+    assert any("faces became" in note for note in outcome.notes)
+    model = Library(tmp_path / "root").model(outcome.asset.name)
+    assert 4 <= len(model.colliders) <= 16
 
 
 def test_malformed_files_are_refused_by_name_and_the_rest_goes_on(tmp_path: Path) -> None:
