@@ -21,6 +21,8 @@ KEPT = 0.8
 """And must leave at least this share of the extent over which they were measured: less is no stand-in of its size."""
 LONGEST_LOSS = 0.035
 """And may leave out at most this length of it, m: half of it shifts the centre, which is to stay within 2 cm."""
+SHIFT = 0.015
+"""What reaches in no farther than this (m) can be moved out; a cut that loses more than those bounds is worse."""
 VOLUME = 0.2
 """A cut that takes all of a box off counts as much as one that takes this share of its points off."""
 CELL = 0.008
@@ -97,7 +99,7 @@ def clipped(claims: Sequence[Claim], firm: Array) -> list[Claim]:
     found = list(claims)
     for _ in range(ROUNDS):
         before = list(found)
-        found = [_applied(one, _cut(one, firm)) for one in found]
+        found = [_applied(one, _cut(one, firm, certain=True)) for one in found]
         for first, second in combinations(range(len(found)), 2):
             one, other = found[first], found[second]
             cuts = _cut(one, other.space), _cut(other, one.space)
@@ -138,8 +140,11 @@ def _inside(claim: Claim, local: Array) -> Mask:
     return np.asarray(inside, np.bool_)
 
 
-def _cut(claim: Claim, others: Array) -> _Cut | None:
-    """The cheapest cut that leaves the ``others`` (M, 3) out; ``None`` if none are inside or every cut is too dear."""
+def _cut(claim: Claim, others: Array, certain: bool = False) -> _Cut | None:
+    """The cheapest cut that leaves the ``others`` (M, 3) out; ``None`` if none are inside or every cut is too dear.
+
+    Where it is ``certain`` that others are there, what was measured beyond them is theirs; a box may be wrong itself.
+    """
     near = others[np.linalg.norm(others - claim.box.center, axis=1) < np.linalg.norm(claim.box.size) / 2]
     local = _local(claim, near)
     local = local[_inside(claim, local)]
@@ -147,11 +152,13 @@ def _cut(claim: Claim, others: Array) -> _Cut | None:
         return None
     own, half = _local(claim, claim.points), np.array(claim.box.size) / 2
     cuts: list[_Cut] = []
+    low, high = np.percentile(local, (100 * STRAY, 100 - 100 * STRAY), axis=0)
+    shallow = float(np.minimum(half - low, half + high).min()) < SHIFT
     for axis in range(3):
         for side in (-1, 1):
             place = side * float(np.percentile(side * local[:, axis], 100 * STRAY))
             left = side * place + half[axis]
-            if left < THINNEST or not _kept(axis, side * place, side, own, half):
+            if left < THINNEST or not ((certain and not shallow) or _kept(axis, side * place, side, own, half)):
                 continue
             lost = float((side * own[:, axis] > side * place).mean())
             if lost < LOST:
