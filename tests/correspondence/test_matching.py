@@ -11,8 +11,9 @@ from grs_agents.correspondence.matching import by_features, offered
 from grs_agents.correspondence.types import MatchRequest, Segment
 from grs_agents.errors import ConfigError
 from grs_agents.library import Library
-from grs_agents.scene import MatchEvidence, RGBDFrame, Shown, candidates_of, find_table
-from grs_agents.synth import Recipe, synthesise
+from grs_agents.scene import MatchEvidence, Shown
+from grs_agents.synth import Recipe
+from tests.correspondence.photo import request_of, unasked
 
 LIBRARY = Library()
 
@@ -20,21 +21,7 @@ LIBRARY = Library()
 @pytest.fixture(scope="module")
 def photo() -> tuple[MatchRequest, dict[int, str]]:
     """Three things of the library and a strange one, with the names of the assets by segment."""
-    made = synthesise(Recipe(seed=3, objects=4, distractors=1, tilt=45, width=480, height=360), LIBRARY)
-    frame = RGBDFrame(made.rgb, made.depth.astype(np.float32), made.camera, Path("made"))
-    table = find_table(frame, np.random.default_rng(0))
-    truth = {one.id: one.asset for one in made.truth.objects}
-    segments: list[Segment] = []
-    names: dict[int, str] = {}
-    for one in candidates_of(frame, table, made.seen.labels):
-        segments.append(Segment(one.id, one.mask, one.upright, Path("crop.png"), one.points))
-        names[one.id] = truth[int(np.bincount(made.seen.labels[one.mask]).argmax())]
-    return MatchRequest(segments, frame, table, unasked), names
-
-
-def unasked(*_: object) -> MatchEvidence:
-    """A model that must not be asked."""
-    raise AssertionError("the model was asked")
+    return request_of(Recipe(seed=3, objects=4, distractors=1, tilt=45, width=480, height=360), LIBRARY)
 
 
 def test_features_find_most_assets_and_leave_the_strange_alone(photo: tuple[MatchRequest, dict[int, str]]) -> None:

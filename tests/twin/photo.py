@@ -13,6 +13,15 @@ from grs_agents.twin import Thing
 from grs_agents.twin.settle import instances
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 300.0
+LIBRARY = Library()
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+MILK, BLOCK = "HOPE/Milk.urdf", "block/red_block.urdf"
+
+
+def standing(asset: str, x: float, y: float, above: float = 0.0) -> Thing:
+    """An upright asset so far above the table, m."""
+    low, high = np.array(LIBRARY.model(asset).bounds)
+    return Thing(asset, ((x, y, above + float(high[2] - low[2]) / 2), UPRIGHT))
 
 
 def photo_of(things: Sequence[Thing], library: Library) -> tuple[RGBDFrame, TableFrame, Mask]:

@@ -1,21 +1,8 @@
 """What falls and may stand on something that the photo does not show stays where it is; what is shown to hang falls."""
 
-import numpy as np
-
-from grs_agents.library import Library
 from grs_agents.twin import Thing, report_of, settle
 from grs_agents.twin.holding import may_stand_on_something_unseen
-from tests.twin.photo import photo_of
-
-LIBRARY = Library()
-UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-MILK, BLOCK = "HOPE/Milk.urdf", "block/red_block.urdf"
-
-
-def standing(asset: str, x: float, y: float, above: float = 0.0) -> Thing:
-    """An upright asset so far above the table, m."""
-    low, high = np.array(LIBRARY.model(asset).bounds)
-    return Thing(asset, ((x, y, above + float(high[2] - low[2]) / 2), UPRIGHT))
+from tests.twin.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 
 def test_the_photo_shows_the_air_below_what_hangs() -> None:
