@@ -39,7 +39,7 @@ def kept(key: str) -> Arrays | None:
     try:
         with np.load(_file(key), allow_pickle=False) as found:
             return {name: found[name] for name in found.files}
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile, RuntimeError):  # the last: a user without a home
         return None
 
 
@@ -47,7 +47,7 @@ def keep(key: str, arrays: Arrays) -> None:
     """Keep arrays under a key; where the cache cannot be written they are worked out again next time."""
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **arrays)
-    with suppress(InputError):
+    with suppress(InputError, RuntimeError):
         write_bytes(_file(key), data.getvalue())
 
 

@@ -51,3 +51,13 @@ def test_another_file_is_another_key(tmp_path: Path) -> None:
     (root / cube).write_text(shipped.path(cube).read_text() + "\n<!-- touched -->\n")
     (root / "manifest.json").write_text((shipped.roots[0] / "manifest.json").read_text())
     assert key_of(cube, Library(*shipped.roots, root)) != key_of(cube, shipped)
+
+
+def test_a_user_without_a_home_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(Path, "home", homeless)
+    keep("some", ARRAYS)
+    assert kept("some") is None
