@@ -127,7 +127,9 @@ class Library:
         Raises:
             InputError: the folder does not exist or its manifest is faulty.
         """
-        return Library(*self.roots, root)
+        laid = Library(*self.roots, root)
+        laid._models = {name: model for name, model in self._models.items() if laid._origin(name) == self._origin(name)}
+        return laid
 
     def things(self) -> tuple[Asset, ...]:
         """The assets that can stand on a real table: no templates, no marks, no parts of a published task."""
@@ -153,11 +155,14 @@ class Library:
             self._models[name] = self.filled(name, {})
         return self._models[name]
 
+    def _origin(self, name: str) -> Path | None:
+        return self._root_of.get(name) or self._own_root(name)
+
     def _own_root(self, name: str) -> Path | None:
         return next((root for root in reversed(self.roots) if own_path(root, name) is not None), None)
 
     def _root(self, name: str) -> Path:
-        root = self._root_of.get(name) or self._own_root(name)
+        root = self._origin(name)
         if root is None:
             raise UnknownNameError("asset", name, self.names())
         return root

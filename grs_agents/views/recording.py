@@ -5,6 +5,7 @@ import threading
 from collections.abc import Iterable
 from copy import copy
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,11 @@ from grs_agents.views.rows import Archetype, Rows
 APPLICATION = "grs"
 LEAST_FREE = 16 * 2**20
 """Bytes that must be free on the disk before an event is recorded."""
+SOON, LATER = 0.5, 2.0
+"""Seconds that what is recorded may wait for more, where somebody watches and where nobody does: rerun takes as long
+for a chunk of one row as of many."""
+BETWEEN_CHECKS = 0.2
+"""Seconds in which the disk is not looked at again."""
 
 
 class Recording:
@@ -34,9 +40,12 @@ class Recording:
     def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint, live: str | None = None) -> None:
         self.moment = Moment()
         self._path = path
+        self._space_checked = -BETWEEN_CHECKS
         self._prefix = ""
         self._clocks: list[tuple[Moment, int] | None] = [None]  # one for all that lie below other paths
-        self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
+        wait = SOON if live else LATER
+        together = rr.ChunkBatcherConfig(flush_tick=wait)
+        self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id, batcher_config=together)
         if live is None:
             self._stream.save(path, default_blueprint=blueprint)
         else:
@@ -44,7 +53,7 @@ class Recording:
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._stream.send_recording_name(run_id)
-        self._rows = Rows(self._stream)
+        self._rows = Rows(self._stream, wait)
 
     def below(self, prefix: str) -> "Recording":
         """The same recording, in which everything lies below ``prefix``; its moment is its own."""
@@ -58,6 +67,10 @@ class Recording:
         Raises:
             InputError: less than ``LEAST_FREE`` bytes are free; the recording ends here.
         """
+        now = monotonic()
+        if now < self._space_checked + BETWEEN_CHECKS:
+            return
+        self._space_checked = now
         free = shutil.disk_usage(self._path.parent).free
         if free < LEAST_FREE:
             raise InputError(f"cannot go on with {self._path}: {free} bytes free on the disk", "free some space")

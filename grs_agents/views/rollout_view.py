@@ -43,14 +43,14 @@ class RolloutView:
     def __init__(self, folder: Path, library: Library) -> None:
         self._folder, self._library = folder, library
         self._shown: set[str] = set()
-        self._surrounded = False
+        self._laid = self._surrounded = False
 
     def show(self, recording: Recording, event: Rollout) -> float:
         """Show ``event`` and return its simulated seconds; without a recording, objects where they start."""
         instance = self._instance(event)
         motion = _motion(self._folder, event)
         if instance:
-            self._show_objects(recording, instance)
+            self._show_objects(recording, instance, set(motion.names) if motion else set())
             _show_goals(recording, instance)
         if motion is None or not motion.times.size:
             return 0.0
@@ -64,17 +64,17 @@ class RolloutView:
             return None
         return TaskInstance.model_validate_json((self._folder / event.instance).read_bytes())
 
-    def _show_objects(self, recording: Recording, instance: TaskInstance) -> None:
-        recording.log(Paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        center, size, color = _TABLE
-        table = rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid")
-        recording.log(f"{Paths.WORLD}/table", table)
+    def _show_objects(self, recording: Recording, instance: TaskInstance, moving: set[str]) -> None:
+        """What stands on the table, and where, but for the bodies ``moving``, of which each pose is shown."""
+        self._show_table(recording)
         library = run_library(self._folder, self._library)
         present: set[str] = set()
         for item in instance.objects:
-            position, quaternion = item.pose
-            pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion))
-            recording.log(f"{Paths.WORLD}/object_{item.id}", pose)
+            body = f"object_{item.id}"
+            if body not in moving:
+                position, quaternion = item.pose
+                pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion))
+                recording.log(f"{Paths.WORLD}/{body}", pose)
             path = _shapes_path(item)
             present.add(path)
             if path not in self._shown:
@@ -85,6 +85,19 @@ class RolloutView:
         for path in self._shown - present:
             recording.log(path, rr.Clear(recursive=True))
         self._shown = present
+
+    def _show_table(self, recording: Recording) -> None:
+        """What all rollouts have in common, with the first of them."""
+        if self._laid:
+            return
+        self._laid = True
+        recording.log(Paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        center, size, color = _TABLE
+        table = rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid")
+        recording.log(f"{Paths.WORLD}/table", table)
+        robot = rr.LineStrips3D.from_fields(radii=[0.028], colors=[_ORANGE])
+        recording.log(f"{Paths.WORLD}/robot", robot, static=True)
+        recording.log(f"{Paths.WORLD}/tool", rr.Points3D.from_fields(radii=[0.012], colors=[_YELLOW]), static=True)
 
 
 def _spoken(item: InstanceObject) -> str:
@@ -130,7 +143,7 @@ def _languages(goals: tuple[InstanceGoal, ...]) -> str:
 
 
 def _show_motion(recording: Recording, motion: Motion) -> None:
-    seconds, count = motion.times, len(motion.times)
+    seconds = motion.times
     links: list[int] = []
     for index, name in enumerate(motion.names):
         if name.startswith("object_"):
@@ -138,11 +151,9 @@ def _show_motion(recording: Recording, motion: Motion) -> None:
         else:
             links.append(index)
     if len(links) > 1:
-        strips = rr.LineStrips3D.columns(
-            strips=motion.positions[:, links], radii=np.full(count, 0.028), colors=[_ORANGE] * count
-        )
+        strips = rr.LineStrips3D.columns(strips=motion.positions[:, links])
         recording.columns(f"{Paths.WORLD}/robot", seconds, strips)
-    points = rr.Points3D.columns(positions=motion.tool, radii=np.full(count, 0.012), colors=[_YELLOW] * count)
+    points = rr.Points3D.columns(positions=motion.tool)
     recording.columns(f"{Paths.WORLD}/tool", seconds, points)
     recording.log(f"{Paths.WORLD}/tool_path", rr.LineStrips3D([motion.tool], colors=[_YELLOW], radii=[0.0015]))
 

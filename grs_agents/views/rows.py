@@ -8,8 +8,6 @@ import rerun as rr
 
 from grs_agents.views.clock import Moment
 
-WAIT = 1.0
-"""Seconds that a row may wait for others."""
 Values = Mapping[str, list[Any]]
 """What each component of a row holds; all lists are of one length."""
 
@@ -34,10 +32,10 @@ def time_columns(moments: Sequence[Moment]) -> tuple[rr.TimeColumn, ...]:
 
 
 class Rows:
-    """Rows that wait to be sent to ``stream``, for ``WAIT`` seconds at most, whatever happens meanwhile."""
+    """Rows that wait to be sent to ``stream``, for ``wait`` seconds at most, whatever happens meanwhile."""
 
-    def __init__(self, stream: rr.RecordingStream) -> None:
-        self._stream = stream
+    def __init__(self, stream: rr.RecordingStream, wait: float) -> None:
+        self._stream, self._wait = stream, wait
         self._lock = threading.Lock()
         self._timer: threading.Timer | None = None
         self._waiting: dict[tuple[str, type[Archetype]], list[tuple[Moment, Values]]] = {}
@@ -54,7 +52,7 @@ class Rows:
         with self._lock:
             self._waiting.setdefault((path, kind), []).append((moment, values))
             if self._timer is None:
-                self._timer = threading.Timer(WAIT, self.send)
+                self._timer = threading.Timer(self._wait, self.send)
                 self._timer.daemon = True
                 self._timer.start()
 

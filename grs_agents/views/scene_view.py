@@ -167,14 +167,14 @@ class SceneView:
         depth = read_picture(self._folder / self._files["depth"], cv2.IMREAD_UNCHANGED)
         color = read_picture(self._folder / self._files["rgb"], cv2.IMREAD_COLOR)
         step = max(1, int(np.ceil(np.sqrt(depth.size / MOST_POINTS))))
-        rows, columns = np.mgrid[0 : depth.shape[0] : step, 0 : depth.shape[1] : step]
-        metres = depth[rows, columns] * (self._depth_scale or 0.001)
-        seen = metres > 0
-        x = (columns - camera["cx"]) / camera["fx"] * metres
-        y = (rows - camera["cy"]) / camera["fy"] * metres
-        matrix = np.asarray(pose, dtype=np.float64)
-        points = np.stack([x, y, metres], axis=-1)[seen] @ matrix[:3, :3].T + matrix[:3, 3]
-        colors = color[rows, columns][seen][:, ::-1]
+        metres = depth[::step, ::step] * np.float32(self._depth_scale or 0.001)
+        rows, columns = np.nonzero(metres)
+        z = metres[rows, columns]
+        x = (columns * step - camera["cx"]) / camera["fx"] * z
+        y = (rows * step - camera["cy"]) / camera["fy"] * z
+        matrix = np.asarray(pose, dtype=np.float32)
+        points = np.column_stack([x, y, z]).astype(np.float32) @ matrix[:3, :3].T + matrix[:3, 3]
+        colors = color[::step, ::step][rows, columns, ::-1]
         recording.log(f"{Paths.SCENE}/points", rr.Points3D(points, colors=colors, radii=[0.003]))
         self._cloud_shown_for = pose
 
@@ -203,8 +203,8 @@ class SceneView:
         colors = np.zeros((int(labels.max()) + 1, 3), np.uint8)
         for label in present:
             colors[label] = _color(label)[::-1]
-        blended = cv2.addWeighted(image, 1 - _TINT, colors[labels], _TINT, 0)
-        tinted = np.where(labels[..., None] > 0, blended, image)
+        tinted, masked = image.copy(), labels > 0
+        tinted[masked] = cv2.addWeighted(image[masked], 1 - _TINT, colors[labels[masked]], _TINT, 0)
         recording.log(f"{Paths.CAMERA}/masks", _compressed(tinted, 85, draw_order=1.0))
 
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import rerun as rr
 import trimesh
 
+from grs_agents.base import Pose
 from grs_agents.library import Library, Shape
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.views.recording import Recording
@@ -44,19 +45,23 @@ def geometry(shape: Shape, library: Library, color: Rgba | None) -> rr.AsCompone
     if shape.kind == "cylinder":
         radius, length = shape.size
         return rr.Cylinders3D(radii=[radius], lengths=[length], fill_mode="solid", **where)
-    return _mesh(shape, library, color)
+    texture = library.mesh_path(shape.texture) if shape.texture and color is None else None
+    pose = (shape.position, shape.quaternion)
+    return _mesh(library.mesh_path(shape.mesh or ""), texture, shape.size, pose, color or shape.color)
 
 
-def _mesh(shape: Shape, library: Library, color: Rgba | None) -> rr.Mesh3D:
-    mesh = _load_mesh(library.mesh_path(shape.mesh or ""))
-    turn = rotation_matrix(shape.quaternion)
-    vertices = np.asarray(mesh.vertices) * shape.size @ turn.T + shape.position
+@lru_cache(maxsize=64)
+def _mesh(path: Path, texture_path: Path | None, scale: tuple[float, ...], pose: Pose, color: Rgba | None) -> rr.Mesh3D:
+    """Kept, since an object's mesh is shown in the twin and in the rollouts; ``color`` is for what has no texture."""
+    mesh = _load_mesh(path)
+    turn = rotation_matrix(pose[1])
+    vertices = np.asarray(mesh.vertices) * scale @ turn.T + pose[0]
     uv: npt.NDArray[np.float64] | None = getattr(mesh.visual, "uv", None)
     texture = texcoords = None
-    if shape.texture and uv is not None and color is None:
-        texture = _load_texture(library.mesh_path(shape.texture))
+    if texture_path and uv is not None:
+        texture = _load_texture(texture_path)
         texcoords = np.column_stack([uv[:, 0], 1 - uv[:, 1]])  # rerun's origin is the top left corner
-    rgba = [round(255 * channel) for channel in color or (None if texture is not None else shape.color) or (1,) * 4]
+    rgba = [round(255 * channel) for channel in (color if texture is None else None) or (1,) * 4]
     return rr.Mesh3D(
         vertex_positions=vertices,
         triangle_indices=np.asarray(mesh.faces),

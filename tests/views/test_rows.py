@@ -13,7 +13,7 @@ from grs_agents.views.rows import Rows
 def test_rows_are_sent_together_each_at_its_moment(tmp_path: Path) -> None:
     stream = rr.RecordingStream("grs", recording_id="a")
     stream.save(tmp_path / "a.rrd")
-    rows = Rows(stream)
+    rows = Rows(stream, wait=60.0)
     for event in range(3):
         moment = Moment(event / 10, event, attempt=1, simulated=2.0)
         rows.add("/seconds", rr.Scalars, moment, {"scalars": [float(event)]})
@@ -36,7 +36,7 @@ def test_rows_are_sent_together_each_at_its_moment(tmp_path: Path) -> None:
 def test_a_row_is_sent_though_nothing_follows(tmp_path: Path) -> None:
     stream = rr.RecordingStream("grs", recording_id="a")
     stream.save(tmp_path / "a.rrd")
-    Rows(stream).add("/seconds", rr.Scalars, Moment(), {"scalars": [1.0]})
+    Rows(stream, wait=0.1).add("/seconds", rr.Scalars, Moment(), {"scalars": [1.0]})
     found = 0
     while not found:
         with suppress(RuntimeError):  # a message is being written
