@@ -1,23 +1,23 @@
-"""What a proxy of a candidate needs to know of the photo: the candidate's points in its own frame, and its look."""
+"""What a proxy of a candidate needs to know of the photo: the candidate's shape in its own frame, and its look."""
 
 import cv2
 import numpy as np
 
-from grs_agents.library import Look
+from grs_agents.correspondence.heights import heights_of, local_points
+from grs_agents.library import Look, Measured
 from grs_agents.scene import Image, Mask, RGBDFrame, TableFrame, UprightBox
 from grs_agents.scene.frame import Array
-from grs_agents.scene.table import robot_points_at
+from grs_agents.scene.turning import about_z
 
 _POINTS = 1500
 _LARGEST = 512
 """The longer side of a texture has at most so many pixels."""
 
 
-def proxy_points(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Array:
-    """(N, 3) measured points, m, about the centre of the box and along its axes."""
-    rows, columns = np.nonzero(mask & (frame.depth > 0))
-    step = max(1, len(rows) // _POINTS)
-    return (robot_points_at(frame, table, rows[::step], columns[::step]) - box.center) @ _turn(box.yaw)
+def measured_shape(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Measured:
+    """The measured points of a candidate, and how high it may be where the photo does not show otherwise."""
+    points = local_points(frame, table, mask & (frame.depth > 0), box)
+    return Measured(points[:: max(1, len(points) // _POINTS)], heights_of(frame, table, mask, box))
 
 
 def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Look | None:
@@ -34,7 +34,7 @@ def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox)
     if scale < 1:
         small = cv2.resize(filled, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         filled = np.asarray(small, np.uint8)
-    camera, pose, turn = frame.camera, np.asarray(table.T_robot_cam), _turn(box.yaw)
+    camera, pose, turn = frame.camera, np.asarray(table.T_robot_cam), about_z(box.yaw)
 
     def place(points: Array) -> Array:
         local = (points @ turn.T + box.center - pose[:3, 3]) @ pose[:3, :3]
@@ -55,9 +55,3 @@ def _filled(image: Image, known: Mask) -> Image:
     owners = np.zeros((int(labels.max()) + 1, 3), np.uint8)
     owners[labels[known]] = image[known]
     return np.ascontiguousarray(owners[labels])
-
-
-def _turn(yaw: float) -> Array:
-    """Its columns are the axes of a box with that yaw."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])

@@ -4,7 +4,8 @@ from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.background import BACKGROUND, write_background
 from grs_agents.library.library import Library
 from grs_agents.library.proxy import write_proxy
-from grs_agents.library.proxy_fitted import Look, fitted_kind, write_fitted_proxy
+from grs_agents.library.proxy_fitted import Look, write_fitted_proxy
+from grs_agents.library.proxy_kind import Measured, fitted_kind
 from grs_agents.library.shapes import ObjectModel, Shape
 from grs_agents.library.template import fill_template, resolve, stems
 from grs_agents.library.urdf import read_urdf
@@ -15,6 +16,7 @@ __all__ = [
     "Asset",
     "Library",
     "Look",
+    "Measured",
     "ObjectModel",
     "Shape",
     "fill_template",

@@ -14,16 +14,16 @@ Faceted = tuple[Floats, Ints]
 _GRID, _AROUND = 6, 32
 
 
-def box_mesh(size: Vec3, center: Vec3 = (0.0, 0.0, 0.0)) -> Faceted:
+def box_mesh(size: Vec3, center: Vec3 = (0.0, 0.0, 0.0), grid: int = _GRID) -> Faceted:
     """A box whose sides are grids, so that a picture laid on it is not bent much."""
-    steps = np.linspace(-0.5, 0.5, _GRID + 1)
+    steps = np.linspace(-0.5, 0.5, grid + 1)
     one, two = (part.ravel() for part in np.meshgrid(steps, steps, indexing="ij"))
     parts: list[Faceted] = []
     for axis in range(3):
         for side in (0.5, -0.5):
             vertices = np.empty((len(one), 3))
             vertices[:, axis], vertices[:, (axis + 1) % 3], vertices[:, (axis + 2) % 3] = side, one, two
-            faces = _grid_faces(_GRID + 1, _GRID + 1)
+            faces = _grid_faces(grid + 1, grid + 1)
             parts.append((vertices * size + center, faces if side > 0 else faces[:, ::-1]))
     return joined(parts)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.correspondence.proxying import proxy_points
+from grs_agents.correspondence.proxying import measured_shape
 from grs_agents.library import Library, fitted_kind, write_fitted_proxy
 from grs_agents.scene import (
     Candidate,
@@ -138,9 +138,9 @@ def _settled(
 def _proxy(one: Candidate, claim: Claim, scene: LabelledScene, table: TableFrame, folder: Path) -> Thing:
     """What a run would let stand for a thing of no asset: the solid that fits its points best."""
     box = claim.box
-    points = proxy_points(scene.frame, table, one.mask, box)
-    kind = fitted_kind(points, box.size, claim.shape == "cylinder", one.hollow)
-    asset = write_fitted_proxy(folder, f"candidate_{one.id}", kind, points, box.size, one.color, "a proxy")
+    measured = measured_shape(scene.frame, table, one.mask, box)
+    kind = fitted_kind(measured, box.size, claim.shape == "cylinder", one.hollow)
+    asset = write_fitted_proxy(folder, f"candidate_{one.id}", kind, measured, box.size, one.color, "a proxy")
     return Thing(
         asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))), guessed=True
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from grs_agents.agents import Description
 from grs_agents.base import Quat
-from grs_agents.correspondence.proxying import proxy_look, proxy_points
+from grs_agents.correspondence.proxying import measured_shape, proxy_look
 from grs_agents.library import Asset, fitted_kind, write_fitted_proxy, write_proxy
 from grs_agents.nodes.services import Services
 from grs_agents.scene import (
@@ -97,10 +97,10 @@ def write_stand_in(
     if photo is None:
         return write_proxy(folder, name, shape, box.size, record.color, description)
     mask = load_mask(services.folder / record.mask)
-    points = proxy_points(*photo, mask, box)
-    kind = fitted_kind(points, box.size, shape == "cylinder", record.hollow)
+    measured = measured_shape(*photo, mask, box)
+    kind = fitted_kind(measured, box.size, shape == "cylinder", record.hollow)
     look = proxy_look(*photo, mask, box)
-    return write_fitted_proxy(folder, name, kind, points, box.size, record.color, description, look)
+    return write_fitted_proxy(folder, name, kind, measured, box.size, record.color, description, look)
 
 
 def _unique(words: str, taken: Sequence[str]) -> str:

@@ -1,5 +1,6 @@
 """Scene comprehension, as far as geometry goes: frame, table, segments, boxes in the robot frame."""
 
+from grs_agents.scene.air import shown_free
 from grs_agents.scene.background import Background, reconstruct
 from grs_agents.scene.candidates import candidates_of, place_asset, place_robot
 from grs_agents.scene.clipping import Claim, clipped
@@ -92,5 +93,6 @@ __all__ = [
     "segment",
     "segment_proposed",
     "shell_of",
+    "shown_free",
     "upright_of",
 ]

@@ -29,6 +29,8 @@ FIN = (0.025, 0.065)
 """What is thinner and shorter than this (m) and sticks out of something higher is its tab, lip or fin."""
 CAP = 0.045
 """What is smaller than this (m) across and lower, on top of something larger, is its cap."""
+SHORTEST = 6
+"""Parts whose border is shorter than this (pixels) do not go over into each other."""
 CARRIED = 0.02
 """What hangs higher than this (m) above the table wants a support."""
 
@@ -195,7 +197,17 @@ class Merger:
         if distance >= RIM_GAP:
             return False
         beside = bool(walls) or distance < BESIDE or covered(one, other, TOUCHING) > WITHIN
-        return beside and self._open(one, other)
+        return (beside or self._meet(small, big)) and self._open(one, other)
+
+    def _meet(self, small: int, big: int) -> bool:
+        """Whether one part goes over into another: of large parts the samples are too coarse to tell."""
+        count = 0
+        for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+            first, second = self.labels[one], self.labels[other]
+            border = ((first == small) & (second == big)) | ((first == big) & (second == small))
+            apart = np.linalg.norm(self.points[one][border] - self.points[other][border], axis=1)
+            count += int((apart < TOUCHING).sum())
+        return count >= SHORTEST
 
     def _carried(self, small: int) -> bool:
         one = self.parts[small]

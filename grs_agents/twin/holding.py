@@ -4,13 +4,10 @@ import cv2
 import numpy as np
 
 from grs_agents.library import Library
-from grs_agents.scene import RGBDFrame, TableFrame, shell_of
-from grs_agents.scene.frame import Array, Mask
+from grs_agents.scene import RGBDFrame, TableFrame, shell_of, shown_free
 from grs_agents.scene.geometry import hull_of
 from grs_agents.twin.thing import Thing
 
-FREE = 0.01
-"""Where the photo shows something more than this (m) behind a point, it shows the point to be free."""
 DOWNWARD = -0.3
 """Faces whose normals point lower than this belong to an underside."""
 ON_TABLE = 0.005
@@ -32,21 +29,8 @@ def may_stand_on_something_unseen(thing: Thing, library: Library, frame: RGBDFra
     if not len(under):
         return False
     columns = under[:, None] * (1, 1, 0) + under[:, None, 2:] * np.reshape(LEVELS, (-1, 1)) * (0, 0, 1)
-    shown = _free(columns.reshape(-1, 3), frame, table).reshape(len(under), len(LEVELS)).mean(axis=1)
+    shown = shown_free(columns.reshape(-1, 3), frame, table).reshape(len(under), len(LEVELS)).mean(axis=1)
     carried = under[(shown <= SHOWN) | (under[:, 2] < ON_TABLE)]
     hull = hull_of(carried).astype(np.float32)
     x, y, _ = thing.pose[0]
     return len(hull) > 2 and cv2.pointPolygonTest(hull, (x, y), measureDist=False) >= 0
-
-
-def _free(points: Array, frame: RGBDFrame, table: TableFrame) -> Mask:
-    """Which of (N, 3) points, m, the photo shows to be free: what it shows there is behind them."""
-    transform, camera = np.asarray(table.T_robot_cam), frame.camera
-    x, y, z = ((points - transform[:3, 3]) @ transform[:3, :3]).T
-    depth = np.maximum(z, 1e-3)
-    columns = np.rint(x / depth * camera.fx + camera.cx).astype(np.int64)
-    rows = np.rint(y / depth * camera.fy + camera.cy).astype(np.int64)
-    seen = (rows >= 0) & (rows < frame.depth.shape[0]) & (columns >= 0) & (columns < frame.depth.shape[1]) & (z > 0)
-    free = np.zeros(len(points), np.bool_)
-    free[seen] = frame.depth[rows[seen], columns[seen]] > depth[seen] + FREE
-    return free

@@ -1,0 +1,105 @@
+"""Things whose top is stepped: their heights over a grid as a few upright boxes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Vec3
+
+Floats = npt.NDArray[np.float64]
+Block = tuple[Vec3, Vec3]
+"""Size and centre of a box, m."""
+MOST = 14
+"""At most so many boxes."""
+LEVEL = 0.006
+"""Heights that differ by less than this (m) on average are one."""
+THINNEST = 0.003
+"""What is lower than this (m) is nothing."""
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """Cells of a grid and the one height (m) that stands for them.
+
+    ``off`` is what it is off them in sum, m; ``uneven`` the sum of squares about their mean.
+    """
+
+    rows: range
+    columns: range
+    height: float
+    off: float
+    uneven: float
+
+
+def relief_blocks(heights: Floats, size: Vec3) -> list[Block]:
+    """A few boxes that fill the heights, in the frame of a box of ``size`` (m) about its centre.
+
+    Args:
+        heights: (R, C) m above the box's bottom, of cells evenly spread along x (rows) and y (columns).
+        size: of the box.
+    """
+    patches = [_patch(heights, range(heights.shape[0]), range(heights.shape[1]))]
+    while len(patches) < MOST:
+        worst = max(patches, key=lambda patch: patch.off)
+        if worst.off <= LEVEL * len(worst.rows) * len(worst.columns):
+            break
+        patches.remove(worst)
+        patches += _split(heights, worst)
+    cell = (size[0] / heights.shape[0], size[1] / heights.shape[1])
+    return [_block(patch, cell, size) for patch in patches if patch.height >= THINNEST]
+
+
+def reach(blocks: list[Block]) -> tuple[Floats, Floats]:
+    """The lowest and the highest corner, (3,) m, of boxes together."""
+    low = np.min([np.subtract(center, np.array(size) / 2) for size, center in blocks], axis=0)
+    high = np.max([np.add(center, np.array(size) / 2) for size, center in blocks], axis=0)
+    return low, high
+
+
+def stretched(blocks: list[Block], size: Vec3) -> list[Block]:
+    """Boxes, moved and stretched so that together they fill a box of ``size`` about the origin from end to end."""
+    low, high = reach(blocks)
+    scale, middle = np.array(size) / (high - low), (low + high) / 2
+    found: list[Block] = []
+    for extents, center in blocks:
+        x, y, z = (float(value) for value in (center - middle) * scale)
+        length, width, height = (float(value) for value in extents * scale)
+        found.append(((length, width, height), (x, y, z)))
+    return found
+
+
+def relief_off(points: Floats, blocks: list[Block]) -> float:
+    """How far points (N, 3) lie from the surface of boxes together, on average, m."""
+    inside = np.full(len(points), np.inf)
+    for size, center in blocks:
+        beyond = np.abs(points - center) - np.asarray(size) / 2
+        outside = np.linalg.norm(np.clip(beyond, 0, None), axis=1)
+        inside = np.minimum(inside, outside + np.minimum(beyond.max(axis=1), 0))
+    return float(np.abs(inside).mean())
+
+
+def _patch(heights: Floats, rows: range, columns: range) -> _Patch:
+    cells = heights[rows.start : rows.stop, columns.start : columns.stop]
+    height = float(np.median(cells))
+    return _Patch(rows, columns, height, float(np.abs(cells - height).sum()), float(cells.var() * cells.size))
+
+
+def _split(heights: Floats, patch: _Patch) -> tuple[_Patch, _Patch]:
+    """The two parts, cut straight, each most even in itself."""
+    rows, columns = patch.rows, patch.columns
+    ways = [
+        (_patch(heights, range(rows.start, cut), columns), _patch(heights, range(cut, rows.stop), columns))
+        for cut in rows[1:]
+    ] + [
+        (_patch(heights, rows, range(columns.start, cut)), _patch(heights, rows, range(cut, columns.stop)))
+        for cut in columns[1:]
+    ]
+    return min(ways, key=lambda parts: parts[0].uneven + parts[1].uneven)
+
+
+def _block(patch: _Patch, cell: tuple[float, float], size: Vec3) -> Block:
+    x = (patch.rows.start + patch.rows.stop) / 2 * cell[0] - size[0] / 2
+    y = (patch.columns.start + patch.columns.stop) / 2 * cell[1] - size[1] / 2
+    extents = (len(patch.rows) * cell[0], len(patch.columns) * cell[1], patch.height)
+    return extents, (x, y, (patch.height - size[2]) / 2)
