@@ -42,7 +42,7 @@ def bends(frame: RGBDFrame, foreground: Mask) -> Array:
 
     0 where the chord would cross a depth jump: that is no bend of one surface.
     """
-    points = frame.points()
+    x, y, z = np.ascontiguousarray(np.moveaxis(frame.points(), -1, 0))  # many times as fast as rows of three
     below, right = jumps(frame.depth)
     jump = (below | right | (frame.depth <= 0)).astype(np.uint8)
     middle = float(np.median(frame.depth[foreground])) if foreground.any() else 1.0
@@ -50,13 +50,22 @@ def bends(frame: RGBDFrame, foreground: Mask) -> Array:
     found = np.zeros(jump.shape)
     for down, across in DIRECTIONS:
         length = max(2, round(step / float(np.hypot(down, across))))
-        shift = (down * length, across * length)
-        before, after = np.roll(points, shift, (0, 1)), np.roll(points, (-shift[0], -shift[1]), (0, 1))
-        chord = np.linalg.norm(after - before, axis=-1)
-        sag = points[..., 2] - (before[..., 2] + after[..., 2]) / 2
         whole = cv2.dilate(jump, _line(down, across, length)) == 0
-        np.maximum(found, np.where(whole & (chord < 6 * REACH), sag / np.maximum(chord, 1e-6), 0.0), out=found)
+        before, here, after = _along(jump.shape, down * length, across * length)
+        chord = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2 + (z[after] - z[before]) ** 2)
+        sag = z[here] - (z[before] + z[after]) / 2
+        bend = np.where(whole[here] & (chord < 6 * REACH), sag / np.maximum(chord, 1e-6), 0.0)
+        np.maximum(found[here], bend, out=found[here])
     return found
+
+
+def _along(shape: tuple[int, ...], down: int, across: int) -> list[tuple[slice, slice]]:
+    """The pixels before, at and after each pixel that has others so far ``down`` and ``across`` on both sides."""
+    (height, width), side = shape, abs(across)
+    return [
+        np.s_[down + way * down : height - down + way * down, side + way * across : width - side + way * across]
+        for way in (-1, 0, 1)
+    ]
 
 
 def _line(down: int, across: int, length: int) -> npt.NDArray[np.uint8]:
