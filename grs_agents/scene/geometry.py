@@ -1,5 +1,8 @@
 """Small geometry on masks and footprints."""
 
+from collections.abc import Sequence
+from typing import TypeVar
+
 import cv2
 import cv2.typing
 import numpy as np
@@ -9,6 +12,7 @@ from grs_agents.scene.frame import Array, Mask
 
 Labels = npt.NDArray[np.int32]
 Index = npt.NDArray[np.intp]
+Value = TypeVar("Value", bound=np.generic)
 THINNEST = 0.012
 """A footprint is at least this wide (m): thinner ones are seen edge on."""
 ALIKE = 1.08
@@ -49,6 +53,41 @@ def pixels_of(labels: Labels) -> list[Index]:
     return np.split(pixels[order], np.cumsum(counts[1:]))[:-1]
 
 
+def values_at(picture: npt.NDArray[Value], mask: Mask) -> npt.NDArray[Value]:
+    """(N, D) what an (H, W, D) picture holds at the pixels of a mask (H, W), several times as fast as indexing by it."""
+    return picture.reshape(-1, picture.shape[-1]).take(np.flatnonzero(mask), axis=0)
+
+
+def window_of(mask: Mask) -> tuple[slice, slice]:
+    """The least rows and columns that hold all of a mask (H, W)."""
+    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    return slice(top, top + height), slice(left, left + width)
+
+
+def outline_of(mask: Mask) -> npt.NDArray[np.int32]:
+    """(M, 2) column and row of each pixel of the outer borders of a mask (H, W)."""
+    window = window_of(mask)
+    inner = mask[window].astype(np.uint8)
+    offset = (window[1].start, window[0].start)
+    outlines, _ = cv2.findContours(inner, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=offset)
+    return np.concatenate(outlines).reshape(-1, 2).astype(np.int32)
+
+
+def percentiles(values: Array, shares: Sequence[float]) -> Array:
+    """(K,) or (K, D) as `np.percentile` along the first axis, several times as fast on some thousand values.
+
+    Args:
+        values: (N,) or (N, D), all finite, at least one.
+        shares: (K,) percent.
+    """
+    ordered = np.sort(np.ascontiguousarray(values.T), axis=-1)
+    place = np.asarray(shares) / 100 * (len(values) - 1)
+    below = place.astype(np.intp)
+    share = place - below
+    low, high = ordered[..., below], ordered[..., np.minimum(below + 1, len(values) - 1)]
+    return np.where(share < 0.5, low + (high - low) * share, high - (high - low) * (1 - share)).T
+
+
 def within(points: Array, low: Array, high: Array) -> Mask:
     """Which of the (N, D) ``points`` lie in the axis-aligned box from ``low`` to ``high``, both (D,)."""
     inside = np.ones(len(points), np.bool_)
@@ -60,7 +99,7 @@ def within(points: Array, low: Array, high: Array) -> Mask:
 def hull_of(points: Array) -> Array:
     """(M, 2) corners of the convex footprint of (N, 2 or 3) points; one corner where all points are the same."""
     footprint = np.asarray(points[:, :2], np.float32)
-    if len(footprint) == 0 or not np.ptp(footprint, axis=0).any():
+    if len(footprint) == 0 or (footprint == footprint[0]).all():
         return footprint[:1].astype(np.float64)
     return cv2.convexHull(footprint).reshape(-1, 2).astype(np.float64)
 
@@ -84,15 +123,15 @@ def is_open(cloud: Array, table: Array) -> bool:
         cloud: (N, 3) points of the object, z up, metres above the table.
         table: (M, 3) points of the table, of which some may be seen through or taken for its floor.
     """
-    top = float(np.percentile(cloud[:, 2], 98))
+    top = float(percentiles(cloud[:, 2], [98])[0])
     if top < 2 * DEEP:
         return False
     hull = hull_of(cloud)
     area = float(cv2.contourArea(hull.astype(np.float32)))
-    rim = cloud[cloud[:, 2] > top - RIM]
+    rim = cloud.compress(cloud[:, 2] > top - RIM, axis=0)
     if area < 5e-4 or float(cv2.contourArea(hull_of(rim).astype(np.float32))) < SURROUNDED * area:
         return False
-    near = table[within(table[:, :2], hull.min(axis=0), hull.max(axis=0))]
+    near = table.compress(within(table[:, :2], hull.min(axis=0), hull.max(axis=0)), axis=0)
     points = np.concatenate([cloud, near])
     inner = points[inside_hull(points[:, :2], hull, -min(RIM, 0.15 * area**0.5))]
     return float((inner[:, 2] > top - DEEP).sum()) < SHALLOW * len(inner) or len(inner) < 10
@@ -118,7 +157,7 @@ def is_solid(cloud: Array) -> bool:
     if not (middle & seen).any() or seen[inside].mean() < FILLED or seen[middle].mean() < FILLED:
         return False
     inner = float(np.median(heights[middle & seen]))
-    outer = float(np.percentile(heights[inside & seen & ~middle], 80))  # a slope is higher on one side
+    outer = float(percentiles(heights[inside & seen & ~middle], [80])[0])  # a slope is higher on one side
     return inner > max(RAISED, outer - LEVEL)
 
 
@@ -137,7 +176,7 @@ def rectangle_of(cloud: Array) -> tuple[tuple[float, float], tuple[float, float]
     yaws = np.deg2rad(np.arange(-45.0, 45.0, 1.5))
     axes = turns(yaws)
     along = flat @ axes.reshape(-1, 2).T
-    low, high = np.percentile(along, (0.5, 99.5), axis=0)
+    low, high = percentiles(along, (0.5, 99.5))
     off = np.minimum(along - low, high - along).reshape(len(flat), -1, 2).min(axis=2)
     low, high = low.reshape(-1, 2), high.reshape(-1, 2)
     sides = np.maximum(high - low, THINNEST)

@@ -78,24 +78,21 @@ def _line(down: int, across: int, length: int) -> npt.NDArray[np.uint8]:
 
 def grown(labels: Labels, foreground: Mask, depth: Depth, rounds: int = 14) -> Labels:
     """Give the foreground's other pixels to the segment they touch, step by step and never across a depth jump."""
-    result = labels.copy()
-    below, right = jumps(depth)
+    below, right = (np.pad(jump, 1) for jump in jumps(depth))
+    result, row = np.pad(labels, 1), labels.shape[1] + 2
+    empty = np.flatnonzero(np.pad(foreground, 1) & (result == 0))
+    ways = ((below, 0, row), (below, -row, -row), (right, 0, 1), (right, -1, -1))
+    # Beyond a jump, as beyond the picture, nothing is: pixel 0.
+    around = np.stack([np.where(jump.take(empty + edge), 0, empty + step) for jump, edge, step in ways])
     for _ in range(rounds):
-        empty = foreground & (result == 0)
-        if not empty.any():
+        found = result.take(around)
+        taken = found[(found > 0).argmax(axis=0), np.arange(len(empty))]
+        result.put(empty, taken)
+        left = taken == 0
+        if left.all():
             break
-        update = result.copy()
-        _pull(update[:-1], result[1:], empty[:-1] & ~below[:-1])
-        _pull(update[1:], result[:-1], empty[1:] & ~below[:-1])
-        _pull(update[:, :-1], result[:, 1:], empty[:, :-1] & ~right[:, :-1])
-        _pull(update[:, 1:], result[:, :-1], empty[:, 1:] & ~right[:, :-1])
-        result = update
-    return result
-
-
-def _pull(target: Labels, neighbour: Labels, allowed: Mask) -> None:
-    take = allowed & (target == 0) & (neighbour > 0)
-    target[take] = neighbour[take]
+        empty, around = empty[left], around[:, left]
+    return result[1:-1, 1:-1].copy()
 
 
 def _joined(labels: Labels, bend: Array, below: Mask, right: Mask) -> Labels:
