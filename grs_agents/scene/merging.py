@@ -9,7 +9,7 @@ import numpy as np
 
 from grs_agents.scene.brinks import Brinks
 from grs_agents.scene.frame import Array
-from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, is_solid, pixels_of, within
+from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, is_solid, percentiles, pixels_of, within
 
 TOUCHING = 0.012
 """Parts nearer than this (m) touch."""
@@ -72,15 +72,16 @@ class Part:
 
 def part_of(points: Array) -> Part | None:
     """Measure a patch's (N, 3) points; ``None`` where too few are known."""
-    known = points[np.isfinite(points[:, 2])]
+    known = points.compress(np.isfinite(points[:, 2]), axis=0)
     if len(known) < 20:
         return None
-    low, high = np.percentile(known, (2, 98), axis=0)
-    inner = known[within(known, low, high)]
+    low, high = percentiles(known, (2, 98))
+    inner = known.compress(within(known, low, high), axis=0)
     inner = inner if len(inner) >= 20 else known
-    _, sides, _ = cv2.minAreaRect(inner[:, :2].astype(np.float32))
+    hull = hull_of(inner)
+    _, sides, _ = cv2.minAreaRect(hull.astype(np.float32))
     sample = inner[:: len(inner) // 800 + 1]
-    return Part(sample, hull_of(inner), min(sides), max(sides), float(low[2]), float(high[2]), len(known))
+    return Part(sample, hull, min(sides), max(sides), float(low[2]), float(high[2]), len(known))
 
 
 def gap(one: Part, other: Part) -> float:
