@@ -56,15 +56,11 @@ class Brinks:
         What stands in a hollow thing has its far wall behind it, and a whole hollow thing its own inside: these are
         no edges of a wall.
         """
-        columns = self._columns(near, far)
-        if len(columns) < max(SPAN * width, FEWEST):
+        pair = self._pair(near, far)
+        if len(pair) < max(SPAN * width, FEWEST):
             return False
-        own = np.isin(columns, self._columns(near, near)).sum()
-        other = max(int(own), len(self._columns(far, near)))
-        return other <= SPAN * len(columns)
-
-    def _columns(self, near: int, far: int) -> Index:
-        return self.columns[self._pair(near, far)]
+        own = np.isin(self.columns[pair], self.columns[self._pair(near, near)]).sum()
+        return max(int(own), len(self._pair(far, near))) <= SPAN * len(pair)
 
     def _pair(self, near: int, far: int) -> Index:
         return self.pairs.get((near, far), NOWHERE)

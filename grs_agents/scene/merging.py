@@ -3,6 +3,7 @@ parts that hang in the air, and fragments."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from operator import sub
 
 import cv2
 import numpy as np
@@ -87,7 +88,7 @@ def part_of(points: Array) -> Part | None:
 def gap(one: Part, other: Part) -> float:
     """The smallest distance between two parts' points, metres; at least 0.05 where they are far from each other."""
     (low, high), (least, most) = one.ends, other.ends
-    apart = max(a - b for start, end in ((low, most), (least, high)) for a, b in zip(start, end, strict=True))
+    apart = max(*map(sub, low, most), *map(sub, least, high))
     if apart > 0.05:
         return apart
     (few, lengths), (many, others) = one.few, other.few
