@@ -76,7 +76,8 @@ def view_of(frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array) -> Vi
 
 def ellipse_of(cloud: Array, view: View) -> Ellipse | None:
     """The footprint of a round thing whose side is seen; ``None`` where its side is flat, cornered or hidden."""
-    edges = np.linspace(*percentiles(cloud[:, 2], (3, 97)), SLICES + 1)
+    bottom, top = percentiles(cloud[:, 2], (3, 97))
+    edges = np.linspace(float(bottom), float(top), SLICES + 1)
     fits: list[Array] = []
     for low, high in pairwise(edges):
         side = view.flat(cloud[(cloud[:, 2] >= low) & (cloud[:, 2] <= high)])
@@ -153,5 +154,6 @@ def _cornered(side: Array) -> float:
     axes = turns(np.deg2rad(np.arange(-45.0, 45.0, 3.0)))
     flat = side @ axes.reshape(-1, 2).T
     low, high = percentiles(flat, (2, 98))
-    off = np.minimum(np.abs(flat - low), np.abs(flat - high)).reshape(len(side), -1, 2).min(axis=2)
+    off = np.minimum(np.abs(flat - low), np.abs(flat - high))
+    off = np.minimum(off[:, 0::2], off[:, 1::2])
     return float(np.sqrt((off**2).mean(axis=0)).min())

@@ -47,12 +47,11 @@ def foreground(points: Array, depth: Depth, eye: Array) -> Mask:
     """
     height = points[..., 2]
     bound = tolerance(depth.astype(np.float64))
-    flat = np.abs(np.nan_to_num(height, nan=9.0)) < bound
+    flat = np.abs(height) < bound
     hull = _table_hull(points, flat)
     if hull is None:
         return np.zeros(depth.shape, np.bool_)
-    above = np.nan_to_num(height, nan=-9.0) > np.maximum(bound, LOWEST)
-    above &= np.nan_to_num(height, nan=9.0) < TALLEST
+    above = (height > np.maximum(bound, LOWEST)) & (height < TALLEST)
     above = cv2.morphologyEx(above.astype(np.uint8), cv2.MORPH_OPEN, CROSS).astype(np.bool_)
     inside = np.zeros(depth.shape, np.bool_)
     inside[above] = _over(values_at(points, above), hull, eye)

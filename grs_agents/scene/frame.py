@@ -99,6 +99,7 @@ class RGBDFrame:
         height, width = self.depth.shape
         points = np.empty((height, width, 3))
         points[..., 2] = self.depth
-        np.multiply((np.arange(width) - camera.cx) / camera.fx, points[..., 2], out=points[..., 0])
-        np.multiply((np.arange(height)[:, None] - camera.cy) / camera.fy, points[..., 2], out=points[..., 1])
+        columns, rows = np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)[:, None]
+        points[..., 0] = (columns - camera.cx) / camera.fx * points[..., 2]
+        points[..., 1] = (rows - camera.cy) / camera.fy * points[..., 2]
         return points

@@ -37,11 +37,11 @@ RAISED = 0.02
 
 def components(mask: cv2.typing.MatLike, smallest: int) -> Labels:
     """Number the 4-connected components of at least ``smallest`` pixels from 1; the rest is 0."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    keep = np.zeros(count, np.int32)
-    big = [label for label in range(1, count) if stats[label, cv2.CC_STAT_AREA] >= max(smallest, 1)]
-    keep[big] = np.arange(1, len(big) + 1)
-    return keep[np.asarray(labels, np.int32)]
+    _, found = cv2.connectedComponents(mask, connectivity=4)
+    labels = np.asarray(found, np.int32)
+    large = np.bincount(labels.ravel()) >= max(smallest, 1)  # counted faster than with the components' other figures
+    large[0] = False
+    return np.where(large, np.cumsum(large), 0).astype(np.int32).take(labels)
 
 
 def pixels_of(labels: Labels) -> list[Index]:
@@ -54,7 +54,7 @@ def pixels_of(labels: Labels) -> list[Index]:
 
 
 def values_at(picture: npt.NDArray[Value], mask: Mask) -> npt.NDArray[Value]:
-    """(N, D) what an (H, W, D) picture holds at the pixels of a mask (H, W), several times as fast as indexing by it."""
+    """(N, D) what an (H, W, D) picture holds at the pixels of a mask (H, W); many times as fast as indexing by it."""
     return picture.reshape(-1, picture.shape[-1]).take(np.flatnonzero(mask), axis=0)
 
 
@@ -177,7 +177,8 @@ def rectangle_of(cloud: Array) -> tuple[tuple[float, float], tuple[float, float]
     axes = turns(yaws)
     along = flat @ axes.reshape(-1, 2).T
     low, high = percentiles(along, (0.5, 99.5))
-    off = np.minimum(along - low, high - along).reshape(len(flat), -1, 2).min(axis=2)
+    off = np.minimum(along - low, high - along)
+    off = np.minimum(off[:, 0::2], off[:, 1::2])
     low, high = low.reshape(-1, 2), high.reshape(-1, 2)
     sides = np.maximum(high - low, THINNEST)
     areas = sides.prod(axis=1)

@@ -60,10 +60,12 @@ class Part:
         return self.cloud.min(axis=0).tolist(), self.cloud.max(axis=0).tolist()
 
     @cached_property
-    def few(self) -> tuple[Array, Array]:
-        """(N, 3) every other point, and the square of each one's distance from the origin."""
+    def lifted(self) -> tuple[Array, Array]:
+        """(N, 5) and (5, N) of every other point: one part's first times another's second are squares of distances."""
         points = self.cloud[::2]
-        return points, (points**2).sum(axis=1)
+        squares = (points**2).sum(axis=1, keepdims=True)
+        ones = np.ones_like(squares)
+        return np.hstack([points, squares, ones]), np.hstack([-2 * points, ones, squares]).T
 
     @cached_property
     def solid(self) -> bool:
@@ -91,8 +93,7 @@ def gap(one: Part, other: Part) -> float:
     apart = max(*map(sub, low, most), *map(sub, least, high))
     if apart > 0.05:
         return apart
-    (few, lengths), (many, others) = one.few, other.few
-    squares = lengths[:, None] + others - 2 * few @ many.T
+    squares = one.lifted[0] @ other.lifted[1]
     return float(np.sqrt(max(float(squares.min()), 0.0)))
 
 
