@@ -108,9 +108,9 @@ def inside_hull(points: Array, hull: Array, margin: float) -> Mask:
     """Which of the (N, 2) ``points`` lie in the convex ``hull`` (M, 2) grown by ``margin`` metres."""
     if len(hull) < 3:
         return np.zeros(len(points), np.bool_)
-    edges = np.roll(hull, -1, axis=0) - hull
+    edges = np.concatenate([hull[1:], hull[:1]]) - hull
     lengths = np.maximum(np.linalg.norm(edges, axis=1), 1e-9)
-    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / lengths[:, None]
+    normals = edges[:, ::-1] * (1.0, -1.0) / lengths[:, None]
     normals *= np.where(((hull - hull.mean(axis=0)) * normals).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     offsets = (hull * normals).sum(axis=1)
     return np.asarray((normals @ points.T <= (offsets + margin)[:, None]).all(axis=0), np.bool_)

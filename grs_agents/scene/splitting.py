@@ -2,6 +2,7 @@
 own points and is not its inside belongs to something else."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -92,6 +93,7 @@ def _off(cloud: Array) -> float:
     return float((reach.max(axis=1, keepdims=True) - reach).min(axis=0).mean())
 
 
+@cache
 def _directions() -> Array:
     """(K, 3) unit vectors spread evenly over the sphere (Fibonacci lattice)."""
     number = np.arange(DIRECTIONS) + 0.5
