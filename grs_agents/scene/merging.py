@@ -113,7 +113,7 @@ class Merger:
         measured = {label: part_of(self.points.take(pixels, axis=0)) for label, pixels in self.pixels.items()}
         self.parts = {label: part for label, part in measured.items() if part is not None}
         self.columns = {label: self._columns(label) for label in self.parts}
-        # Not looked at since one of the two last grew.
+        # For each part those that it was not yet compared with since either of the two last grew.
         self.waiting = {label: set(self.parts) - {label} for label in self.parts}
         table = np.flatnonzero((labels == 0) & (np.abs(points[..., 2]) < 0.015))
         self.table = self.points.take(table[::5], axis=0)
