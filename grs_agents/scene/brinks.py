@@ -4,10 +4,9 @@ Along the edge of a hollow thing what is seen lies deep in the middle and comes 
 near wall meets the far one. A thing behind a thing stays as deep, or goes on down beside it."""
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.scene.frame import Array
-from grs_agents.scene.geometry import DEEP, Labels
+from grs_agents.scene.geometry import DEEP, Index, Labels
 
 END = 0.2
 """This share of an edge's columns is its end."""
@@ -19,6 +18,7 @@ SPAN = 0.5
 """The edge spans at least this share of the narrower part's columns."""
 FEWEST = 8
 """An edge of fewer columns says nothing."""
+NOWHERE: Index = np.zeros(0, np.intp)
 
 
 class Brinks:
@@ -35,13 +35,20 @@ class Brinks:
         at = np.maximum.accumulate(np.where(labels > 0, numbers, -1), axis=0)[rows, columns]
         seen = at >= 0
         rows, at, self.columns = rows[seen] + 1, at[seen], columns[seen]
-        self.near, self.far = labels[rows, self.columns], labels[at, self.columns]
         self.edges, self.seen = points[rows, self.columns], points[at, self.columns]
+        count = int(labels.max()) + 1
+        pairs = labels[rows, self.columns].astype(np.int64) * count + labels[at, self.columns]
+        order = np.argsort(pairs, kind="stable")
+        kinds, starts = np.unique(pairs[order], return_index=True)
+        members = np.split(order, starts)[1:]
+        self.pairs = {divmod(int(kind), count): one for kind, one in zip(kinds, members, strict=True)}
 
     def rename(self, old: int, new: int) -> None:
         """Part ``old`` has become a piece of ``new``."""
-        self.near[self.near == old] = new
-        self.far[self.far == old] = new
+        for near, far in [pair for pair in self.pairs if old in pair]:
+            pair = (new if near == old else near), (new if far == old else far)
+            found = self.pairs.pop((near, far))
+            self.pairs[pair] = np.sort(np.concatenate([self.pairs.get(pair, found[:0]), found]))
 
     def span(self, near: int, far: int, width: int) -> bool:
         """Whether ``far`` is seen over most of the edge of ``near``; the narrower of them is ``width`` columns wide.
@@ -49,19 +56,18 @@ class Brinks:
         What stands in a hollow thing has its far wall behind it, and a whole hollow thing its own inside: these are
         no edges of a wall.
         """
-        columns = self._columns(near, far)
-        if len(columns) < max(SPAN * width, FEWEST):
+        pair = self._pair(near, far)
+        if len(pair) < max(SPAN * width, FEWEST):
             return False
-        own = np.isin(columns, self._columns(near, near)).sum()
-        other = max(int(own), len(self._columns(far, near)))
-        return other <= SPAN * len(columns)
+        own = np.isin(self.columns[pair], self.columns[self._pair(near, near)]).sum()
+        return max(int(own), len(self._pair(far, near))) <= SPAN * len(pair)
 
-    def _columns(self, near: int, far: int) -> npt.NDArray[np.int64]:
-        return self.columns[(self.near == near) & (self.far == far)]
+    def _pair(self, near: int, far: int) -> Index:
+        return self.pairs.get((near, far), NOWHERE)
 
     def closes(self, near: int, far: int, top: float) -> bool:
         """Whether what is seen of ``far`` over ``near`` comes up at both ends to about ``top``, their height (m)."""
-        pairs = np.flatnonzero((self.near == near) & (self.far == far))
+        pairs = self._pair(near, far)
         pairs = pairs[np.argsort(self.columns[pairs], kind="stable")]
         edges, seen = self.edges[pairs], self.seen[pairs]
         known = np.isfinite(edges[:, 2]) & np.isfinite(seen[:, 2])

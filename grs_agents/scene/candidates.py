@@ -11,7 +11,20 @@ from grs_agents.base import Quat, Vec3
 from grs_agents.errors import InputError
 from grs_agents.scene.completion import ROUND, Ellipse, ellipse_of, view_of
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
-from grs_agents.scene.geometry import THINNEST, Labels, hull_of, inside_hull, is_open, rectangle_of, turns, within
+from grs_agents.scene.geometry import (
+    THINNEST,
+    Labels,
+    hull_of,
+    inside_hull,
+    is_open,
+    percentiles,
+    pixels_of,
+    rectangle_of,
+    turns,
+    values_at,
+    window_of,
+    within,
+)
 from grs_agents.scene.table import as_matrix, robot_points_at
 from grs_agents.scene.types import Aabb, Candidate, Solid, TableFrame, UprightBox
 
@@ -23,6 +36,8 @@ OVERHANG = 0.12
 """Points that reach beyond a round footprint by more than this share of its diameter tell of more than that."""
 OUTLIERS = 0.4
 """Percent of the points at each end of each axis that are left out of a footprint."""
+DIMMED = (np.arange(256) * 0.35).astype(np.uint8)
+"""What each brightness is outside of a segment's crop."""
 WORKSPACE_CENTER = (0.5, 0.0)
 """Where the middle of the objects lies in a frame laid on the table, metres."""
 
@@ -35,7 +50,7 @@ def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[
     """
     clouds = _clouds(frame, table, labels)
     supports = {
-        label: (hull_of(cloud[::5]), float(np.percentile(cloud[::5, 2], 95)))
+        label: (hull_of(cloud[::5]), float(percentiles(cloud[::5, 2], [95])[0]))
         for label, cloud in clouds.items()
         if len(cloud) >= 30
     }
@@ -62,20 +77,16 @@ def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[
 
 def _clouds(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, Array]:
     """The (N, 3) measured points of each label from 1, row by row, robot frame."""
-    rows, columns = np.nonzero((labels > 0) & (frame.depth > 0))
-    owner = labels[rows, columns]
-    order = np.argsort(owner, kind="stable")
-    points = robot_points_at(frame, table, rows[order], columns[order])
-    ends = np.cumsum(np.bincount(owner, minlength=int(labels.max()) + 1))
-    return {label: points[ends[label - 1] : ends[label]] for label in range(1, len(ends))}
+    pixels = pixels_of(np.where(frame.depth > 0, labels, 0))
+    return {label: robot_points_at(frame, table, *divmod(own, labels.shape[1])) for label, own in enumerate(pixels, 1)}
 
 
 def _measure(
     number: int, frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, others: Sequence[tuple[Array, float]]
 ) -> Candidate:
     count, cloud = len(cloud), cloud[:: len(cloud) // (2 * SAMPLES) + 1]
-    low, high = np.percentile(cloud, (1, 99), axis=0)
-    inner = cloud[within(cloud, low, high)]
+    low, high = percentiles(cloud, (1, 99))
+    inner = cloud.compress(within(cloud, low, high), axis=0)
     bottom = _bottom(inner[::5], others)
     top = max(float(high[2]), bottom + THINNEST)
     shape, (x, y), (length, width), yaw, rounded = _footprint(frame, table, mask, cloud)
@@ -90,7 +101,7 @@ def _measure(
         crop=_crop(frame, mask),
         box=Aabb(low=_vec((*least, bottom)), high=_vec((*most, top))),
         upright=UprightBox(center=(x, y, (bottom + top) / 2), size=(length, width, top - bottom), yaw=yaw),
-        color=_vec(frame.rgb[mask].mean(axis=0) / 255),
+        color=_vec(values_at(frame.rgb, mask).mean(axis=0) / 255),
         shape=shape,
         points=count,
         hollow=is_open(inner[:: len(inner) // SAMPLES + 1], np.zeros((0, 3))),
@@ -101,8 +112,8 @@ def _footprint(
     frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array
 ) -> tuple[Solid, tuple[float, float], tuple[float, float], float, bool]:
     """Shape, centre, sides (m), yaw (rad) of a footprint, and whether it is round: then with its unseen back."""
-    low, high = np.percentile(cloud, (OUTLIERS, 100 - OUTLIERS), axis=0)
-    inner = cloud[within(cloud, low, high)]
+    low, high = percentiles(cloud, (OUTLIERS, 100 - OUTLIERS))
+    inner = cloud.compress(within(cloud, low, high), axis=0)
     inner = inner[:: len(inner) // SAMPLES + 1]
     view = view_of(frame, table, mask, inner)
     ellipse = None if view is None else ellipse_of(inner, view)
@@ -120,7 +131,7 @@ def _footprint(
 def _holds(ellipse: Ellipse, cloud: Array) -> bool:
     """Whether a footprint reaches as far as the points do: a half-hidden thing may look round, a mug has a handle."""
     axes = turns(np.array([ellipse.yaw]))[0]
-    low, high = np.percentile((cloud[:, :2] - ellipse.center) @ axes.T, (1, 99), axis=0)
+    low, high = percentiles((cloud[:, :2] - ellipse.center) @ axes.T, (1, 99))
     return bool((np.maximum(-low, high) < (0.5 + OVERHANG) * np.array(ellipse.diameters)).all())
 
 
@@ -139,7 +150,7 @@ def _bottom(cloud: Array, others: Sequence[tuple[Array, float]]) -> float:
 
     ``others`` are the hull of the footprint and the top of each other thing.
     """
-    lowest = float(np.percentile(cloud[:, 2], 2))
+    lowest = float(percentiles(cloud[:, 2], [2])[0])
     if lowest < 0.025:
         return 0.0
     for hull, top in others:
@@ -150,14 +161,11 @@ def _bottom(cloud: Array, others: Sequence[tuple[Array, float]]) -> float:
 
 def _crop(frame: RGBDFrame, mask: Mask, margin: float = 0.15) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
     """The segment's rectangle with a margin; what does not belong to it is dimmed."""
-    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    pad = int(margin * (max(width, height) - 1)) + 4
-    bottom, right = top + height + pad, left + width + pad
-    top, left = max(0, top - pad), max(0, left - pad)
-    crop = frame.rgb[top:bottom, left:right].copy()
-    outside = ~mask[top:bottom, left:right]
-    crop[outside] = (crop[outside] * 0.35).astype(np.uint8)
-    return crop
+    rows, columns = window_of(mask)
+    pad = int(margin * (max(rows.stop - rows.start, columns.stop - columns.start) - 1)) + 4
+    wide = np.s_[max(0, rows.start - pad) : rows.stop + pad, max(0, columns.start - pad) : columns.stop + pad]
+    crop = frame.rgb[wide]
+    return np.where(mask[wide][..., None], crop, DIMMED[crop])
 
 
 def place_robot(table: TableFrame, candidates: Sequence[Candidate]) -> tuple[TableFrame, tuple[Candidate, ...]]:

@@ -6,11 +6,10 @@ its side is then the near half of an ellipse of that width, whose middle and dep
 from dataclasses import dataclass
 from itertools import pairwise
 
-import cv2
 import numpy as np
 
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
-from grs_agents.scene.geometry import turns
+from grs_agents.scene.geometry import outline_of, percentiles, turns
 from grs_agents.scene.types import TableFrame
 
 SLICES = 6
@@ -69,8 +68,7 @@ def view_of(frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array) -> Vi
         return None
     along /= distance
     camera = frame.camera
-    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    columns, rows = np.concatenate(outlines).reshape(-1, 2).astype(np.float64).T
+    columns, rows = outline_of(mask).astype(np.float64).T
     rays = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=1)
     across = np.array([-along[1], along[0], 0.0])
     return View(eye, along, across, rays @ transform[:3, :3].T, 0.5 / camera.fx)
@@ -78,8 +76,8 @@ def view_of(frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array) -> Vi
 
 def ellipse_of(cloud: Array, view: View) -> Ellipse | None:
     """The footprint of a round thing whose side is seen; ``None`` where its side is flat, cornered or hidden."""
-    bottom, top = float(np.percentile(cloud[:, 2], 3)), float(np.percentile(cloud[:, 2], 97))
-    edges = np.linspace(bottom, top, SLICES + 1)
+    bottom, top = percentiles(cloud[:, 2], (3, 97))
+    edges = np.linspace(float(bottom), float(top), SLICES + 1)
     fits: list[Array] = []
     for low, high in pairwise(edges):
         side = view.flat(cloud[(cloud[:, 2] >= low) & (cloud[:, 2] <= high)])
@@ -119,7 +117,7 @@ def _fitted(side: Array, edges: tuple[float, float] | None) -> Array | None:
         return None
     points = side[near]
     off = _solved(points, middle, half)[1]
-    points = points[off <= np.percentile(off, 90)]  # flying pixels
+    points = points[off <= percentiles(off, [90])]  # flying pixels
     solution, off = _solved(points, middle, half)
     error = float(np.sqrt(np.mean(off**2)))
     flat = not FLATTEST < solution[2] / half < DEEPEST
@@ -155,6 +153,7 @@ def _cornered(side: Array) -> float:
     """How far the points of a slice are off the nearest side of the rectangle that fits best: root mean square, m."""
     axes = turns(np.deg2rad(np.arange(-45.0, 45.0, 3.0)))
     flat = side @ axes.reshape(-1, 2).T
-    low, high = np.percentile(flat, (2, 98), axis=0)
-    off = np.minimum(np.abs(flat - low), np.abs(flat - high)).reshape(len(side), -1, 2).min(axis=2)
+    low, high = percentiles(flat, (2, 98))
+    off = np.minimum(np.abs(flat - low), np.abs(flat - high))
+    off = np.minimum(off[:, 0::2], off[:, 1::2])
     return float(np.sqrt((off**2).mean(axis=0)).min())

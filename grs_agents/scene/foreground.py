@@ -5,7 +5,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
-from grs_agents.scene.geometry import components, hull_of, inside_hull
+from grs_agents.scene.geometry import components, hull_of, inside_hull, pixels_of, values_at
 from grs_agents.scene.table import tolerance
 
 Depth = npt.NDArray[np.float32]
@@ -47,16 +47,14 @@ def foreground(points: Array, depth: Depth, eye: Array) -> Mask:
     """
     height = points[..., 2]
     bound = tolerance(depth.astype(np.float64))
-    flat = np.abs(np.nan_to_num(height, nan=9.0)) < bound
+    flat = np.abs(height) < bound
     hull = _table_hull(points, flat)
     if hull is None:
         return np.zeros(depth.shape, np.bool_)
-    above = np.nan_to_num(height, nan=-9.0) > np.maximum(bound, LOWEST)
-    above &= np.nan_to_num(height, nan=9.0) < TALLEST
+    above = (height > np.maximum(bound, LOWEST)) & (height < TALLEST)
     above = cv2.morphologyEx(above.astype(np.uint8), cv2.MORPH_OPEN, CROSS).astype(np.bool_)
-    rows, columns = np.nonzero(above)
     inside = np.zeros(depth.shape, np.bool_)
-    inside[rows, columns] = _over(points[rows, columns], hull, eye)
+    inside[above] = _over(values_at(points, above), hull, eye)
     return _standing(above, inside, depth)
 
 
@@ -66,9 +64,11 @@ def _over(points: Array, hull: Array, eye: Array) -> Mask:
     The near part of the table may be out of the picture, below the things that stand on it.
     """
     over = inside_hull(points[:, :2], hull, margin=0.02)
-    share = points[:, 2:] / np.minimum(points[:, 2:] - eye[2], -1e-6)
-    hidden = points[:, :2] - share * (points[:, :2] - eye[:2])
-    return over | inside_hull(points[:, :2], hull, HIDDEN) & inside_hull(hidden, hull, 0.0)
+    rest = points.compress(~over, axis=0)
+    share = rest[:, 2:] / np.minimum(rest[:, 2:] - eye[2], -1e-6)
+    hidden = rest[:, :2] - share * (rest[:, :2] - eye[:2])
+    over[~over] = inside_hull(rest[:, :2], hull, HIDDEN) & inside_hull(hidden, hull, 0.0)
+    return over
 
 
 def _standing(above: Mask, inside: Mask, depth: Depth) -> Mask:
@@ -90,10 +90,10 @@ def _table_hull(points: Array, flat: Mask) -> Array | None:
     labels = components(cv2.erode(flat.astype(np.uint8), np.ones((5, 5), np.uint8)), 50)
     if labels.max() == 0:
         return None
-    areas = np.bincount(labels.ravel())
-    areas[0] = 0
+    found = pixels_of(labels)
+    areas = np.array([0, *map(len, found)])
     order = [int(label) for label in np.argsort(-areas)[:20] if areas[label] > 0.005 * areas.max()]
-    pieces = [points[labels == label][::7, :2] for label in order]
+    pieces = [points.reshape(-1, 3).take(found[label - 1][::7], axis=0)[:, :2] for label in order]
     hull = hull_of(pieces.pop(0))
     while True:
         near = [piece for piece in pieces if inside_hull(piece, hull, HIDDEN).mean() > 0.02]

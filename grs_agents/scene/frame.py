@@ -96,6 +96,10 @@ class RGBDFrame:
     def points(self) -> Array:
         """(H, W, 3) points in the camera frame, metres; (0, 0, 0) where there is no depth."""
         camera = self.camera
-        rows, columns = np.indices(self.depth.shape, dtype=np.float64)
-        z = self.depth.astype(np.float64)
-        return np.stack([(columns - camera.cx) / camera.fx * z, (rows - camera.cy) / camera.fy * z, z], axis=-1)
+        height, width = self.depth.shape
+        points = np.empty((height, width, 3))
+        points[..., 2] = self.depth
+        columns, rows = np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)[:, None]
+        points[..., 0] = (columns - camera.cx) / camera.fx * points[..., 2]
+        points[..., 1] = (rows - camera.cy) / camera.fy * points[..., 2]
+        return points

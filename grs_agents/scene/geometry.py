@@ -1,5 +1,8 @@
 """Small geometry on masks and footprints."""
 
+from collections.abc import Sequence
+from typing import TypeVar
+
 import cv2
 import cv2.typing
 import numpy as np
@@ -8,6 +11,8 @@ import numpy.typing as npt
 from grs_agents.scene.frame import Array, Mask
 
 Labels = npt.NDArray[np.int32]
+Index = npt.NDArray[np.intp]
+Value = TypeVar("Value", bound=np.generic)
 THINNEST = 0.012
 """A footprint is at least this wide (m): thinner ones are seen edge on."""
 ALIKE = 1.08
@@ -32,11 +37,55 @@ RAISED = 0.02
 
 def components(mask: cv2.typing.MatLike, smallest: int) -> Labels:
     """Number the 4-connected components of at least ``smallest`` pixels from 1; the rest is 0."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    keep = np.zeros(count, np.int32)
-    big = [label for label in range(1, count) if stats[label, cv2.CC_STAT_AREA] >= max(smallest, 1)]
-    keep[big] = np.arange(1, len(big) + 1)
-    return keep[np.asarray(labels, np.int32)]
+    _, found = cv2.connectedComponents(mask, connectivity=4)
+    labels = np.asarray(found, np.int32)
+    large = np.bincount(labels.ravel()) >= max(smallest, 1)  # counted faster than with the components' other figures
+    large[0] = False
+    return np.where(large, np.cumsum(large), 0).astype(np.int32).take(labels)
+
+
+def pixels_of(labels: Labels) -> list[Index]:
+    """The pixels of each label from 1, as flat indices in the picture's order."""
+    pixels = np.flatnonzero(labels > 0)
+    owners = labels.ravel().take(pixels)
+    counts = np.bincount(owners, minlength=int(labels.max()) + 1)
+    order = np.argsort(owners.astype(np.min_scalar_type(len(counts))), kind="stable")  # small integers: radix sort
+    return np.split(pixels[order], np.cumsum(counts[1:]))[:-1]
+
+
+def values_at(picture: npt.NDArray[Value], mask: Mask) -> npt.NDArray[Value]:
+    """(N, D) what an (H, W, D) picture holds at the pixels of a mask (H, W); many times as fast as indexing by it."""
+    return picture.reshape(-1, picture.shape[-1]).take(np.flatnonzero(mask), axis=0)
+
+
+def window_of(mask: Mask) -> tuple[slice, slice]:
+    """The least rows and columns that hold all of a mask (H, W)."""
+    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    return slice(top, top + height), slice(left, left + width)
+
+
+def outline_of(mask: Mask) -> npt.NDArray[np.int32]:
+    """(M, 2) column and row of each pixel of the outer borders of a mask (H, W)."""
+    window = window_of(mask)
+    inner = mask[window].astype(np.uint8)
+    offset = (window[1].start, window[0].start)
+    outlines, _ = cv2.findContours(inner, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=offset)
+    return np.concatenate(outlines).reshape(-1, 2).astype(np.int32)
+
+
+def percentiles(values: Array, shares: Sequence[float]) -> Array:
+    """(K,) or (K, D) as `np.percentile` along the first axis, several times as fast on some thousand values.
+
+    Args:
+        values: (N,) or (N, D), all finite, at least one.
+        shares: (K,) percent.
+    """
+    ordered = np.sort(np.ascontiguousarray(values.T), axis=-1)
+    place = np.asarray(shares) / 100 * (len(values) - 1)
+    below = place.astype(np.intp)
+    share = place - below
+    low, high = ordered[..., below], ordered[..., np.minimum(below + 1, len(values) - 1)]
+    return np.where(share < 0.5, low + (high - low) * share, high - (high - low) * (1 - share)).T
 
 
 def within(points: Array, low: Array, high: Array) -> Mask:
@@ -50,7 +99,7 @@ def within(points: Array, low: Array, high: Array) -> Mask:
 def hull_of(points: Array) -> Array:
     """(M, 2) corners of the convex footprint of (N, 2 or 3) points; one corner where all points are the same."""
     footprint = np.asarray(points[:, :2], np.float32)
-    if len(footprint) == 0 or not np.ptp(footprint, axis=0).any():
+    if len(footprint) == 0 or (footprint == footprint[0]).all():
         return footprint[:1].astype(np.float64)
     return cv2.convexHull(footprint).reshape(-1, 2).astype(np.float64)
 
@@ -59,16 +108,12 @@ def inside_hull(points: Array, hull: Array, margin: float) -> Mask:
     """Which of the (N, 2) ``points`` lie in the convex ``hull`` (M, 2) grown by ``margin`` metres."""
     if len(hull) < 3:
         return np.zeros(len(points), np.bool_)
-    edges = np.roll(hull, -1, axis=0) - hull
+    edges = np.concatenate([hull[1:], hull[:1]]) - hull
     lengths = np.maximum(np.linalg.norm(edges, axis=1), 1e-9)
-    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / lengths[:, None]
+    normals = edges[:, ::-1] * (1.0, -1.0) / lengths[:, None]
     normals *= np.where(((hull - hull.mean(axis=0)) * normals).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     offsets = (hull * normals).sum(axis=1)
-    inside = np.ones(len(points), np.bool_)
-    x, y = np.ascontiguousarray(points.T)
-    for normal, offset in zip(normals, offsets + margin, strict=True):  # many times as fast as comparing rows
-        inside &= normal[0] * x + normal[1] * y <= offset
-    return inside
+    return np.asarray((normals @ points.T <= (offsets + margin)[:, None]).all(axis=0), np.bool_)
 
 
 def is_open(cloud: Array, table: Array) -> bool:
@@ -78,15 +123,15 @@ def is_open(cloud: Array, table: Array) -> bool:
         cloud: (N, 3) points of the object, z up, metres above the table.
         table: (M, 3) points of the table, of which some may be seen through or taken for its floor.
     """
-    top = float(np.percentile(cloud[:, 2], 98))
+    top = float(percentiles(cloud[:, 2], [98])[0])
     if top < 2 * DEEP:
         return False
     hull = hull_of(cloud)
     area = float(cv2.contourArea(hull.astype(np.float32)))
-    rim = cloud[cloud[:, 2] > top - RIM]
+    rim = cloud.compress(cloud[:, 2] > top - RIM, axis=0)
     if area < 5e-4 or float(cv2.contourArea(hull_of(rim).astype(np.float32))) < SURROUNDED * area:
         return False
-    near = table[within(table[:, :2], hull.min(axis=0), hull.max(axis=0))]
+    near = table.compress(within(table[:, :2], hull.min(axis=0), hull.max(axis=0)), axis=0)
     points = np.concatenate([cloud, near])
     inner = points[inside_hull(points[:, :2], hull, -min(RIM, 0.15 * area**0.5))]
     return float((inner[:, 2] > top - DEEP).sum()) < SHALLOW * len(inner) or len(inner) < 10
@@ -112,7 +157,7 @@ def is_solid(cloud: Array) -> bool:
     if not (middle & seen).any() or seen[inside].mean() < FILLED or seen[middle].mean() < FILLED:
         return False
     inner = float(np.median(heights[middle & seen]))
-    outer = float(np.percentile(heights[inside & seen & ~middle], 80))  # a slope is higher on one side
+    outer = float(percentiles(heights[inside & seen & ~middle], [80])[0])  # a slope is higher on one side
     return inner > max(RAISED, outer - LEVEL)
 
 
@@ -131,8 +176,9 @@ def rectangle_of(cloud: Array) -> tuple[tuple[float, float], tuple[float, float]
     yaws = np.deg2rad(np.arange(-45.0, 45.0, 1.5))
     axes = turns(yaws)
     along = flat @ axes.reshape(-1, 2).T
-    low, high = np.percentile(along, (0.5, 99.5), axis=0)
-    off = np.minimum(along - low, high - along).reshape(len(flat), -1, 2).min(axis=2)
+    low, high = percentiles(along, (0.5, 99.5))
+    off = np.minimum(along - low, high - along)
+    off = np.minimum(off[:, 0::2], off[:, 1::2])
     low, high = low.reshape(-1, 2), high.reshape(-1, 2)
     sides = np.maximum(high - low, THINNEST)
     areas = sides.prod(axis=1)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from grs_agents.scene.frame import Array, RGBDFrame
-from grs_agents.scene.geometry import Labels, hull_of
+from grs_agents.scene.foreground import Depth
+from grs_agents.scene.frame import Array, Mask, RGBDFrame
+from grs_agents.scene.geometry import Labels, hull_of, outline_of, percentiles, values_at
 
 LEVEL = 0.01
 """Tops of two pieces of one thing are within this height (m) of each other."""
@@ -36,22 +37,21 @@ class Piece:
 def join_hidden(labels: Labels, frame: RGBDFrame, points: Array) -> Labels:
     """(H, W) labels, 1..N, with the separated pieces joined; ``points`` are (H, W, 3) in the robot frame."""
     numbers = np.arange(int(labels.max()) + 1, dtype=np.int32)
-    pieces = {int(label): _piece(labels == label, frame, points) for label in numbers[1:]}
+    pieces = {label: _piece(labels == label, frame, points) for label in range(1, len(numbers))}
     for one, first in pieces.items():
         for other, second in pieces.items():
-            if one < other and _alike(first, second) and _hidden(first, second, labels, frame.depth.astype(np.float64)):
+            if one < other and _alike(first, second) and _hidden(first, second, labels, frame.depth):
                 numbers[numbers == numbers[other]] = numbers[one]
     return np.unique(numbers, return_inverse=True)[1].astype(np.int32)[labels]
 
 
-def _piece(mask: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]", frame: RGBDFrame, points: Array) -> Piece:
-    cloud = points[mask]
-    cloud = cloud[np.isfinite(cloud[:, 2])][::5]
-    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    top = float(np.percentile(cloud[:, 2], 90))
+def _piece(mask: Mask, frame: RGBDFrame, points: Array) -> Piece:
+    cloud = values_at(points, mask)
+    cloud = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)[::5]
+    top = float(percentiles(cloud[:, 2], [90])[0])
     flat = float((np.abs(cloud[:, 2] - top) < LEVEL).mean())
-    outline = np.concatenate(outlines).reshape(-1, 2)[::3].astype(np.float64)
-    return Piece(top, flat, frame.rgb[mask].mean(axis=0), outline, hull_of(cloud))
+    outline = outline_of(mask)[::3].astype(np.float64)
+    return Piece(top, flat, values_at(frame.rgb, mask).mean(axis=0), outline, hull_of(cloud))
 
 
 def _alike(one: Piece, other: Piece) -> bool:
@@ -64,7 +64,7 @@ def _alike(one: Piece, other: Piece) -> bool:
     return bool(hue < HUE and bright < BRIGHTNESS * dark and max(sides) < LONGEST)
 
 
-def _hidden(one: Piece, other: Piece, labels: Labels, depth: Array) -> bool:
+def _hidden(one: Piece, other: Piece, labels: Labels, depth: Depth) -> bool:
     """Whether the shortest way between two pieces leads over a thing that is nearer than they are."""
     squares = ((one.outline[:, None] - other.outline[None]) ** 2).sum(axis=2)
     start, end = np.unravel_index(int(squares.argmin()), squares.shape)
@@ -76,6 +76,7 @@ def _hidden(one: Piece, other: Piece, labels: Labels, depth: Array) -> bool:
     rows, columns = way[1:-1, 1], way[1:-1, 0]
     between = np.bincount(labels[rows, columns])
     between[0] = 0
-    ends = depth[way[[0, -1], 1], way[[0, -1], 0]]
-    nearer = depth[rows, columns] < ends[0] + share[1:-1] * (ends[1] - ends[0])
+    along = depth[way[:, 1], way[:, 0]].astype(np.float64)
+    ends = along[[0, -1]]
+    nearer = along[1:-1] < ends[0] + share[1:-1] * (ends[1] - ends[0])
     return bool(between.max() >= BETWEEN * len(rows) and nearer.mean() >= BETWEEN)

@@ -3,13 +3,14 @@ parts that hang in the air, and fragments."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from operator import sub
 
 import cv2
 import numpy as np
 
 from grs_agents.scene.brinks import Brinks
 from grs_agents.scene.frame import Array
-from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, is_solid, within
+from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open, is_solid, percentiles, pixels_of, within
 
 TOUCHING = 0.012
 """Parts nearer than this (m) touch."""
@@ -56,9 +57,17 @@ class Part:
     count: int
 
     @cached_property
-    def ends(self) -> tuple[Array, Array]:
-        """Lowest and highest corner of the points, (3,) m."""
-        return self.cloud.min(axis=0), self.cloud.max(axis=0)
+    def ends(self) -> tuple[list[float], list[float]]:
+        """Lowest and highest corner of the points, m."""
+        return self.cloud.min(axis=0).tolist(), self.cloud.max(axis=0).tolist()
+
+    @cached_property
+    def lifted(self) -> tuple[Array, Array]:
+        """(N, 5) and (5, N) of every other point: one part's first times another's second are squares of distances."""
+        points = self.cloud[::2]
+        squares = (points**2).sum(axis=1, keepdims=True)
+        ones = np.ones_like(squares)
+        return np.hstack([points, squares, ones]), np.hstack([-2 * points, ones, squares]).T
 
     @cached_property
     def solid(self) -> bool:
@@ -68,25 +77,25 @@ class Part:
 
 def part_of(points: Array) -> Part | None:
     """Measure a patch's (N, 3) points; ``None`` where too few are known."""
-    known = points[np.isfinite(points[:, 2])]
+    known = points.compress(np.isfinite(points[:, 2]), axis=0)
     if len(known) < 20:
         return None
-    low, high = np.percentile(known, 2, axis=0), np.percentile(known, 98, axis=0)
-    inner = known[within(known, low, high)]
+    low, high = percentiles(known, (2, 98))
+    inner = known.compress(within(known, low, high), axis=0)
     inner = inner if len(inner) >= 20 else known
-    _, sides, _ = cv2.minAreaRect(inner[:, :2].astype(np.float32))
+    hull = hull_of(inner)
+    _, sides, _ = cv2.minAreaRect(hull.astype(np.float32))
     sample = inner[:: len(inner) // 800 + 1]
-    return Part(sample, hull_of(inner), min(sides), max(sides), float(low[2]), float(high[2]), len(known))
+    return Part(sample, hull, min(sides), max(sides), float(low[2]), float(high[2]), len(known))
 
 
 def gap(one: Part, other: Part) -> float:
     """The smallest distance between two parts' points, metres; at least 0.05 where they are far from each other."""
     (low, high), (least, most) = one.ends, other.ends
-    apart = max((low - most).max(), (least - high).max())
+    apart = max(*map(sub, low, most), *map(sub, least, high))
     if apart > 0.05:
-        return float(apart)
-    few, many = one.cloud[::2], other.cloud[::2]
-    squares = (few**2).sum(axis=1)[:, None] + (many**2).sum(axis=1) - 2 * few @ many.T
+        return apart
+    squares = one.lifted[0] @ other.lifted[1]
     return float(np.sqrt(max(float(squares.min()), 0.0)))
 
 
@@ -99,53 +108,54 @@ class Merger:
     """Merges the parts of a label image, the smallest first, until no two belong together."""
 
     def __init__(self, labels: Labels, points: Array) -> None:
-        self.labels = labels.copy()
-        self.points = points
-        pixels = np.flatnonzero(labels)
-        owners = labels.ravel()[pixels]
-        order = np.argsort(owners, kind="stable")
-        counts = np.bincount(owners, minlength=int(labels.max()) + 1)
-        clouds = np.split(points.reshape(-1, 3)[pixels[order]], np.cumsum(counts[1:-1]))
-        measured = {label: part_of(cloud) for label, cloud in enumerate(clouds, 1)}
+        self.labels = labels
+        self.points = points.reshape(-1, 3)
+        self.numbers = np.arange(int(labels.max()) + 1, dtype=np.int32)
+        self.pixels = dict(enumerate(pixels_of(labels), 1))
+        measured = {label: part_of(self.points.take(pixels, axis=0)) for label, pixels in self.pixels.items()}
         self.parts = {label: part for label, part in measured.items() if part is not None}
-        table = points[(labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < 0.015)]
-        self.table = table[::5]
+        self.columns = {label: self._columns(label) for label in self.parts}
+        # For each part those that it was not yet compared with since either of the two last grew.
+        self.waiting = {label: set(self.parts) - {label} for label in self.parts}
+        table = np.flatnonzero((labels == 0) & (np.abs(points[..., 2]) < 0.015))
+        self.table = self.points.take(table[::5], axis=0)
         self.brinks = Brinks(labels, points)
-        width = labels.shape[1]
-        columns = np.bincount(
-            np.unique(owners.astype(np.int64) * width + pixels % width) // width, minlength=len(counts)
-        )
-        self.columns = {label: int(columns[label]) for label in self.parts}
-        self.refused: set[tuple[int, int]] = set()
+
+    def _columns(self, label: int) -> int:
+        """How many columns of the picture a part is seen in."""
+        return int(np.count_nonzero(np.bincount(self.pixels[label] % self.labels.shape[1])))
 
     def run(self) -> Labels:
         """The (H, W) merged labels."""
         while (pair := self._next()) is not None:
-            small, big = pair
-            self.labels[self.labels == small] = big
-            del self.parts[small]
-            self.brinks.rename(small, big)
-            mask = self.labels == big
-            self.columns[big] = int(mask.any(axis=0).sum())
-            whole = part_of(self.points[mask])
-            if whole is not None:
-                self.parts[big] = whole
-            self.refused = {known for known in self.refused if big not in known}
-        return self.labels
+            self._merge(*pair)
+        return self.numbers[self.labels]
+
+    def _merge(self, small: int, big: int) -> None:
+        self.numbers[self.numbers == small] = big
+        self.pixels[big] = np.sort(np.concatenate([self.pixels[big], self.pixels.pop(small)]))
+        self.columns[big] = self._columns(big)
+        self.brinks.rename(small, big)
+        del self.parts[small], self.waiting[small]
+        whole = part_of(self.points.take(self.pixels[big], axis=0))
+        if whole is not None:
+            self.parts[big] = whole
+        for others in self.waiting.values():
+            others.discard(small)
+            others.add(big)
+        self.waiting[big] = set(self.parts) - {big}
 
     def _next(self) -> tuple[int, int] | None:
         """The smallest part that belongs to another, and the nearest that it belongs to."""
         for small in sorted(self.parts, key=lambda label: self.parts[label].count):
             found: list[tuple[float, int]] = []
-            for big in self.parts:
-                larger = self.parts[big].count >= self.parts[small].count
-                if big == small or not larger or (small, big) in self.refused:
+            for big in self.waiting[small]:
+                if self.parts[big].count < self.parts[small].count:
                     continue
                 distance = gap(self.parts[small], self.parts[big])
                 if self._belongs(small, big, distance):
                     found.append((distance, big))
-                else:
-                    self.refused.add((small, big))
+            self.waiting[small].clear()
             if found:
                 return small, min(found)[1]
         return None

@@ -5,7 +5,16 @@ import numpy as np
 
 from grs_agents.scene.foreground import Depth, foreground, smoothed
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
-from grs_agents.scene.geometry import Labels, hull_of, inside_hull, is_open
+from grs_agents.scene.geometry import (
+    Labels,
+    hull_of,
+    inside_hull,
+    is_open,
+    outline_of,
+    pixels_of,
+    values_at,
+    window_of,
+)
 from grs_agents.scene.hidden import join_hidden
 from grs_agents.scene.merging import merge_parts
 from grs_agents.scene.patches import patches
@@ -52,16 +61,16 @@ def objects_of(labels: Labels, smooth: RGBDFrame, points: Array, table: TableFra
     """
     smallest = int(SMALLEST * labels.size)
     flattest = float(np.clip(DEVIATIONS * table.residual, *FLATTEST))
-    areas = np.bincount(labels.ravel())
+    pixels = pixels_of(labels)
     kept = [
         label
-        for label in range(1, len(areas))
-        if areas[label] >= smallest
-        and not _is_ghost(points[labels == label], 4 * smallest, flattest)
-        and not _is_veil(smooth.depth[labels == label], smooth.camera.fx, 4 * smallest)
+        for label, own in enumerate(pixels, 1)
+        if len(own) >= smallest
+        and not _is_ghost(points.reshape(-1, 3).take(own, axis=0), 4 * smallest, flattest)
+        and not _is_veil(smooth.depth.take(own), smooth.camera.fx, 4 * smallest)
         and not reaches_in(labels == label, points)
     ]
-    numbers = np.zeros(len(areas), np.int32)
+    numbers = np.zeros(len(pixels) + 1, np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
     return _filled(split(join_hidden(numbers[labels], smooth, points), points, smallest), points)
 
@@ -83,16 +92,15 @@ def _is_veil(depth: Depth, focal: float, small: int) -> bool:
 def _filled(labels: Labels, points: Array) -> Labels:
     """Give the table seen inside a hollow thing to it: that is its floor."""
     result = labels.copy()
-    low = (labels == 0) & (np.abs(np.nan_to_num(points[..., 2], nan=9.0)) < FLOOR)
+    low = (labels == 0) & (np.abs(points[..., 2]) < FLOOR)
     for label in range(1, int(labels.max()) + 1):
-        mask: Mask = labels == label
-        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        whole = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), cv2.convexHull(np.concatenate(outlines)), 1)
-        rows, columns = np.nonzero(low & (whole > 0))
-        floor = points[rows, columns]
-        cloud = points[mask][::3]
-        cloud = cloud[np.isfinite(cloud[:, 2])]
+        window = window_of(labels == label)
+        mask: Mask = labels[window] == label
+        near, found = points[window], result[window]
+        whole = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), cv2.convexHull(outline_of(mask)), 1)
+        lies = low[window] & (whole > 0)
+        floor, cloud = values_at(near, lies), values_at(near, mask)[::3]
+        cloud = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)
         if len(cloud) >= 3 and is_open(cloud, floor[::3]):
-            inside = inside_hull(floor[:, :2], hull_of(cloud), -0.005)
-            result[rows[inside], columns[inside]] = label
+            found[lies] = np.where(inside_hull(floor[:, :2], hull_of(cloud), -0.005), label, found[lies])
     return result

@@ -2,12 +2,13 @@
 own points and is not its inside belongs to something else."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
 
 from grs_agents.scene.frame import Array, Mask
-from grs_agents.scene.geometry import Labels, components, is_open, within
+from grs_agents.scene.geometry import Labels, components, is_open, percentiles, values_at, within
 
 DEEP = 0.0085
 """Points that lie on average this far (m) below the hull of them all are those of two things."""
@@ -45,14 +46,15 @@ def split(labels: Labels, points: Array, smallest: int) -> Labels:
     result, waiting = labels.copy(), list(range(1, int(labels.max()) + 1))
     while waiting:
         label = waiting.pop()
-        rows, columns = np.nonzero(result == label)
-        cut = _cut(points[rows, columns]) if len(rows) >= 2 * smallest else None
+        whole: Mask = result == label
+        cloud = values_at(points, whole)
+        cut = _cut(cloud) if len(cloud) >= 2 * smallest else None
         if cut is None:
             continue
         beyond = np.zeros(labels.shape, np.bool_)
-        beyond[rows, columns] = points[rows, columns] @ cut.axis > cut.place
-        other = _tidied(beyond, result == label, smallest)
-        if min(int(other.sum()), len(rows) - int(other.sum())) >= smallest:
+        beyond[whole] = cloud @ cut.axis > cut.place
+        other = _tidied(beyond, whole, smallest)
+        if min(int(other.sum()), len(cloud) - int(other.sum())) >= smallest:
             new = int(result.max()) + 1
             result[other] = new
             waiting += [label, new]
@@ -61,12 +63,12 @@ def split(labels: Labels, points: Array, smallest: int) -> Labels:
 
 def _cut(cloud: Array) -> _Cut | None:
     """Where (N, 3) points are best cut in two; ``None`` if they are one thing."""
-    known = cloud[np.isfinite(cloud[:, 2])]
+    known = cloud.compress(np.isfinite(cloud[:, 2]), axis=0)
     known = known[:: len(known) // SAMPLES + 1]
     if len(known) < 2 * FEWEST:
         return None
-    least, most = np.percentile(known, (OUTLIERS, 100 - OUTLIERS), axis=0)
-    inner = known[within(known, least, most)]
+    least, most = percentiles(known, (OUTLIERS, 100 - OUTLIERS))
+    inner = known.compress(within(known, least, most), axis=0)
     before = _off(inner)
     if before < max(DEEP, SHARE * float(np.linalg.norm(most - least))) or is_open(inner, np.zeros((0, 3))):
         return None
@@ -87,10 +89,11 @@ def _cut(cloud: Array) -> _Cut | None:
 
 def _off(cloud: Array) -> float:
     """How far (N, 3) points lie below about their convex hull, on average, m."""
-    reach = cloud @ _directions().T
-    return float((reach.max(axis=0) - reach).min(axis=1).mean())
+    reach = _directions() @ cloud.T
+    return float((reach.max(axis=1, keepdims=True) - reach).min(axis=0).mean())
 
 
+@cache
 def _directions() -> Array:
     """(K, 3) unit vectors spread evenly over the sphere (Fibonacci lattice)."""
     number = np.arange(DIRECTIONS) + 0.5

@@ -77,39 +77,45 @@ def find_table(frame: RGBDFrame, rng: np.random.Generator) -> TableFrame:
 def _support_plane(points: Array, up: Array | None, rng: np.random.Generator) -> Plane | None:
     bound = tolerance(points[:, 2])
     best, normal, offset = 0, np.zeros(3), 0.0
-    for _ in range(ROUNDS):
-        a, b, c = points[rng.choice(len(points), size=3, replace=False)]
-        cross = np.cross(b - a, c - a)
-        length = float(np.linalg.norm(cross))
-        if length < 1e-5:
-            continue
-        unit = cross / length * (-1.0 if cross @ a > 0 else 1.0)
-        if not _plausible(unit, up):
-            continue
-        distance = (points - a) @ unit
-        count = int((np.abs(distance) < bound / 2).sum() - ((distance < -bound) & (distance > -UNDER)).sum())
+    for unit, through in zip(*_hypotheses(points, up, rng), strict=True):
+        distance = points @ unit - through
+        count = np.count_nonzero(np.abs(distance) < bound / 2)
         if count > best:
-            best, normal, offset = count, unit, float(-unit @ a)
+            count -= np.count_nonzero((distance < -bound) & (distance > -UNDER))
+        if count > best:
+            best, normal, offset = count, unit, float(-through)
     if best <= 0:
         return None
     for _ in range(5):
-        near = np.abs(points @ normal + offset) < bound
-        center = points[near].mean(axis=0)
-        unit = np.linalg.svd(points[near] - center, full_matrices=False)[2][2]
+        near = points.compress(np.abs(points @ normal + offset) < bound, axis=0)
+        center = near.mean(axis=0)
+        unit = np.linalg.svd(near - center, full_matrices=False)[2][2]
         normal = unit * (-1.0 if unit @ center > 0 else 1.0)
         offset = float(-normal @ center)
     distance = points @ normal + offset
-    near = np.abs(distance) < bound
-    if near.mean() < LEAST_SHARE:
+    within = np.abs(distance) < bound
+    if within.mean() < LEAST_SHARE:
         return None
-    return Plane(normal, offset, float(np.sqrt(np.mean(distance[near] ** 2))), float(near.mean()))
+    return Plane(normal, offset, float(np.sqrt(np.mean(distance[within] ** 2))), float(within.mean()))
 
 
-def _plausible(normal: Array, up: Array | None) -> bool:
-    """The camera looks down on the plane and is not upside down; a calibrated table is level."""
+def _hypotheses(points: Array, up: Array | None, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Planes through three points each: (N, 3) unit normals towards the camera, and (N,) products with their points.
+
+    The camera looks down on each of them and is not upside down; a calibrated table is level.
+    """
+    picked = np.stack([rng.choice(len(points), size=3, replace=False) for _ in range(ROUNDS)])
+    a, b, c = points[picked.T]
+    crosses = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(crosses, axis=1)
+    toward = np.where((crosses * a).sum(axis=1) > 0, -1.0, 1.0)
+    units = crosses / np.maximum(lengths, 1e-12)[:, None] * toward[:, None]
     if up is not None:
-        return bool(normal @ up > HORIZONTAL)
-    return bool(-normal[2] > np.sin(LOWEST_TILT) and normal[1] < 0.3)
+        plausible = units @ up > HORIZONTAL
+    else:
+        plausible = (-units[:, 2] > np.sin(LOWEST_TILT)) & (units[:, 1] < 0.3)
+    kept = plausible & (lengths >= 1e-5)
+    return units[kept], (units * a).sum(axis=1)[kept]
 
 
 def _laid(plane: Plane) -> TableFrame:
@@ -167,6 +173,7 @@ def robot_points_at(frame: RGBDFrame, table: TableFrame, rows: Index, columns: I
 def robot_points(frame: RGBDFrame, table: TableFrame) -> Array:
     """(H, W, 3) points in the robot frame, metres; NaN where there is no depth."""
     transform = np.asarray(table.T_robot_cam)
-    points = frame.points() @ transform[:3, :3].T + transform[:3, 3]
+    points = frame.points() @ transform[:3, :3].T
+    points += transform[:3, 3]
     points[frame.depth <= 0] = np.nan
     return points

@@ -5,7 +5,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from grs_agents.scene.geometry import components, hull_of, inside_hull, is_open, is_solid
+from grs_agents.scene.geometry import (
+    components,
+    hull_of,
+    inside_hull,
+    is_open,
+    is_solid,
+    outline_of,
+    percentiles,
+    pixels_of,
+    values_at,
+    window_of,
+)
 
 POINTS = arrays.arrays(np.float64, st.tuples(st.integers(3, 40), st.just(2)), elements=st.floats(-1, 1, width=32))
 
@@ -36,6 +47,35 @@ def test_components_below_the_bound_are_dropped() -> None:
     labels = components(mask, 2)
     assert labels.max() == 1
     assert (labels > 0).sum() == 9
+
+
+@given(labels=arrays.arrays(np.int32, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.integers(0, 5)))
+def test_pixels_of_each_label_are_those_that_bear_it(labels: np.ndarray) -> None:
+    pixels = pixels_of(labels)
+    assert len(pixels) == labels.max()
+    for label, own in enumerate(pixels, 1):
+        assert (own == np.flatnonzero(labels == label)).all()
+
+
+def test_values_window_and_outline_are_those_of_the_mask() -> None:
+    mask = np.zeros((20, 30), np.bool_)
+    mask[5:9, 7:17] = True
+    picture = np.arange(20 * 30 * 3).reshape(20, 30, 3)
+    assert (values_at(picture, mask) == picture[mask]).all()
+    assert window_of(mask) == (slice(5, 9), slice(7, 17))
+    outline = outline_of(mask)
+    assert len(outline) == 2 * (4 + 10) - 4
+    assert (outline.min(axis=0) == (7, 5)).all()
+    assert (outline.max(axis=0) == (16, 8)).all()
+
+
+@given(
+    values=arrays.arrays(np.float64, st.tuples(st.integers(1, 30), st.integers(1, 3)), elements=st.floats(-9, 9)),
+    shares=st.lists(st.floats(0, 100), min_size=1, max_size=3),
+)
+def test_percentiles_are_those_of_numpy(values: np.ndarray, shares: list[float]) -> None:
+    assert np.allclose(percentiles(values, shares), np.percentile(values, shares, axis=0), atol=1e-12)
+    assert np.allclose(percentiles(values[:, 0], shares), np.percentile(values[:, 0], shares), atol=1e-12)
 
 
 def _grid(step: float = 0.004) -> np.ndarray:

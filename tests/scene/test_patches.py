@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from grs_agents.scene import RGBDFrame
 from grs_agents.scene.foreground import smoothed
 from grs_agents.scene.patches import bends, grown, patches
 from tests.scene.conftest import Rendered
@@ -31,6 +32,12 @@ def test_a_plane_does_not_bend_and_a_foot_does(rendered: Rendered) -> None:
     foot = (rendered.labels > 0)[:-1] & (rendered.labels == 0)[1:]
     assert float(np.median(bend[:-1][foot])) > 0.1
     assert float(np.percentile(bend[250:, 200:280], 95)) < 0.1
+
+
+def test_a_picture_too_small_for_a_chord_has_no_bends(rendered: Rendered) -> None:
+    camera = rendered.frame.camera.model_copy(update={"width": 4, "height": 3})
+    small = RGBDFrame(np.zeros((3, 4, 3), np.uint8), np.ones((3, 4), np.float32), camera, rendered.frame.source)
+    assert not bends(small, np.ones((3, 4), np.bool_)).any()
 
 
 def test_growing_stops_at_a_jump_and_at_the_foreground() -> None:
