@@ -211,11 +211,12 @@ class Merger:
 
     def _meet(self, small: int, big: int) -> bool:
         """Whether one part goes over into another: of large parts the samples are too coarse to tell."""
+        owners, pixels = self.labels.ravel(), self.pixels[small]
         count = 0
-        for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-            first, second = self.labels[one], self.labels[other]
-            border = ((first == small) & (second == big)) | ((first == big) & (second == small))
-            apart = np.linalg.norm(self.points[one][border] - self.points[other][border], axis=1)
+        for step in (1, -1, self.labels.shape[1], -self.labels.shape[1]):
+            beside = pixels[(pixels + step >= 0) & (pixels + step < owners.size)]
+            beside = beside[self.numbers[owners[beside + step]] == big]
+            apart = np.linalg.norm(self.points.take(beside, axis=0) - self.points.take(beside + step, axis=0), axis=1)
             count += int((apart < TOUCHING).sum())
         return count >= SHORTEST
 
