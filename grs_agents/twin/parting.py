@@ -13,7 +13,7 @@ DEEP = 0.003
 """Overlaps up to this (m) are left to the easing."""
 FREE = 0.0025
 """What overlaps by less than this (m) is apart."""
-STEPS = (0.002, 0.004, 0.006, 0.009, 0.013, 0.018, 0.025, 0.035)
+STEPS = (0.002, 0.004, 0.006, 0.009, 0.013, 0.018, 0.025, 0.035, 0.05, 0.07, 0.1)
 """How far a thing is moved, m."""
 GUESSED = 4.0
 """A thing of unknown shape is moved so many times as far as another one: its place is known that much worse."""
