@@ -6,7 +6,7 @@ import numpy as np
 
 from grs_agents.scene import Mask, RGBDFrame, TableFrame, UprightBox, shown_free
 from grs_agents.scene.frame import Array
-from grs_agents.scene.table import robot_points_at
+from grs_agents.scene.table import projected, robot_points_at
 from grs_agents.scene.turning import about_z
 
 CELL = 0.008
@@ -80,9 +80,7 @@ class _Grid:
 def _window(frame: RGBDFrame, table: TableFrame, box: UprightBox) -> Mask:
     """The pixels (H, W) of the rectangle in which a box is seen."""
     corners = (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * box.size @ about_z(box.yaw).T + box.center
-    pose, camera = np.asarray(table.T_robot_cam), frame.camera
-    x, y, z = ((corners - pose[:3, 3]) @ pose[:3, :3]).T
-    columns, rows = x / np.maximum(z, 1e-3) * camera.fx + camera.cx, y / np.maximum(z, 1e-3) * camera.fy + camera.cy
+    columns, rows, _ = projected(corners, frame.camera, table)
     window = np.zeros(frame.depth.shape, np.bool_)
     top, left = max(0, int(rows.min())), max(0, int(columns.min()))
     window[top : max(0, int(rows.max()) + 1), left : max(0, int(columns.max()) + 1)] = True

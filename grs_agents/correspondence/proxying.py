@@ -7,6 +7,7 @@ from grs_agents.correspondence.heights import heights_of, local_points
 from grs_agents.library import Look, Measured
 from grs_agents.scene import Image, Mask, RGBDFrame, TableFrame, UprightBox
 from grs_agents.scene.frame import Array
+from grs_agents.scene.table import projected
 from grs_agents.scene.turning import about_z
 
 _POINTS = 1500
@@ -34,16 +35,13 @@ def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox)
     if scale < 1:
         small = cv2.resize(filled, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         filled = np.asarray(small, np.uint8)
-    camera, pose, turn = frame.camera, np.asarray(table.T_robot_cam), about_z(box.yaw)
+    turn = about_z(box.yaw)
 
     def place(points: Array) -> Array:
-        local = (points @ turn.T + box.center - pose[:3, 3]) @ pose[:3, :3]
-        depth = np.maximum(local[:, 2], 1e-3)
-        columns = local[:, 0] / depth * camera.fx + camera.cx
-        rows = local[:, 1] / depth * camera.fy + camera.cy
+        columns, rows, _ = projected(points @ turn.T + box.center, frame.camera, table)
         return np.stack([(columns - left) / width, 1 - (rows - top) / height], axis=1)
 
-    towards = (pose[:3, 3] - box.center) @ turn
+    towards = (np.asarray(table.T_robot_cam)[:3, 3] - box.center) @ turn
     return Look(filled, place, towards / np.linalg.norm(towards))
 
 

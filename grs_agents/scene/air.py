@@ -3,6 +3,7 @@
 import numpy as np
 
 from grs_agents.scene.frame import Array, Mask, RGBDFrame
+from grs_agents.scene.table import BEHIND, projected
 from grs_agents.scene.types import TableFrame
 
 FREE = 0.01
@@ -11,12 +12,11 @@ FREE = 0.01
 
 def shown_free(points: Array, frame: RGBDFrame, table: TableFrame) -> Mask:
     """Which of (N, 3) points, m, robot frame, the photo shows to be free: what it shows there is behind them."""
-    transform, camera = np.asarray(table.T_robot_cam), frame.camera
-    x, y, z = ((points - transform[:3, 3]) @ transform[:3, :3]).T
-    depth = np.maximum(z, 1e-3)
-    columns = np.rint(x / depth * camera.fx + camera.cx).astype(np.int64)
-    rows = np.rint(y / depth * camera.fy + camera.cy).astype(np.int64)
-    seen = (rows >= 0) & (rows < frame.depth.shape[0]) & (columns >= 0) & (columns < frame.depth.shape[1]) & (z > 0)
+    x, y, depth = projected(points, frame.camera, table)
+    columns, rows = np.rint(x), np.rint(y)
+    height, width = frame.depth.shape
+    seen = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width) & (depth > BEHIND)
     free = np.zeros(len(points), np.bool_)
-    free[seen] = frame.depth[rows[seen], columns[seen]] > depth[seen] + FREE
+    pixels = rows[seen].astype(np.int64), columns[seen].astype(np.int64)
+    free[seen] = frame.depth[pixels] > depth[seen] + FREE
     return free

@@ -11,7 +11,7 @@ from grs_agents.scene.candidates import candidates_of
 from grs_agents.scene.explaining import Shell
 from grs_agents.scene.frame import Mask, RGBDFrame
 from grs_agents.scene.geometry import Labels, components
-from grs_agents.scene.table import robot_points_at
+from grs_agents.scene.table import projected, robot_points_at
 from grs_agents.scene.types import Candidate, TableFrame
 
 OFF = 0.012
@@ -27,12 +27,9 @@ KERNEL = np.ones((3, 3), np.uint8)
 
 def _stands(shell: Shell, frame: RGBDFrame, table: TableFrame) -> bool:
     """Whether an asset is the right one, as far as can be seen: its surface is where the photo shows one."""
-    transform, camera = np.asarray(table.T_robot_cam), frame.camera
-    facing = ((shell.points - transform[:3, 3]) * shell.normals).sum(axis=1) < 0
-    x, y, z = ((shell.points[facing] - transform[:3, 3]) @ transform[:3, :3]).T
-    depth = np.maximum(z, 1e-3)
-    columns = np.rint(x / depth * camera.fx + camera.cx).astype(np.int64)
-    rows = np.rint(y / depth * camera.fy + camera.cy).astype(np.int64)
+    facing = ((shell.points - np.asarray(table.T_robot_cam)[:3, 3]) * shell.normals).sum(axis=1) < 0
+    x, y, depth = projected(shell.points[facing], frame.camera, table)
+    columns, rows = np.rint(x).astype(np.int64), np.rint(y).astype(np.int64)
     seen = (rows >= 0) & (rows < frame.depth.shape[0]) & (columns >= 0) & (columns < frame.depth.shape[1])
     measured = frame.depth[rows[seen], columns[seen]]
     before = measured[measured > 0] - depth[seen][measured > 0]

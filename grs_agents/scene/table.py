@@ -6,10 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.scene.frame import Array, RGBDFrame
+from grs_agents.scene.frame import Array, Camera, RGBDFrame
 from grs_agents.scene.types import TableFrame
 
 Index = npt.NDArray[np.intp]
+BEHIND = 0.001
+"""What is not at least so far in front of the camera (m) is taken to be so far."""
 SAMPLES = 12_000
 ROUNDS = 400
 LEAST_SHARE = 0.12
@@ -177,3 +179,11 @@ def robot_points(frame: RGBDFrame, table: TableFrame) -> Array:
     points += transform[:3, 3]
     points[frame.depth <= 0] = np.nan
     return points
+
+
+def projected(points: Array, camera: Camera, table: TableFrame) -> tuple[Array, Array, Array]:
+    """Columns, rows (pixels, not rounded) and depth (m) of (N, 3) points, m, robot frame; at least `BEHIND` deep."""
+    transform = np.asarray(table.T_robot_cam)
+    x, y, z = ((points - transform[:3, 3]) @ transform[:3, :3]).T
+    depth = np.maximum(z, BEHIND)
+    return x / depth * camera.fx + camera.cx, y / depth * camera.fy + camera.cy, depth

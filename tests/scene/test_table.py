@@ -8,8 +8,9 @@ import pytest
 
 from grs_agents.errors import InputError
 from grs_agents.scene import find_table, read_scene
-from grs_agents.scene.table import robot_points
+from grs_agents.scene.table import projected, robot_points, robot_points_at
 from tests.scene.conftest import Rendered, Thing, render
+from tests.twin.photo import LIBRARY, MILK, photo_of, standing
 
 
 def test_a_calibrated_frame_is_kept(rendered: Rendered) -> None:
@@ -58,3 +59,11 @@ def test_a_wall_is_no_table_where_the_camera_is_calibrated(rendered: Rendered) -
 
 def test_the_sample_scene_has_its_table_at_zero(sample_scene: Path) -> None:
     assert find_table(read_scene(sample_scene), np.random.default_rng(0)).height == pytest.approx(0, abs=0.005)
+
+
+def test_projected_points_are_where_their_pixels_are() -> None:
+    frame, table, _ = photo_of([standing(MILK, 0.5, 0.0)], LIBRARY)
+    rows, columns = np.array([20, 90, 150]), np.array([30, 120, 200])
+    x, y, depth = projected(robot_points_at(frame, table, rows, columns), frame.camera, table)
+    assert np.allclose(x, columns) and np.allclose(y, rows)
+    assert np.allclose(depth, frame.depth[rows, columns])
