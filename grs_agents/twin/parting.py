@@ -13,8 +13,10 @@ DEEP = 0.003
 """Overlaps up to this (m) are left to the easing."""
 FREE = 0.0025
 """What overlaps by less than this (m) is apart."""
-STEPS = (0.002, 0.004, 0.006, 0.009, 0.013, 0.018, 0.025, 0.035, 0.05, 0.07, 0.1)
+STEPS = (0.002, 0.004, 0.006, 0.009, 0.013, 0.018, 0.025, 0.035)
 """How far a thing is moved, m."""
+FARTHER = (0.05, 0.07, 0.1)
+"""And where nothing else helps."""
 GUESSED = 4.0
 """A thing of unknown shape is moved so many times as far as another one: its place is known that much worse."""
 MOVES = 12
@@ -34,7 +36,7 @@ def deepest(world: World) -> float:
     return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
 
 
-def part(world: World, guessed: Collection[int] = ()) -> None:
+def part(world: World, guessed: Collection[int] = (), steps: Sequence[float] = STEPS) -> None:
     """Move one thing after the other until nothing overlaps deeply, or nothing can be moved free of the others.
 
     Of two that overlap the one that has to move least is moved; what is ``guessed`` rather than what is known.
@@ -48,7 +50,7 @@ def part(world: World, guessed: Collection[int] = ()) -> None:
         ways = [
             (number, way)
             for number in pair
-            if number in world.addresses and (way := _way_out(world, number)) is not None
+            if number in world.addresses and (way := _way_out(world, number, steps)) is not None
         ]
         if ways:
             number, way = min(
@@ -71,12 +73,12 @@ def _worst(world: World, stuck: set[tuple[int, int]]) -> tuple[int, int] | None:
     return found
 
 
-def _way_out(world: World, number: int) -> Floats | None:
+def _way_out(world: World, number: int, steps: Sequence[float]) -> Floats | None:
     """The shortest of the tried moves, (3,) m, after which a thing overlaps nothing any more."""
     start = world.addresses[number]
     here = world.data.qpos[start : start + 3].copy()
     found: Floats | None = None
-    for step in STEPS:
+    for step in steps:
         depths = [_depth(world, number, here + step * direction) for direction in DIRECTIONS]
         best = int(np.argmin(depths))
         if depths[best] < FREE:

@@ -12,7 +12,7 @@ from grs_agents.library.shapes import rotation_matrix
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.world import World, build, place
-from grs_agents.twin.parting import deepest, part
+from grs_agents.twin.parting import FARTHER, STEPS, deepest, part
 from grs_agents.twin.thing import Thing
 
 CENTER, REACH = (0.4, 0.0), 1.1
@@ -140,8 +140,8 @@ def _fallen(
     mujoco.mj_forward(world.model, world.data)
     found, still = deepest(world), False
     parted: list[Pose] = []
-    for _ in range(TRIES):
-        part(world, guessed)
+    for left in reversed(range(TRIES)):
+        part(world, guessed, STEPS if left else STEPS + FARTHER)
         _ease(world)
         parted = parted or [_pose(world.data, world.bodies[item.id]) for item in items]
         still = _fall(world)
