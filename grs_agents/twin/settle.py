@@ -132,7 +132,22 @@ class _Fall:
 def _fallen(
     items: Sequence[InstanceObject], held: Collection[int], guessed: Collection[int], library: Library
 ) -> _Fall:
-    """Take things apart and let all fall but those that are held."""
+    """Take things apart and let all fall but those that are held; what is stuck is moved farther."""
+    fall = _tried(items, held, guessed, library, STEPS)
+    if fall.penetration < OVERLAP:
+        return fall
+    farther = _tried(items, held, guessed, library, STEPS + FARTHER)
+    return min(fall, farther, key=lambda one: one.penetration)
+
+
+def _tried(
+    items: Sequence[InstanceObject],
+    held: Collection[int],
+    guessed: Collection[int],
+    library: Library,
+    steps: Sequence[float],
+) -> _Fall:
+    """The same, where things are moved by ``steps``, m."""
     items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
     world = build(items, library)
     place(world, items)
@@ -140,8 +155,8 @@ def _fallen(
     mujoco.mj_forward(world.model, world.data)
     found, still = deepest(world), False
     parted: list[Pose] = []
-    for left in reversed(range(TRIES)):
-        part(world, guessed, STEPS if left else STEPS + FARTHER)
+    for _ in range(TRIES):
+        part(world, guessed, steps)
         _ease(world)
         parted = parted or [_pose(world.data, world.bodies[item.id]) for item in items]
         still = _fall(world)
