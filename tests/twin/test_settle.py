@@ -44,3 +44,10 @@ def test_what_is_inside_another_thing_is_taken_out_of_it_and_the_others_stay() -
     assert rest.found > 0.01 and rest.penetration < 0.001 and rest.still
     drifts = [placed.drift for placed in rest.placed if placed is not None]
     assert sorted(drifts)[1] < 0.003, "one thing is moved"
+
+
+def test_what_is_stuck_in_another_thing_is_moved_as_far_as_it_takes() -> None:
+    box = "container/open_box.urdf"
+    rest = settle([standing(box, 0.5, 0.0), standing(box, 0.53, 0.02)], LIBRARY)
+    assert rest.found > 0.02
+    assert rest.still and rest.penetration < 0.001
