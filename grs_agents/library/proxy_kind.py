@@ -17,9 +17,9 @@ Fitted = Literal["box", "cylinder", "bowl", "open box", "hull", "relief"]
 _OFF, _BETTER = 0.004, 0.6
 """Points that are more than this (m) off box and cylinder are given their hull, if that is so much nearer."""
 _FEWEST = 50
-_KEPT = 0.85
+_KEPT = 0.8
 """A relief has at least this share of the measured extents."""
-_WASTED = 0.3
+_WASTED = 0.25
 """A solid of which a larger share than this stands in the air that the photo shows, or where others stand, is none."""
 _WRONG, _NOT_HOLLOW, _HALF = 0.008, 0.012, 0.5
 """Points that are more than this (m) off a solid, or a hollow one, are not its: it is a relief, if that halves it."""
