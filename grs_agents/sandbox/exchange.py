@@ -76,7 +76,7 @@ def _result(
     ending: Ending | None, ended: Exit, streams: Streams, limits: Limits, seconds: float, backend: str
 ) -> CallResult:
     outcome, value, error = ending or (None, None, "")
-    if outcome != "ok" and ended.stopped:
+    if ended.stopped:  # also where a result came first: whether one does is a matter of who is quicker
         outcome, value, error = ended.stopped, None, ""
     elif outcome is None:
         outcome, value, error = _explain(ended, limits)

@@ -32,6 +32,7 @@ OUTCOMES = {
         ("thread_limit", "error"),
     ),
     "many files": ("for n in range(3000): open(f'f{n}', 'w').close()", "scratch_limit"),
+    "files, and gone before anybody looked": ("for n in range(300): open(f'f{n}', 'w').close()", "scratch_limit"),
     "large file": ("open('big', 'wb').write(b'x' * (2 << 20))", "scratch_limit"),
     "memory": ("x = []\nwhile True: x.append(bytearray(1 << 20))", "memory_limit"),
     "descriptor flood": ("import os\nwhile True: os.write(1, b'x' * 10000)", "output_limit"),
