@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from grs_agents.scene import (
 )
 from grs_agents.scene.metrics import MATCHED, overlaps
 from grs_agents.scene.truth import LabelledScene
-from grs_agents.twin import Placed, Segment, Thing, reconcile, report_of
+from grs_agents.twin import Known, Placed, Segment, Thing, disentangled, reconcile, report_of
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,8 @@ def standing(
         new[one.mask] = one.id
     missed = {label: asset for label, asset in truth.items() if label not in _matched(scene, found).values()}
     segments += _segments(later, _assets(scene, new, missed), poses, (scene.frame, table, library))
-    return _settled([*candidates, *later], segments, poses, scene, library, table)
+    every = [*candidates, *later]
+    return _settled(every, _disentangled(every, segments, poses, scene, library, table), poses, scene, library, table)
 
 
 def _matched(scene: LabelledScene, found: npt.NDArray[np.int32]) -> dict[int, int]:
@@ -110,6 +111,28 @@ def _segments(
             thing = Thing(assets[one.id], (stood.position, stood.orientation))
         segments.append(Segment(one.mask, one.upright, one.shape, thing, one.hollow))
     return segments
+
+
+def _disentangled(
+    candidates: Sequence[Candidate],
+    segments: Sequence[Segment],
+    poses: dict[int, Registered],
+    scene: LabelledScene,
+    library: Library,
+    table: TableFrame,
+) -> list[Segment]:
+    """The segments with their assets beside, not in each other; ``poses`` takes where those stand."""
+    pairs = zip(candidates, segments, strict=True)
+    known = {one.id: Known(segment.known.asset, segment.box, segment.mask, poses[one.id])
+             for one, segment in pairs if segment.known is not None}  # fmt: skip
+    apart = disentangled(list(known.values()), scene.frame, table, library)
+    poses.update(zip(known, apart, strict=True))
+    return [
+        segment
+        if segment.known is None
+        else replace(segment, known=Thing(segment.known.asset, (poses[one.id].position, poses[one.id].orientation)))
+        for one, segment in zip(candidates, segments, strict=True)
+    ]
 
 
 def _settled(
