@@ -7,6 +7,7 @@ from grs_agents.library.proxy import write_proxy
 from grs_agents.library.proxy_fitted import Look, write_fitted_proxy
 from grs_agents.library.proxy_kind import Measured, fitted_kind
 from grs_agents.library.shapes import ObjectModel, Shape
+from grs_agents.library.solid import holds
 from grs_agents.library.template import fill_template, resolve, stems
 from grs_agents.library.urdf import read_urdf
 from grs_agents.library.urdf_text import urdf_text
@@ -21,6 +22,7 @@ __all__ = [
     "Shape",
     "fill_template",
     "fitted_kind",
+    "holds",
     "read_manifest",
     "read_urdf",
     "resolve",

@@ -15,6 +15,7 @@ from grs_agents.scene import (
     Claim,
     Registered,
     RGBDFrame,
+    Surroundings,
     TableFrame,
     TwinReport,
     found_later,
@@ -123,10 +124,10 @@ def _disentangled(
 ) -> list[Segment]:
     """The segments with their assets beside, not in each other; ``poses`` takes where those stand."""
     pairs = zip(candidates, segments, strict=True)
-    known = {one.id: Known(segment.known.asset, segment.box, segment.mask, poses[one.id])
+    known = {one.id: Known(segment.known, segment.box, segment.mask)
              for one, segment in pairs if segment.known is not None}  # fmt: skip
     apart = disentangled(list(known.values()), scene.frame, table, library)
-    poses.update(zip(known, apart, strict=True))
+    poses.update({number: apart[index] for index, number in enumerate(known) if index in apart})
     return [
         segment
         if segment.known is None
@@ -149,7 +150,8 @@ def _settled(
     with tempfile.TemporaryDirectory(prefix="grs-twin-") as folder:
         where = Path(folder)
         proxies = {
-            index: _proxy(candidates[index], claim, scene, table, where) for index, claim in agreed.claims.items()
+            index: _proxy(candidates[index], claim, agreed.around(index), scene, table, where)
+            for index, claim in agreed.claims.items()
         }
         things = [segments[index].known or proxies[index] for index in kept]
         both = library.overlay(Path(folder)) if proxies else library
@@ -158,10 +160,12 @@ def _settled(
     return Standing(poses, placed, twin if placed else None)
 
 
-def _proxy(one: Candidate, claim: Claim, scene: LabelledScene, table: TableFrame, folder: Path) -> Thing:
+def _proxy(
+    one: Candidate, claim: Claim, around: Surroundings, scene: LabelledScene, table: TableFrame, folder: Path
+) -> Thing:
     """What a run would let stand for a thing of no asset: the solid that fits its points best."""
     box = claim.box
-    measured = measured_shape(scene.frame, table, one.mask, box)
+    measured = measured_shape(scene.frame, table, one.mask, box, around)
     kind = fitted_kind(measured, box.size, claim.shape == "cylinder", one.hollow)
     asset = write_fitted_proxy(folder, f"candidate_{one.id}", kind, measured, box.size, one.color, "a proxy")
     return Thing(

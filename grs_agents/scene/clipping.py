@@ -45,9 +45,13 @@ class Claim:
         """Of its box, m^3."""
         return float(np.prod(self.box.size))
 
+    def holds(self, points: Array) -> Mask:
+        """Which of (N, 3) points lie in it, deeper than `SLACK`."""
+        return _inside(self, _local(self, points))
+
     def share(self, points: Array) -> float:
         """Which share of (N, 3) points lies in it."""
-        return float(_inside(self, _local(self, points)).mean()) if len(points) else 0.0
+        return float(self.holds(points).mean()) if len(points) else 0.0
 
     def measured(self, before: UprightBox) -> UprightBox:
         """The box of what was measured: ``before`` it gave way, without what was only guessed of that."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.base import Quat, Vec3
+from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.scene.candidates import place_asset, quaternion
@@ -149,6 +149,19 @@ def register(
     extents = _extents(best[:3, :3], surface)
     cost = float(search.seen_costs(best[None])[0])
     return Registered((x, y, z), quaternion(best[:3, :3]), extents, off, "registered", _is_round(best, symmetry), cost)
+
+
+def cost_of(
+    asset: str, pose: Pose, library: Library, upright: UprightBox, frame: RGBDFrame, table: TableFrame, mask: Mask
+) -> float:
+    """What `Registered` calls its cost, m, of an asset whose bounding box has its centre and rotation at ``pose``.
+
+    Raises:
+        UnknownNameError: the library has no such asset.
+    """
+    surface, symmetry, seen = surface_of(asset, library), symmetry_of(asset, library), sighting_of(frame, table, mask)
+    search = _Search(surface, Tree(surface.points), seen, upright, symmetry)
+    return float(search.seen_costs(pose_of(rotation_matrix(pose[1]), np.array(pose[0]))[None])[0])
 
 
 def _is_round(pose: Array, symmetry: Symmetry) -> bool:

@@ -4,15 +4,15 @@ Each thing is registered by itself first, and what another thing hides says noth
 hidden may come to stand in what hides it.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Pose
+from grs_agents.base import Pose, Vec3
 from grs_agents.library import Library
-from grs_agents.scene import Mask, Registered, RGBDFrame, TableFrame, UprightBox, register
+from grs_agents.scene import Mask, Registered, RGBDFrame, TableFrame, UprightBox, cost_of, register
 from grs_agents.scene.candidates import quaternion
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.world import World, build, place
@@ -34,24 +34,23 @@ class Known:
     """A thing whose asset is known.
 
     Attributes:
-        asset: a library name.
+        thing: its asset where it was registered.
         upright: the box measured of it.
         mask: (H, W) its pixels.
-        stood: where it was registered.
     """
 
-    asset: str
+    thing: Thing
     upright: UprightBox
     mask: Mask
-    stood: Registered
 
 
 def disentangled(
     things: Sequence[Known], frame: RGBDFrame, table: TableFrame, library: Library
-) -> tuple[Registered, ...]:
-    """Where the things stand once none is in another, as far as what was seen allows.
+) -> dict[int, Registered]:
+    """Where those stand, by index, that are not to stay in others.
 
-    Of two that are in each other, that one is moved of which this contradicts less of what was seen.
+    Of two that are in each other, that one is registered again of which this contradicts less of what was seen; where
+    it contradicts too much of either, both stay.
 
     Args:
         things: as they were registered one by one.
@@ -62,65 +61,82 @@ def disentangled(
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
-    stood = [one.stood for one in things]
-    solids = [Thing(one.asset, (one.stood.position, one.stood.orientation)) for one in things]
-    here = [number for number, one in enumerate(solids) if on_table(one)]
-    items = instances([solids[number] for number in here], library)
-    world = build(items, library)
-    place(world, items)
-    prepare(world)
+    here = [index for index, one in enumerate(things) if on_table(one.thing)]
+    crowd = _Crowd.of([things[index] for index in here], (frame, table), library)
     looked: set[tuple[int, int]] = set()
-    for _ in range(MOST):
-        mujoco.mj_forward(world.model, world.data)
-        pair, depth = _worst(world, looked)
+    moved: dict[int, Registered] = {}
+    while len(looked) < MOST:
+        pair, depth = crowd.worst(looked)
         if depth < DEEP:
             break
         looked.add(pair)
-        tried: list[tuple[float, int, Registered]] = []
-        for item in pair:
-            one = things[here[item]]
-            entered = _entering(world, item, one.asset, library)
-            again = register(one.asset, library, one.upright, frame, table, one.mask, entered)
-            left, dearer = _put(world, item, one.asset, _pose(again), library), again.cost - stood[here[item]].cost
-            _put(world, item, one.asset, _pose(stood[here[item]]), library)
-            if left < depth / 2 and dearer < WORSE:
-                tried.append((left + dearer, item, again))
-        if tried:
-            _, item, again = min(tried, key=lambda one: one[0])
-            stood[here[item]] = again
-            _put(world, item, things[here[item]].asset, _pose(again), library)
-    return tuple(stood)
+        tried = [(number, *crowd.again(number)) for number in pair]
+        better = [one for one in tried if one[2] < depth / 2 and one[3] < WORSE]
+        if better:
+            number, found, _, _ = min(better, key=lambda one: one[2] + one[3])
+            crowd.stand(number, found)
+            moved[here[number]] = found
+    return moved
 
 
-def _worst(world: World, looked: Collection[tuple[int, int]]) -> tuple[tuple[int, int], float]:
-    """The two things, lower number first, that are deepest in each other, and how deep, m."""
-    worst, found = 0.0, (0, 0)
-    for geoms, distance in zip(world.data.contact.geom, world.data.contact.dist, strict=True):
-        one, other = sorted(world.owners[int(geom)] for geom in geoms)
-        if -distance > worst and (one, other) not in looked and one in world.addresses and other in world.addresses:
-            worst, found = float(-distance), (one, other)
-    return found, worst
+@dataclass(frozen=True)
+class _Crowd:
+    """The things in a world; ``poses`` says where each stands by now."""
+
+    things: Sequence[Known]
+    poses: list[Pose]
+    photo: tuple[RGBDFrame, TableFrame]
+    library: Library
+    world: World
+
+    @classmethod
+    def of(cls, things: Sequence[Known], photo: tuple[RGBDFrame, TableFrame], library: Library) -> "_Crowd":
+        items = instances([one.thing for one in things], library)
+        world = build(items, library)
+        place(world, items)
+        prepare(world)
+        return cls(things, [one.thing.pose for one in things], photo, library, world)
+
+    def worst(self, looked: Collection[tuple[int, int]]) -> tuple[tuple[int, int], float]:
+        """The two that are deepest in each other, lower number first, and how deep, m."""
+        data, owners, free = self.world.data, self.world.owners, self.world.addresses
+        mujoco.mj_forward(self.world.model, data)
+        worst, found = 0.0, (0, 0)
+        for geoms, distance in zip(data.contact.geom, data.contact.dist, strict=True):
+            one, other = sorted(owners[int(geom)] for geom in geoms)
+            if -distance > worst and (one, other) not in looked and one in free and other in free:
+                worst, found = float(-distance), (one, other)
+        return found, worst
+
+    def again(self, number: int) -> tuple[Registered, float, float]:
+        """Where a thing is registered beside the others, how deep it is in them then, and how much dearer that is."""
+        one, (frame, table) = self.things[number], self.photo
+        asset, pose = one.thing.asset, self.poses[number]
+
+        def entered(poses: Floats) -> Floats:
+            return np.array([self._depth(number, ((x, y, z), quaternion(turn))) for (x, y, z), turn in _parts(poses)])
+
+        found = register(asset, self.library, one.upright, frame, table, one.mask, entered)
+        left = self._depth(number, (found.position, found.orientation))
+        self._depth(number, pose)
+        before = cost_of(asset, pose, self.library, one.upright, frame, table, one.mask)
+        return found, left, found.cost - before
+
+    def stand(self, number: int, found: Registered) -> None:
+        """Put a thing where it was found."""
+        self.poses[number] = (found.position, found.orientation)
+        self._depth(number, self.poses[number])
+
+    def _depth(self, number: int, pose: Pose) -> float:
+        """How deep a thing is in others at a pose, where it stays, m."""
+        thing, start = Thing(self.things[number].thing.asset, pose), self.world.addresses[number]
+        position, (x, y, z, w) = instances([thing], self.library)[0].pose
+        self.world.data.qpos[start : start + 7] = (*position, w, x, y, z)
+        return depth_of(self.world, number)
 
 
-def _entering(world: World, number: int, asset: str, library: Library) -> Callable[[Floats], Floats]:
-    """How deep a thing is in the others at each of (K, 4, 4) poses, (K,) m."""
-
-    def entered(poses: Floats) -> Floats:
-        places: list[Pose] = []
-        for pose in poses:
-            x, y, z = (float(value) for value in pose[:3, 3])
-            places.append(((x, y, z), quaternion(pose[:3, :3])))
-        return np.array([_put(world, number, asset, place, library) for place in places])
-
-    return entered
-
-
-def _pose(stood: Registered) -> Pose:
-    return stood.position, stood.orientation
-
-
-def _put(world: World, number: int, asset: str, pose: Pose, library: Library) -> float:
-    """Move a thing; how deep it is in others there, m."""
-    (position, (x, y, z, w)), start = instances([Thing(asset, pose)], library)[0].pose, world.addresses[number]
-    world.data.qpos[start : start + 7] = (*position, w, x, y, z)
-    return depth_of(world, number)
+def _parts(poses: Floats) -> Iterator[tuple[Vec3, Floats]]:
+    """Positions, m, and rotations (3, 3) of (K, 4, 4) poses."""
+    for pose in poses:
+        x, y, z = (float(value) for value in pose[:3, 3])
+        yield (x, y, z), pose[:3, :3]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grs_agents.correspondence.heights import CELL, MOST, heights_of
+from grs_agents.correspondence.heights import CELL, MOST, fill_of
 from grs_agents.scene import UprightBox
 from tests.twin.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
@@ -12,7 +12,7 @@ BOTH = UprightBox(center=(0.5, 0.03, 0.096), size=(0.08, 0.16, 0.192), yaw=0.0)
 
 def test_two_things_in_one_box_are_as_high_as_each_is() -> None:
     frame, table, mask = photo_of([standing(MILK, 0.5, 0.0), standing(BLOCK, 0.5, 0.09)], LIBRARY)
-    heights = heights_of(frame, table, mask, BOTH)
+    _, heights = fill_of(frame, table, mask, BOTH)
     assert heights.shape == (10, min(MOST, round(0.16 / CELL)))
     y = (np.arange(heights.shape[1]) + 0.5) / heights.shape[1] * 0.16 - 0.05
     carton, block = heights[:, np.abs(y) < 0.03], heights[3:-3, np.abs(y - 0.09) < 0.01]
@@ -25,7 +25,7 @@ def test_where_another_thing_stands_it_does_not() -> None:
     frame, table, mask = photo_of([standing(MILK, 0.5, 0.0), standing(BLOCK, 0.5, 0.09)], LIBRARY)
     columns = np.indices(mask.shape)[1]
     carton = mask & (columns > columns[mask].min() + 20)  # the block is left of it
-    heights = heights_of(frame, table, carton, BOTH)
+    _, heights = fill_of(frame, table, carton, BOTH)
     y = (np.arange(heights.shape[1]) + 0.5) / heights.shape[1] * 0.16 - 0.05
     assert np.median(heights[3:-3, np.abs(y - 0.09) < 0.01]) == 0
     assert np.median(heights[:, np.abs(y) < 0.03]) > 0.15
@@ -34,4 +34,5 @@ def test_where_another_thing_stands_it_does_not() -> None:
 def test_without_any_depth_it_may_fill_its_box() -> None:
     frame, table, mask = photo_of([standing(MILK, 0.5, 0.0)], LIBRARY)
     blind = type(frame)(frame.rgb, np.zeros_like(frame.depth), frame.camera, frame.source)
-    assert np.allclose(heights_of(blind, table, mask, BOTH), 0.192)
+    floors, heights = fill_of(blind, table, mask, BOTH)
+    assert np.allclose(heights, 0.192) and not floors.any()
