@@ -41,7 +41,7 @@ def fill_of(
     grid = _Grid.over(box)
     middles = grid.middles() @ about_z(box.yaw).T + box.center
     free, level = shown_free(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]
-    taken = np.zeros_like(free) if around is None else around.hold(middles).reshape(grid.counts)
+    taken = np.zeros_like(free) if around is None else around.hold(middles, grid.cell / 2).reshape(grid.counts)
     free |= taken
     heights = np.where(free.any(axis=2), free.argmax(axis=2), grid.counts[2]) * level
     known = frame.depth > 0
@@ -76,6 +76,11 @@ class _Grid:
     def over(cls, box: UprightBox) -> "_Grid":
         x, y, z = (min(max(int(np.ceil(side / CELL)), 1), MOST) for side in box.size)
         return cls((x, y, z), np.array(box.size))
+
+    @property
+    def cell(self) -> float:
+        """The longer side of a cell, m: what is thinner stands between the middles of two."""
+        return float((self.size / self.counts)[:2].max())
 
     def middles(self) -> Array:
         """(N, 3) of all cells, the last axis fastest."""

@@ -71,7 +71,7 @@ def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> F
         return found
     wasted = solid and (measured.crowded or _wasted(measured.heights, size, around) > _WASTED)
     wrong = off[plain] > (_WRONG if solid else _NOT_HOLLOW)
-    bound = off[plain] + _OFF if wasted else _HALF * off[plain] if wrong else 0.0
+    bound = off[plain] + _OFF if wasted else off[plain] if measured.crowded else _HALF * off[plain] if wrong else 0.0
     return "relief" if relief_off(points, blocks) < bound else found
 
 

@@ -12,20 +12,22 @@ Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 
-def holds(model: ObjectModel, library: Library, points: Floats) -> Bools:
-    """Which of points (N, 3), m, in the asset's frame, lie in one of its colliders, (N,); a mesh is about its hull.
+def holds(model: ObjectModel, library: Library, points: Floats, margin: float = 0.0) -> Bools:
+    """Which of points (N, 3), m, in the asset's frame, lie in one of its colliders, or not ``margin`` m from it, (N,).
+
+    A mesh is taken for about its hull.
 
     Raises:
         InputError: a mesh file is not readable.
     """
     found = np.zeros(len(points), np.bool_)
     for shape in model.colliders:
-        found |= _off(shape, library, (points - shape.position) @ rotation_matrix(shape.quaternion)) < 0
+        found |= _off(shape, library, (points - shape.position) @ rotation_matrix(shape.quaternion)) < margin
     return found
 
 
 def _off(shape: Shape, library: Library, local: Floats) -> Floats:
-    """(N,) less than nothing for points (N, 3) in the shape's frame that lie in it."""
+    """How far (N, 3) points in the shape's frame are beyond its sides, (N,) m; less than nothing in it."""
     if shape.kind == "box":
         return np.asarray((np.abs(local) - np.array(shape.size) / 2).max(axis=1), np.float64)
     if shape.kind == "sphere":

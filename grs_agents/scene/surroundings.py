@@ -26,8 +26,8 @@ class Surroundings:
     claims: Sequence[Claim]
     library: Library
 
-    def hold(self, points: Array) -> Mask:
-        """Which of points (N, 3), m, robot frame, are taken, (N,).
+    def hold(self, points: Array, margin: float = 0.0) -> Mask:
+        """Which of points (N, 3), m, robot frame, are taken, or less than ``margin`` m from a known thing, (N,).
 
         Raises:
             UnknownNameError: an asset is not in the library.
@@ -36,10 +36,10 @@ class Surroundings:
         for asset, (position, orientation) in self.known:
             model = self.library.model(asset)
             low, high = np.array(model.bounds)
-            near = np.flatnonzero(np.linalg.norm(points - position, axis=1) < np.linalg.norm(high - low) / 2)
+            near = np.flatnonzero(np.linalg.norm(points - position, axis=1) < np.linalg.norm(high - low) / 2 + margin)
             if len(near):
                 local = (points[near] - position) @ rotation_matrix(orientation) + (low + high) / 2
-                taken[near] |= holds(model, self.library, local)
+                taken[near] |= holds(model, self.library, local, margin)
         for claim in self.claims:
             taken |= claim.holds(points)
         return taken
