@@ -5,7 +5,7 @@ from grs_agents.library.background import BACKGROUND, write_background
 from grs_agents.library.library import Library
 from grs_agents.library.proxy import write_proxy
 from grs_agents.library.proxy_fitted import Look, write_fitted_proxy
-from grs_agents.library.proxy_kind import Measured, fitted_kind
+from grs_agents.library.proxy_kind import Measured, fitted_kind, solid_off
 from grs_agents.library.shapes import ObjectModel, Shape
 from grs_agents.library.solid import holds
 from grs_agents.library.template import fill_template, resolve, stems
@@ -26,6 +26,7 @@ __all__ = [
     "read_manifest",
     "read_urdf",
     "resolve",
+    "solid_off",
     "stems",
     "urdf_text",
     "write_background",

@@ -75,6 +75,11 @@ def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> F
     return "relief" if relief_off(points, blocks) < bound else found
 
 
+def solid_off(points: Floats, size: Vec3, around: bool) -> float:
+    """How far points (N, 3) about its centre lie from the surface of a box or cylinder of a size, on average, m."""
+    return _OFF_OF["cylinder" if around else "box"](points, size)
+
+
 def completed(points: Floats, size: Vec3) -> Floats:
     """(M, 3) points with their unseen side, taken to be like the seen one turned round, in a box of ``size``."""
     half = np.asarray(size) / 2

@@ -16,6 +16,8 @@ INSIDE = 0.5
 """What has more than this share of its points in the box of another, that is not hollow, is a piece of it."""
 ENTANGLED = 0.1
 """So is what has more than this share of its own box there: boxes of two things can be clipped apart."""
+SHAPED = 0.008
+"""But for a thing whose points are farther off its box than this (m): one that leans does not fill its box."""
 FILLED = 0.5
 """A guessed box of which a known thing fills more than this share is a piece of that."""
 
@@ -87,8 +89,9 @@ def _unite(claims: dict[int, Claim], pieces: dict[int, int], segments: Sequence[
     """Solid things are not inside each other: what still has most of its points in another's box belongs to it."""
     for piece in sorted(claims, key=lambda index: claims[index].volume):
         one = claims[piece]
+        fits = one.off < SHAPED
         shares = {
-            index: max(other.share(one.points) / INSIDE, other.share(one.space) / ENTANGLED)
+            index: max(other.share(one.points) / INSIDE, fits * other.share(one.space) / ENTANGLED)
             for index, other in claims.items()
             if index != piece and not segments[index].hollow and other.volume > one.volume
         }
