@@ -5,6 +5,7 @@ from grs_agents.library.background import BACKGROUND, write_background
 from grs_agents.library.library import Library
 from grs_agents.library.proxy import write_proxy
 from grs_agents.library.proxy_fitted import Look, write_fitted_proxy
+from grs_agents.library.proxy_hollow import in_walls
 from grs_agents.library.proxy_kind import Measured, fitted_kind, solid_off
 from grs_agents.library.proxy_relief import Columns
 from grs_agents.library.shapes import ObjectModel, Shape
@@ -25,6 +26,7 @@ __all__ = [
     "fill_template",
     "fitted_kind",
     "holds",
+    "in_walls",
     "read_manifest",
     "read_urdf",
     "resolve",

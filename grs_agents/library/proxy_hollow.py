@@ -42,6 +42,17 @@ def staves(size: Vec3) -> list[Floats]:
     ]
 
 
+def in_walls(points: Floats, size: Vec3, around: bool, wall: float = WALL) -> npt.NDArray[np.bool_]:
+    """Which of points (N, 3) in the box of an open box or bowl, about its centre, are in its walls or floor, (N,)."""
+    x, y, z = (part / 2 for part in size)
+    floor = points[:, 2] < wall - z
+    if not around:
+        return floor | (np.abs(points[:, 0]) > x - wall) | (np.abs(points[:, 1]) > y - wall)
+    foot, radius = foot_radius(size), np.hypot(points[:, 0], points[:, 1])
+    outer = foot + (x - foot) * (points[:, 2] / z + 1) / 2
+    return (radius < outer) & (floor | (radius > outer - wall))
+
+
 def foot_radius(size: Vec3) -> float:
     """The radius of a bowl's foot: what is flat has a small one, a mug is as wide below as above."""
     return size[0] / 2 * (0.65 if size[2] < 0.6 * size[0] else 1.0)

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from grs_agents.library import solid_off
+from grs_agents.library import in_walls, solid_off
 from grs_agents.scene.frame import Array, Mask
 from grs_agents.scene.geometry import THINNEST
 from grs_agents.scene.turning import about_z
@@ -35,11 +35,15 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class Claim:
-    """The space that a thing of unknown shape is thought to fill, and its measured (N, 3) points, m, robot frame."""
+    """The space that a thing of unknown shape is thought to fill, and its measured (N, 3) points, m, robot frame.
+
+    What is ``hollow`` fills walls and a floor; others may stand in it.
+    """
 
     box: UprightBox
     shape: Solid
     points: Array
+    hollow: bool = False
 
     @property
     def volume(self) -> float:
@@ -72,7 +76,8 @@ class Claim:
         first, last = np.percentile(_turned(self.box, points), (1, 99), axis=0)
         wider = bool((first < low)[:2].any() or (last > high)[:2].any())
         box = _box(self.box, np.minimum(low, first), np.maximum(high, last))
-        return Claim(box, "box" if wider else self.shape, np.concatenate([self.points, points]))
+        shape: Solid = "box" if wider else self.shape
+        return replace(self, box=box, shape=shape, points=np.concatenate([self.points, points]))
 
     def _sides(self, frame: UprightBox) -> tuple[Array, Array]:
         """Its lowest and highest corner about the centre and along the axes of a box of the same yaw."""
@@ -87,7 +92,10 @@ class Claim:
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         if self.shape == "cylinder":
             grid = grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1]
-        return grid * np.array(self.box.size) / 2 @ about_z(self.box.yaw).T + self.box.center
+        local = grid * np.array(self.box.size) / 2
+        if self.hollow:
+            local = local[_walled(self, local)]
+        return local @ about_z(self.box.yaw).T + self.box.center
 
 
 @dataclass(frozen=True)
@@ -147,7 +155,14 @@ def _inside(claim: Claim, local: Array) -> Mask:
     inside = (np.abs(local) < half).all(axis=1)
     if claim.shape == "cylinder":
         inside &= np.hypot(local[:, 0], local[:, 1]) < half[0]
+    if claim.hollow:
+        inside &= _walled(claim, local)
     return np.asarray(inside, np.bool_)
+
+
+def _walled(claim: Claim, local: Array) -> Mask:
+    """Which points (N, 3) in the frame of a hollow thing's box are in its walls, taken to be a cell thick."""
+    return in_walls(local, claim.box.size, claim.shape == "cylinder", CELL)
 
 
 def _cut(claim: Claim, others: Array, certain: bool = False) -> _Cut | None:

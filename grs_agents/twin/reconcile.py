@@ -43,20 +43,18 @@ class Reconciled:
     Attributes:
         pieces: which are pieces of which others, whose assets explain all their points, or whose boxes hold most.
         claims: the space that each of the others without an asset fills.
-        hollow: which of those others may stand in.
         known: assets of the things of known shape that are no pieces, with their poses as in `Thing`.
         library: where their assets are looked up.
     """
 
     pieces: dict[int, int]
     claims: dict[int, Claim]
-    hollow: frozenset[int]
     known: tuple[tuple[str, Pose], ...]
     library: Library
 
     def around(self, index: int) -> Surroundings:
         """What stands around the thing whose claim has that index."""
-        others = [claim for number, claim in self.claims.items() if number not in (index, *self.hollow)]
+        others = [claim for number, claim in self.claims.items() if number != index]
         return Surroundings(self.known, others, self.library)
 
 
@@ -71,7 +69,9 @@ def reconcile(segments: Sequence[Segment], frame: RGBDFrame, table: TableFrame, 
     pieces = explained(clouds, shells)
     firm = [shell.points for index, shell in enumerate(shells) if shell is not None and index not in pieces]
     unknown = [index for index, shell in enumerate(shells) if shell is None and index not in pieces]
-    claims = [Claim(segments[index].box, segments[index].shape, clouds[index]) for index in unknown]
+    claims = [
+        Claim(segments[index].box, segments[index].shape, clouds[index], segments[index].hollow) for index in unknown
+    ]
     fitted = clipped(claims, np.concatenate([np.zeros((0, 3)), *firm]))
     claimed = dict(zip(unknown, fitted, strict=True))
     solids = {index: Surroundings([(one.known.asset, one.known.pose)], (), library)
@@ -84,8 +84,7 @@ def reconcile(segments: Sequence[Segment], frame: RGBDFrame, table: TableFrame, 
             del claimed[piece]
     _unite(claimed, pieces, segments)
     known = tuple(one for solid in solids.values() for one in solid.known)
-    hollow = frozenset(index for index in claimed if segments[index].hollow)
-    return Reconciled(pieces, claimed, hollow, known, library)
+    return Reconciled(pieces, claimed, known, library)
 
 
 def _unite(claims: dict[int, Claim], pieces: dict[int, int], segments: Sequence[Segment]) -> None:
