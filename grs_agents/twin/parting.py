@@ -11,8 +11,8 @@ from grs_agents.sim.world import World
 Floats = npt.NDArray[np.float64]
 DEEP = 0.003
 """Overlaps up to this (m) are left to the easing."""
-FREE = 0.0025
-"""What overlaps by less than this (m) is apart."""
+FREE = 0.8
+"""What overlaps by less than this share of what is deep is apart."""
 STEPS = (0.002, 0.004, 0.006, 0.009, 0.013, 0.018, 0.025, 0.035)
 """How far a thing is moved, m."""
 FARTHER = (0.05, 0.07, 0.1)
@@ -36,21 +36,21 @@ def deepest(world: World) -> float:
     return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
 
 
-def part(world: World, guessed: Collection[int] = (), steps: Sequence[float] = STEPS) -> None:
-    """Move one thing after the other until nothing overlaps deeply, or nothing can be moved free of the others.
+def part(world: World, guessed: Collection[int] = (), steps: Sequence[float] = STEPS, deep: float = DEEP) -> None:
+    """Move one thing after the other until none overlaps by more than ``deep`` m, or none can be moved free of others.
 
     Of two that overlap the one that has to move least is moved; what is ``guessed`` rather than what is known.
     """
     stuck: set[tuple[int, int]] = set()
     for _ in range(MOVES):
         mujoco.mj_forward(world.model, world.data)
-        pair = _worst(world, stuck)
+        pair = _worst(world, stuck, deep)
         if pair is None:
             return
         ways = [
             (number, way)
             for number in pair
-            if number in world.addresses and (way := _way_out(world, number, steps)) is not None
+            if number in world.addresses and (way := _way_out(world, number, steps, FREE * deep)) is not None
         ]
         if ways:
             number, way = min(
@@ -63,9 +63,9 @@ def part(world: World, guessed: Collection[int] = (), steps: Sequence[float] = S
     mujoco.mj_forward(world.model, world.data)
 
 
-def _worst(world: World, stuck: set[tuple[int, int]]) -> tuple[int, int] | None:
-    """The things, lower number first, -1 for the table, that overlap most."""
-    data, worst, found = world.data, DEEP, None
+def _worst(world: World, stuck: set[tuple[int, int]], deep: float) -> tuple[int, int] | None:
+    """The things, lower number first, -1 for the table, that overlap most, if by more than ``deep`` m."""
+    data, worst, found = world.data, deep, None
     for geoms, distance in zip(data.contact.geom, data.contact.dist, strict=True):
         one, other = sorted(world.owners[int(geom)] for geom in geoms)
         if -distance > worst and (one, other) not in stuck and (one in world.addresses or other in world.addresses):
@@ -73,15 +73,15 @@ def _worst(world: World, stuck: set[tuple[int, int]]) -> tuple[int, int] | None:
     return found
 
 
-def _way_out(world: World, number: int, steps: Sequence[float]) -> Floats | None:
-    """The shortest of the tried moves, (3,) m, after which a thing overlaps nothing any more."""
+def _way_out(world: World, number: int, steps: Sequence[float], free: float) -> Floats | None:
+    """The shortest of the tried moves, (3,) m, after which a thing overlaps nothing by more than ``free`` m."""
     start = world.addresses[number]
     here = world.data.qpos[start : start + 3].copy()
     found: Floats | None = None
     for step in steps:
         depths = [_depth(world, number, here + step * direction) for direction in DIRECTIONS]
         best = int(np.argmin(depths))
-        if depths[best] < FREE:
+        if depths[best] < free:
             found = step * DIRECTIONS[best]
             break
     world.data.qpos[start : start + 3] = here

@@ -12,7 +12,7 @@ from grs_agents.library.shapes import rotation_matrix
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.world import World, build, place
-from grs_agents.twin.parting import FARTHER, STEPS, deepest, part
+from grs_agents.twin.parting import DEEP, FARTHER, STEPS, deepest, part
 from grs_agents.twin.thing import Thing
 
 CENTER, REACH = (0.4, 0.0), 1.1
@@ -155,8 +155,11 @@ def _tried(
     mujoco.mj_forward(world.model, world.data)
     found, still = deepest(world), False
     parted: list[Pose] = []
-    for _ in range(TRIES):
-        part(world, guessed, steps)
+    for attempt in range(TRIES):
+        if attempt and deepest(world) < DEEP:  # wedged: what is to be taken apart by little is moved by little
+            part(world, guessed, [step for step in steps if step < FALLEN], OVERLAP)
+        else:
+            part(world, guessed, steps)
         _ease(world)
         parted = parted or [_pose(world.data, world.bodies[item.id]) for item in items]
         still = _fall(world)
