@@ -16,7 +16,7 @@ from grs_agents.library.proxy import check_proxy, list_proxy
 from grs_agents.library.proxy_hollow import WALL, bowl_profile, foot_radius, round_size, slabs, staves
 from grs_agents.library.proxy_kind import Fitted, Measured, completed
 from grs_agents.library.proxy_mesh import Faceted, box_mesh, hull_mesh, joined, obj_text, turned_mesh
-from grs_agents.library.proxy_relief import Block, relief_blocks, stretched
+from grs_agents.library.proxy_relief import Block, stretched, whole_relief
 from grs_agents.library.shapes import Shape
 from grs_agents.library.urdf_text import urdf_text
 
@@ -70,7 +70,7 @@ def write_fitted_proxy(
     extents = round_size(size) if kind in ("cylinder", "bowl") else (x, y, z)
     hollow = kind in ("bowl", "open box")
     fill = measured.fill if kind == "relief" else None
-    blocks = [] if fill is None else stretched(relief_blocks(fill, extents), extents)
+    blocks = [] if fill is None else stretched(whole_relief(fill, size), extents)
     mass = _mass(kind, extents, blocks)
     asset = Asset(
         name=f"proxy/{slug}.urdf", kind=slug, category="proxy", size=extents, mass=mass, friction=0.6,

@@ -10,15 +10,13 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.library.proxy_hollow import WALL, slabs
 from grs_agents.library.proxy_mesh import support
-from grs_agents.library.proxy_relief import Block, Columns, reach, relief_blocks, relief_off, stands
+from grs_agents.library.proxy_relief import Columns, relief_off, whole_relief
 
 Floats = npt.NDArray[np.float64]
 Fitted = Literal["box", "cylinder", "bowl", "open box", "hull", "relief"]
 _OFF, _BETTER = 0.004, 0.6
 """Points that are more than this (m) off box and cylinder are given their hull, if that is so much nearer."""
 _FEWEST = 50
-_KEPT = 0.8
-"""A relief has at least this share of the measured extents."""
 _WASTED = 0.25
 """A solid of which a larger share than this stands in the air that the photo shows, or where others stand, is none."""
 _WRONG, _NOT_HOLLOW, _HALF = 0.008, 0.012, 0.5
@@ -63,8 +61,8 @@ def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> F
     found = best if off[best] < _BETTER * off[plain] else plain
     if measured.fill is None:
         return found
-    blocks = relief_blocks(measured.fill, size)
-    if not blocks or not _reaches(blocks, size) or not stands(blocks):
+    blocks = whole_relief(measured.fill, size)
+    if not blocks:
         return found
     wasted = solid and (measured.crowded or _wasted(measured.fill.heights, size, around) > _WASTED)
     wrong = off[plain] > (_WRONG if solid else _NOT_HOLLOW)
@@ -86,12 +84,6 @@ def completed(points: Floats, size: Vec3) -> Floats:
     foot = (low if len(low) else whole) * (1, 1, 0) - (0, 0, half[2])
     whole = np.concatenate([whole, foot])
     return whole * half / np.maximum(np.abs(whole).max(axis=0), 1e-9)
-
-
-def _reaches(blocks: list[Block], size: Vec3) -> bool:
-    """Whether boxes together are about as large as what was measured."""
-    low, high = reach(blocks)
-    return bool((high - low >= _KEPT * np.array(size)).all())
 
 
 def _wasted(heights: Floats, size: Vec3, around: bool) -> float:

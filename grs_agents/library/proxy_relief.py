@@ -10,8 +10,10 @@ from grs_agents.base import Vec3
 Floats = npt.NDArray[np.float64]
 Block = tuple[Vec3, Vec3]
 """Size and centre of a box, m."""
-MOST = 14
-"""At most so many boxes."""
+MOST = (24, 14)
+"""At most so many boxes; fewer where those leave out too much."""
+KEPT = 0.8
+"""Together they have at least this share of the measured extents."""
 LEVEL = 0.006
 """Heights that differ by less than this (m) on average are one."""
 THINNEST = 0.003
@@ -61,11 +63,20 @@ class _Patch:
     uneven: float
 
 
-def relief_blocks(fill: Columns, size: Vec3) -> list[Block]:
-    """A few boxes that fill the columns of a box of ``size`` (m), in its frame about its centre."""
+def whole_relief(fill: Columns, size: Vec3) -> list[Block]:
+    """Boxes that fill the columns of a box of ``size`` (m) and stand, nearly as large together; none where none do."""
+    for most in MOST:
+        blocks = relief_blocks(fill, size, most)
+        if blocks and _reaches(blocks, size) and stands(blocks):
+            return blocks
+    return []
+
+
+def relief_blocks(fill: Columns, size: Vec3, most: int = MOST[0]) -> list[Block]:
+    """At most so many boxes that fill the columns of a box of ``size`` (m), in its frame about its centre."""
     counts = fill.heights.shape
     patches = [_patch(fill, range(counts[0]), range(counts[1]))]
-    while len(patches) < MOST:
+    while len(patches) < most:
         worst = max(patches, key=lambda patch: patch.off)
         if worst.off <= LEVEL * len(worst.rows) * len(worst.columns):
             break
@@ -73,6 +84,12 @@ def relief_blocks(fill: Columns, size: Vec3) -> list[Block]:
         patches += _split(fill, worst)
     cell = (size[0] / counts[0], size[1] / counts[1])
     return [_block(patch, cell, size) for patch in patches if patch.height - patch.floor >= THINNEST]
+
+
+def _reaches(blocks: list[Block], size: Vec3) -> bool:
+    """Whether boxes together are about as large as what was measured."""
+    low, high = reach(blocks)
+    return bool((high - low >= KEPT * np.array(size)).all())
 
 
 def reach(blocks: list[Block]) -> tuple[Floats, Floats]:
