@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.scene import Mask, RGBDFrame, TableFrame, UprightBox, shown_free
+from grs_agents.scene import Mask, RGBDFrame, Surroundings, TableFrame, UprightBox, shown_free
 from grs_agents.scene.frame import Array
 from grs_agents.scene.table import projected, robot_points_at
 from grs_agents.scene.turning import about_z
@@ -15,30 +15,49 @@ MOST = 16
 """There are at most so many along an edge."""
 FEWEST = 3
 """Fewer points in a cell say nothing."""
+DEEP = 0.008
+"""What reaches deeper than this (m) into a box stands in it."""
 CLEAR = 0.01
 """What is lower than this (m) above the bottom of a box may be what the box stands on."""
 
 
-def heights_of(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Array:
-    """(R, C) m above the bottom of a candidate's box, of cells spread evenly over its x (rows) and y (columns).
+def fill_of(
+    frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
+) -> tuple[Array, Array]:
+    """Where a candidate may begin and end over each cell of its box: floors and heights.
 
-    Up to where the air is shown to be free, at least as high as the candidate was measured, and 0 where only other
-    things were.
+    Up to where the air is shown to be free or another thing stands, at least as high as the candidate was measured,
+    and 0 where only other things were. It begins at the bottom of its box, or on what stands below it.
 
     Args:
         frame, table: the photo and its pose.
         mask: (H, W) pixels of the candidate.
         box: measured of it.
+        around: what stands beside it.
+
+    Returns:
+        Twice (R, C) m above the bottom of the box, of cells spread evenly over its x (rows) and y (columns).
     """
     grid = _Grid.over(box)
-    free = shown_free(grid.middles() @ about_z(box.yaw).T + box.center, frame, table).reshape(grid.counts)
-    level = box.size[2] / grid.counts[2]
+    middles = grid.middles() @ about_z(box.yaw).T + box.center
+    free, level = shown_free(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]
+    taken = np.zeros_like(free) if around is None else around.hold(middles, grid.cell / 2).reshape(grid.counts)
+    free |= taken
     heights = np.where(free.any(axis=2), free.argmax(axis=2), grid.counts[2]) * level
     known = frame.depth > 0
     others = local_points(frame, table, _window(frame, table, box) & known & ~mask, box)
     own = grid.tops(local_points(frame, table, mask & known, box))
     heights[grid.tops(others[others[:, 2] > CLEAR - box.size[2] / 2]) > own] = 0
-    return np.asarray(np.maximum(heights, own), np.float64)
+    below = taken & ((np.arange(grid.counts[2]) + 1) * level < own[..., None])
+    floors = np.where(below.any(axis=2), grid.counts[2] - below[..., ::-1].argmax(axis=2), 0) * level
+    return floors, np.maximum(np.maximum(heights, own), floors)
+
+
+def crowded(box: UprightBox, around: Surroundings) -> bool:
+    """Whether other things reach deep into a box."""
+    inner = np.array(box.size) - 2 * np.minimum(DEEP, np.array(box.size) / 4)
+    middles = _Grid.over(box.model_copy(update={"size": tuple(inner)})).middles()
+    return int(around.hold(middles @ about_z(box.yaw).T + box.center).sum()) >= FEWEST
 
 
 def local_points(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Array:
@@ -57,6 +76,11 @@ class _Grid:
     def over(cls, box: UprightBox) -> "_Grid":
         x, y, z = (min(max(int(np.ceil(side / CELL)), 1), MOST) for side in box.size)
         return cls((x, y, z), np.array(box.size))
+
+    @property
+    def cell(self) -> float:
+        """The longer side of a cell, m: what is thinner stands between the middles of two."""
+        return float((self.size / self.counts)[:2].max())
 
     def middles(self) -> Array:
         """(N, 3) of all cells, the last axis fastest."""

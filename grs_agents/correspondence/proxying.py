@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 
-from grs_agents.correspondence.heights import heights_of, local_points
+from grs_agents.correspondence.heights import crowded, fill_of, local_points
 from grs_agents.library import Look, Measured
-from grs_agents.scene import Image, Mask, RGBDFrame, TableFrame, UprightBox
+from grs_agents.scene import Image, Mask, RGBDFrame, Surroundings, TableFrame, UprightBox
 from grs_agents.scene.frame import Array
 from grs_agents.scene.table import projected
 from grs_agents.scene.turning import about_z
@@ -15,10 +15,21 @@ _LARGEST = 512
 """The longer side of a texture has at most so many pixels."""
 
 
-def measured_shape(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Measured:
-    """The measured points of a candidate, and how high it may be where the photo does not show otherwise."""
+def measured_shape(
+    frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
+) -> Measured:
+    """The measured points of a candidate, and how high it may be where the photo does not show otherwise.
+
+    Args:
+        frame, table: the photo and its pose.
+        mask: (H, W) pixels of the candidate.
+        box: measured of it.
+        around: what stands beside it, if that is known already.
+    """
     points = local_points(frame, table, mask & (frame.depth > 0), box)
-    return Measured(points[:: max(1, len(points) // _POINTS)], heights_of(frame, table, mask, box))
+    floors, heights = fill_of(frame, table, mask, box, around)
+    stands_in = around is not None and crowded(box, around)
+    return Measured(points[:: max(1, len(points) // _POINTS)], heights, floors, stands_in)
 
 
 def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Look | None:

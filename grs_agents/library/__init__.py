@@ -5,8 +5,9 @@ from grs_agents.library.background import BACKGROUND, write_background
 from grs_agents.library.library import Library
 from grs_agents.library.proxy import write_proxy
 from grs_agents.library.proxy_fitted import Look, write_fitted_proxy
-from grs_agents.library.proxy_kind import Measured, fitted_kind
+from grs_agents.library.proxy_kind import Measured, fitted_kind, solid_off
 from grs_agents.library.shapes import ObjectModel, Shape
+from grs_agents.library.solid import holds
 from grs_agents.library.template import fill_template, resolve, stems
 from grs_agents.library.urdf import read_urdf
 from grs_agents.library.urdf_text import urdf_text
@@ -21,9 +22,11 @@ __all__ = [
     "Shape",
     "fill_template",
     "fitted_kind",
+    "holds",
     "read_manifest",
     "read_urdf",
     "resolve",
+    "solid_off",
     "stems",
     "urdf_text",
     "write_background",

@@ -33,10 +33,14 @@ class Measured:
         points: (N, 3) m, about the centre of the box, along its axes.
         heights: (R, C) m above the bottom of the box that it may reach at most, of cells spread evenly over the
             box's x (rows) and y (columns); ``None`` if unknown.
+        floors: (R, C) m above the bottom of the box where it begins, of the same cells; ``None``: at the bottom.
+        crowded: other things stand in the box.
     """
 
     points: Floats
     heights: Floats | None = None
+    floors: Floats | None = None
+    crowded: bool = False
 
 
 def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> Fitted:
@@ -62,13 +66,18 @@ def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> F
     found = best if off[best] < _BETTER * off[plain] else plain
     if measured.heights is None:
         return found
-    blocks = relief_blocks(measured.heights, size)
+    blocks = relief_blocks(measured.heights, size, measured.floors)
     if not blocks or not _reaches(blocks, size):
         return found
-    wasted = solid and _wasted(measured.heights, size, around) > _WASTED
+    wasted = solid and (measured.crowded or _wasted(measured.heights, size, around) > _WASTED)
     wrong = off[plain] > (_WRONG if solid else _NOT_HOLLOW)
-    bound = off[plain] + _OFF if wasted else _HALF * off[plain] if wrong else 0.0
+    bound = off[plain] + _OFF if wasted else off[plain] if measured.crowded else _HALF * off[plain] if wrong else 0.0
     return "relief" if relief_off(points, blocks) < bound else found
+
+
+def solid_off(points: Floats, size: Vec3, around: bool) -> float:
+    """How far points (N, 3) about its centre lie from the surface of a box or cylinder of a size, on average, m."""
+    return _OFF_OF["cylinder" if around else "box"](points, size)
 
 
 def completed(points: Floats, size: Vec3) -> Floats:

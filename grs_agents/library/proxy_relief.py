@@ -1,4 +1,4 @@
-"""Things whose top is stepped: their heights over a grid as a few upright boxes."""
+"""Things whose top or underside is stepped: what they fill over a grid as a few upright boxes."""
 
 from dataclasses import dataclass
 
@@ -20,34 +20,37 @@ THINNEST = 0.003
 
 @dataclass(frozen=True)
 class _Patch:
-    """Cells of a grid and the one height (m) that stands for them.
+    """Cells of a grid, and the one floor and the one height (m) that stand for them.
 
-    ``off`` is what it is off them in sum, m; ``uneven`` the sum of squares about their mean.
+    ``off`` is what those are off them in sum, m; ``uneven`` the sum of squares about their means.
     """
 
     rows: range
     columns: range
+    floor: float
     height: float
     off: float
     uneven: float
 
 
-def relief_blocks(heights: Floats, size: Vec3) -> list[Block]:
+def relief_blocks(heights: Floats, size: Vec3, floors: Floats | None = None) -> list[Block]:
     """A few boxes that fill the heights, in the frame of a box of ``size`` (m) about its centre.
 
     Args:
         heights: (R, C) m above the box's bottom, of cells evenly spread along x (rows) and y (columns).
         size: of the box.
+        floors: (R, C) m above the box's bottom, where each cell begins; all at the bottom if not given.
     """
-    patches = [_patch(heights, range(heights.shape[0]), range(heights.shape[1]))]
+    fill = np.stack([np.zeros_like(heights) if floors is None else floors, heights])
+    patches = [_patch(fill, range(heights.shape[0]), range(heights.shape[1]))]
     while len(patches) < MOST:
         worst = max(patches, key=lambda patch: patch.off)
         if worst.off <= LEVEL * len(worst.rows) * len(worst.columns):
             break
         patches.remove(worst)
-        patches += _split(heights, worst)
+        patches += _split(fill, worst)
     cell = (size[0] / heights.shape[0], size[1] / heights.shape[1])
-    return [_block(patch, cell, size) for patch in patches if patch.height >= THINNEST]
+    return [_block(patch, cell, size) for patch in patches if patch.height - patch.floor >= THINNEST]
 
 
 def reach(blocks: list[Block]) -> tuple[Floats, Floats]:
@@ -79,20 +82,21 @@ def relief_off(points: Floats, blocks: list[Block]) -> float:
     return float(np.abs(inside).mean())
 
 
-def _patch(heights: Floats, rows: range, columns: range) -> _Patch:
-    cells = heights[rows.start : rows.stop, columns.start : columns.stop]
-    height = float(np.median(cells))
-    return _Patch(rows, columns, height, float(np.abs(cells - height).sum()), float(cells.var() * cells.size))
+def _patch(fill: Floats, rows: range, columns: range) -> _Patch:
+    cells = fill[:, rows.start : rows.stop, columns.start : columns.stop].reshape(2, -1)
+    floor, height = (float(value) for value in np.median(cells, axis=1))
+    off = float(np.abs(cells - [[floor], [height]]).sum())
+    return _Patch(rows, columns, floor, height, off, float(cells.var(axis=1).sum() * cells.shape[1]))
 
 
-def _split(heights: Floats, patch: _Patch) -> tuple[_Patch, _Patch]:
+def _split(fill: Floats, patch: _Patch) -> tuple[_Patch, _Patch]:
     """The two parts, cut straight, each most even in itself."""
     rows, columns = patch.rows, patch.columns
     ways = [
-        (_patch(heights, range(rows.start, cut), columns), _patch(heights, range(cut, rows.stop), columns))
+        (_patch(fill, range(rows.start, cut), columns), _patch(fill, range(cut, rows.stop), columns))
         for cut in rows[1:]
     ] + [
-        (_patch(heights, rows, range(columns.start, cut)), _patch(heights, rows, range(cut, columns.stop)))
+        (_patch(fill, rows, range(columns.start, cut)), _patch(fill, rows, range(cut, columns.stop)))
         for cut in columns[1:]
     ]
     return min(ways, key=lambda parts: parts[0].uneven + parts[1].uneven)
@@ -101,5 +105,5 @@ def _split(heights: Floats, patch: _Patch) -> tuple[_Patch, _Patch]:
 def _block(patch: _Patch, cell: tuple[float, float], size: Vec3) -> Block:
     x = (patch.rows.start + patch.rows.stop) / 2 * cell[0] - size[0] / 2
     y = (patch.columns.start + patch.columns.stop) / 2 * cell[1] - size[1] / 2
-    extents = (len(patch.rows) * cell[0], len(patch.columns) * cell[1], patch.height)
-    return extents, (x, y, (patch.height - size[2]) / 2)
+    extents = (len(patch.rows) * cell[0], len(patch.columns) * cell[1], patch.height - patch.floor)
+    return extents, (x, y, (patch.floor + patch.height - size[2]) / 2)

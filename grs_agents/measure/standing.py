@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from grs_agents.scene import (
     Claim,
     Registered,
     RGBDFrame,
+    Surroundings,
     TableFrame,
     TwinReport,
     found_later,
@@ -23,7 +24,7 @@ from grs_agents.scene import (
 )
 from grs_agents.scene.metrics import MATCHED, overlaps
 from grs_agents.scene.truth import LabelledScene
-from grs_agents.twin import Placed, Segment, Thing, reconcile, report_of
+from grs_agents.twin import Known, Placed, Segment, Thing, disentangled, reconcile, report_of
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,8 @@ def standing(
         new[one.mask] = one.id
     missed = {label: asset for label, asset in truth.items() if label not in _matched(scene, found).values()}
     segments += _segments(later, _assets(scene, new, missed), poses, (scene.frame, table, library))
-    return _settled([*candidates, *later], segments, poses, scene, library, table)
+    every = [*candidates, *later]
+    return _settled(every, _disentangled(every, segments, poses, scene, library, table), poses, scene, library, table)
 
 
 def _matched(scene: LabelledScene, found: npt.NDArray[np.int32]) -> dict[int, int]:
@@ -112,6 +114,28 @@ def _segments(
     return segments
 
 
+def _disentangled(
+    candidates: Sequence[Candidate],
+    segments: Sequence[Segment],
+    poses: dict[int, Registered],
+    scene: LabelledScene,
+    library: Library,
+    table: TableFrame,
+) -> list[Segment]:
+    """The segments with their assets beside, not in each other; ``poses`` takes where those stand."""
+    pairs = zip(candidates, segments, strict=True)
+    known = {one.id: Known(segment.known, segment.box, segment.mask)
+             for one, segment in pairs if segment.known is not None}  # fmt: skip
+    apart = disentangled(list(known.values()), scene.frame, table, library)
+    poses.update({number: apart[index] for index, number in enumerate(known) if index in apart})
+    return [
+        segment
+        if segment.known is None
+        else replace(segment, known=Thing(segment.known.asset, (poses[one.id].position, poses[one.id].orientation)))
+        for one, segment in zip(candidates, segments, strict=True)
+    ]
+
+
 def _settled(
     candidates: Sequence[Candidate],
     segments: Sequence[Segment],
@@ -126,7 +150,8 @@ def _settled(
     with tempfile.TemporaryDirectory(prefix="grs-twin-") as folder:
         where = Path(folder)
         proxies = {
-            index: _proxy(candidates[index], claim, scene, table, where) for index, claim in agreed.claims.items()
+            index: _proxy(candidates[index], claim, agreed.around(index), scene, table, where)
+            for index, claim in agreed.claims.items()
         }
         things = [segments[index].known or proxies[index] for index in kept]
         both = library.overlay(Path(folder)) if proxies else library
@@ -135,10 +160,12 @@ def _settled(
     return Standing(poses, placed, twin if placed else None)
 
 
-def _proxy(one: Candidate, claim: Claim, scene: LabelledScene, table: TableFrame, folder: Path) -> Thing:
+def _proxy(
+    one: Candidate, claim: Claim, around: Surroundings, scene: LabelledScene, table: TableFrame, folder: Path
+) -> Thing:
     """What a run would let stand for a thing of no asset: the solid that fits its points best."""
     box = claim.box
-    measured = measured_shape(scene.frame, table, one.mask, box)
+    measured = measured_shape(scene.frame, table, one.mask, box, around)
     kind = fitted_kind(measured, box.size, claim.shape == "cylinder", one.hollow)
     asset = write_fitted_proxy(folder, f"candidate_{one.id}", kind, measured, box.size, one.color, "a proxy")
     return Thing(

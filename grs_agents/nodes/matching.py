@@ -15,6 +15,7 @@ from grs_agents.scene import (
     MatchEvidence,
     RGBDFrame,
     SceneObject,
+    Surroundings,
     TableFrame,
     UprightBox,
     load_mask,
@@ -90,6 +91,7 @@ def write_stand_in(
     description: str,
     services: Services,
     photo: tuple[RGBDFrame, TableFrame] | None = None,
+    around: Surroundings | None = None,
 ) -> Asset:
     """Write the proxy of an object into the library of the run; one of that name is replaced."""
     folder = services.folder / "assets"
@@ -97,7 +99,7 @@ def write_stand_in(
     if photo is None:
         return write_proxy(folder, name, shape, box.size, record.color, description)
     mask = load_mask(services.folder / record.mask)
-    measured = measured_shape(*photo, mask, box)
+    measured = measured_shape(*photo, mask, box, around)
     kind = fitted_kind(measured, box.size, shape == "cylinder", record.hollow)
     look = proxy_look(*photo, mask, box)
     return write_fitted_proxy(folder, name, kind, measured, box.size, record.color, description, look)

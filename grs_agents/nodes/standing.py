@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from grs_agents.correspondence.heights import crowded
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
 from grs_agents.nodes.matching import about_z, write_stand_in
@@ -14,6 +15,7 @@ from grs_agents.scene import (
     CandidateRecord,
     DroppedCandidate,
     Mask,
+    Registered,
     Relation,
     RGBDFrame,
     SceneObject,
@@ -22,6 +24,7 @@ from grs_agents.scene import (
     add_candidates,
     aligned,
     body_of,
+    deviation,
     found_later,
     load_frame,
     load_mask,
@@ -29,8 +32,9 @@ from grs_agents.scene import (
     relations,
     shell_of,
 )
+from grs_agents.sim.episode import SimulationError
 from grs_agents.state import RunState
-from grs_agents.twin import Segment, Thing, reconcile, report_of
+from grs_agents.twin import Known, Segment, Thing, disentangled, reconcile, report_of
 from grs_agents.workspace import reachable
 
 
@@ -66,15 +70,19 @@ def stand(
     table = TableFrame.model_validate(state["frame"])
     frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
     by_number = {one.id: one for one in records}
-    placed, dropped = _agreed(objects, by_number, frame, table, services)
+    try:
+        apart, warnings = _apart(objects, by_number, frame, table, services), ()
+    except SimulationError as error:
+        apart, warnings = tuple(objects), (f"objects that stand in each other stay there: {error.message}",)
+    placed, dropped = _agreed(apart, by_number, frame, table, services)
     library = services.library  # with the proxies that were written again
     bodies = [body_of(one.name, one.asset, (one.position, one.orientation), library) for one in placed]
-    stood = Stood(placed, relations(bodies), dropped=dropped)
+    stood = Stood(placed, relations(bodies), warnings=warnings, dropped=dropped)
     try:
         mask = np.any([load_mask(services.folder / one.mask) for one in objects], axis=0)
         return _settled(stood, frame, table, mask, library)
     except GrsError as error:
-        return replace(stood, warnings=(f"the scene has no twin: {error.message}",))
+        return replace(stood, warnings=(*warnings, f"the scene has no twin: {error.message}"))
 
 
 def registered(
@@ -94,16 +102,44 @@ def registered(
         if one.matched:
             mask = load_mask(services.folder / one.mask)
             found = register(one.asset, library, by_number[one.id].upright, frame, table, mask)
-            update = {
-                "position": found.position,
-                "orientation": found.orientation,
-                "size": found.size,
-                "reachable": reachable(found.position),
-                "method": found.method,
-                "residual": found.residual,
-                "round": found.round,
-            }
+            update = _standing_at(found)
         placed.append(one.model_copy(update=update))
+    return tuple(placed)
+
+
+def _standing_at(found: Registered) -> dict[str, object]:
+    """What registration says of an object."""
+    return {
+        "position": found.position,
+        "orientation": found.orientation,
+        "size": found.size,
+        "reachable": reachable(found.position),
+        "method": found.method,
+        "residual": found.residual,
+        "round": found.round,
+    }
+
+
+def _apart(
+    objects: Sequence[SceneObject],
+    records: Mapping[int, CandidateRecord],
+    frame: RGBDFrame,
+    table: TableFrame,
+    services: Services,
+) -> tuple[SceneObject, ...]:
+    """The objects, those that were registered into others beside them, if that still agrees with what was measured."""
+    library = services.library
+    known = [index for index, one in enumerate(objects) if one.matched]
+    things = [
+        Known(_thing(one), records[one.id].upright, load_mask(services.folder / one.mask))
+        for one in (objects[index] for index in known)
+    ]
+    placed = list(objects)
+    for index, found in disentangled(things, frame, table, library).items():
+        one = objects[known[index]]
+        measured = one.upright or records[one.id].upright
+        if deviation(one.asset, (found.position, found.orientation), library, measured).agrees:
+            placed[known[index]] = one.model_copy(update=_standing_at(found))
     return tuple(placed)
 
 
@@ -138,7 +174,7 @@ def _agreed(
             load_mask(services.folder / one.mask),
             records[one.id].upright,
             records[one.id].shape,
-            Thing(one.asset, (one.position, one.orientation)) if one.matched else None,
+            _thing(one) if one.matched else None,
             records[one.id].hollow,
         )
         for one in objects
@@ -147,9 +183,10 @@ def _agreed(
     kept: list[SceneObject] = []
     for index, one in enumerate(objects):
         claim = agreed.claims.get(index)
-        if claim is not None and claim.box != records[one.id].upright:
+        if claim is not None and (claim.box != records[one.id].upright or crowded(claim.box, agreed.around(index))):
             photo, words, measured = (frame, table), one.description, claim.measured(records[one.id].upright)
-            asset = write_stand_in(one.name, records[one.id], claim.box, claim.shape, words, services, photo)
+            asset = write_stand_in(one.name, records[one.id], claim.box, claim.shape, words, services, photo,
+                                   agreed.around(index))  # fmt: skip
             update = {"position": claim.box.center, "orientation": about_z(claim.box.yaw), "size": asset.size,
                       "box": aligned(measured, claim.shape), "upright": measured}  # fmt: skip
             kept.append(one.model_copy(update={**update, "reachable": reachable(claim.box.center)}))
@@ -162,8 +199,12 @@ def _agreed(
     return tuple(kept), dropped
 
 
+def _thing(one: SceneObject) -> Thing:
+    return Thing(one.asset, (one.position, one.orientation), guessed=not one.matched)
+
+
 def _settled(stood: Stood, frame: RGBDFrame, table: TableFrame, mask: Mask, library: Library) -> Stood:
-    things = [Thing(one.asset, (one.position, one.orientation), not one.matched) for one in stood.objects]
+    things = [_thing(one) for one in stood.objects]
     rest, twin = report_of(things, library, frame, table, mask)
     objects = tuple(
         one if placed is None else one.model_copy(update={"settled": placed.pose, "drift": placed.drift})

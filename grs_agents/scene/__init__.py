@@ -19,9 +19,10 @@ from grs_agents.scene.reading import (
     read_scene,
     scene_name,
 )
-from grs_agents.scene.registration import Registered, register
+from grs_agents.scene.registration import Registered, cost_of, register
 from grs_agents.scene.relations import Body, body_of, relations
 from grs_agents.scene.segmentation import segment
+from grs_agents.scene.surroundings import Surroundings
 from grs_agents.scene.table import find_table
 from grs_agents.scene.types import (
     Aabb,
@@ -62,6 +63,7 @@ __all__ = [
     "SceneObject",
     "Shell",
     "Shown",
+    "Surroundings",
     "TableFrame",
     "TwinReport",
     "UprightBox",
@@ -72,6 +74,7 @@ __all__ = [
     "candidates_of",
     "check_source",
     "clipped",
+    "cost_of",
     "deviation",
     "explained",
     "find_table",

@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
+from grs_agents.library import solid_off
 from grs_agents.scene.frame import Array, Mask
 from grs_agents.scene.geometry import THINNEST
 from grs_agents.scene.turning import about_z
@@ -45,9 +46,18 @@ class Claim:
         """Of its box, m^3."""
         return float(np.prod(self.box.size))
 
+    def holds(self, points: Array) -> Mask:
+        """Which of (N, 3) points lie in it, deeper than `SLACK`."""
+        return _inside(self, _local(self, points))
+
+    @property
+    def off(self) -> float:
+        """How far its points lie from its surface on average, m."""
+        return solid_off(_local(self, self.points), self.box.size, self.shape == "cylinder")
+
     def share(self, points: Array) -> float:
         """Which share of (N, 3) points lies in it."""
-        return float(_inside(self, _local(self, points)).mean()) if len(points) else 0.0
+        return float(self.holds(points).mean()) if len(points) else 0.0
 
     def measured(self, before: UprightBox) -> UprightBox:
         """The box of what was measured: ``before`` it gave way, without what was only guessed of that."""

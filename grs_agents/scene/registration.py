@@ -1,12 +1,12 @@
 """Register a matched asset to an object's points: from several turns, by what the camera saw and could see through."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.base import Quat, Vec3
+from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.scene.candidates import place_asset, quaternion
@@ -46,6 +46,11 @@ LEANING = math.radians(12)
 """What leans less than this stands straight, unless it fits better leaning."""
 WORST = 0.015
 """A residual above this (m) is no fit."""
+ENTERED = 0.004
+"""What enters another thing no deeper than this (m) touches it; poses are known no better."""
+ENTERED_WEIGHT = 0.5
+Entered = Callable[[Array], Array]
+"""How deep an asset is in other things at each of (K, 4, 4) poses of the centre of its bounding box, (K,) m."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,7 @@ class Registered:
         residual: how far the object's points are off its surface: mean of the nearest 90 %, m.
         method: ``registered``, or ``box`` where that fits no worse.
         round: it looks the same at any yaw.
+        cost: the residual, and what is unlikely about the pose, m.
     """
 
     position: Vec3
@@ -67,17 +73,19 @@ class Registered:
     residual: float
     method: PoseMethod
     round: bool
+    cost: float = 0.0
 
 
 @dataclass(frozen=True)
 class _Search:
-    """An asset's surface, and what was seen of the object."""
+    """An asset's surface, what was seen of the object, and the known things around it."""
 
     surface: Surface
     tree: Tree
     seen: Sighting
     upright: UprightBox
     symmetry: Symmetry
+    entered: Entered | None = None
 
     @property
     def bottom(self) -> float:
@@ -86,6 +94,12 @@ class _Search:
 
     def costs(self, poses: Array, factor: int = 1) -> Array:
         """What `sighting.costs` says, and what is unlikely about each of (K, 4, 4) poses: (K,) m."""
+        if self.entered is None:
+            return self.seen_costs(poses, factor)
+        return self.seen_costs(poses, factor) + ENTERED_WEIGHT * np.maximum(self.entered(poses) - ENTERED, 0)
+
+    def seen_costs(self, poses: Array, factor: int = 1) -> Array:
+        """The same, whatever stands around."""
         lying = LYING * (poses[:, 2, 2] < 0.9)
         tilted = TILTED * (np.abs(poses[:, 2, :3]).max(axis=1) < math.cos(math.radians(0.1)))
         seen = self.seen.coarse(factor)
@@ -99,7 +113,13 @@ class _Search:
 
 
 def register(
-    asset: str, library: Library, upright: UprightBox, frame: RGBDFrame, table: TableFrame, mask: Mask
+    asset: str,
+    library: Library,
+    upright: UprightBox,
+    frame: RGBDFrame,
+    table: TableFrame,
+    mask: Mask,
+    entered: Entered | None = None,
 ) -> Registered:
     """Lay an asset into the points of a mask (H, W).
 
@@ -109,6 +129,7 @@ def register(
         upright: the box measured of the object, where the search begins.
         frame, table: the photo and its pose.
         mask: the object's pixels.
+        entered: how deep the asset is in what is known to stand around, which it is not to be.
 
     Raises:
         UnknownNameError: the library has no such asset.
@@ -116,17 +137,31 @@ def register(
     position, orientation, size = place_asset(upright, library.asset(asset).size)
     begin = pose_of(rotation_matrix(orientation), np.array(position))
     surface, symmetry, seen = surface_of(asset, library), symmetry_of(asset, library), sighting_of(frame, table, mask)
-    search = _Search(surface, Tree(surface.points), seen, upright, symmetry)
+    search = _Search(surface, Tree(surface.points), seen, upright, symmetry, entered)
     if len(seen.points) < FEWEST:
         return Registered(position, orientation, size, 0.0, "box", _is_round(begin, symmetry))
     best = _searched(search)
     off, (registered, boxed) = search.residual(best), search.costs(np.stack([best, begin]))
     if registered > boxed - BETTER or off > WORST:
-        off = search.residual(begin)
-        return Registered(position, orientation, size, off, "box", _is_round(begin, symmetry))
+        off, cost = search.residual(begin), float(search.seen_costs(begin[None])[0])
+        return Registered(position, orientation, size, off, "box", _is_round(begin, symmetry), cost)
     x, y, z = (float(value) for value in best[:3, 3])
     extents = _extents(best[:3, :3], surface)
-    return Registered((x, y, z), quaternion(best[:3, :3]), extents, off, "registered", _is_round(best, symmetry))
+    cost = float(search.seen_costs(best[None])[0])
+    return Registered((x, y, z), quaternion(best[:3, :3]), extents, off, "registered", _is_round(best, symmetry), cost)
+
+
+def cost_of(
+    asset: str, pose: Pose, library: Library, upright: UprightBox, frame: RGBDFrame, table: TableFrame, mask: Mask
+) -> float:
+    """What `Registered` calls its cost, m, of an asset whose bounding box has its centre and rotation at ``pose``.
+
+    Raises:
+        UnknownNameError: the library has no such asset.
+    """
+    surface, symmetry, seen = surface_of(asset, library), symmetry_of(asset, library), sighting_of(frame, table, mask)
+    search = _Search(surface, Tree(surface.points), seen, upright, symmetry)
+    return float(search.seen_costs(pose_of(rotation_matrix(pose[1]), np.array(pose[0]))[None])[0])
 
 
 def _is_round(pose: Array, symmetry: Symmetry) -> bool:

@@ -74,7 +74,7 @@ def dotted(vectors: Floats, other: Floats) -> Floats:
 def bilinear(image: Floats, texels: Floats) -> Floats:
     """(N, C) samples of a picture (T, U, C) that goes on over its edges, at (N, 2) columns and rows."""
     count, height, width = len(texels), image.shape[0], image.shape[1]
-    places = np.zeros((-(-count // _ROW) * _ROW, 2), np.float32)
+    places = np.zeros((max(1, -(-count // _ROW)) * _ROW, 2), np.float32)
     places[:count] = texels % (width, height)
     columns, rows = places.T.reshape(2, -1, _ROW)  # OpenCV takes no picture of one long row
     sampled = cv2.remap(image.astype(np.float32), columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)

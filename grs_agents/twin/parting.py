@@ -89,12 +89,18 @@ def _way_out(world: World, number: int, steps: Sequence[float]) -> Floats | None
     return found
 
 
-def _depth(world: World, number: int, position: Sequence[float] | Floats) -> float:
-    """How deep a thing overlaps others with its centre at ``position``, m."""
-    model, data, start = world.model, world.data, world.addresses[number]
-    data.qpos[start : start + 3] = position
+def depth_of(world: World, number: int) -> float:
+    """How deep a thing overlaps others where it has been put, m."""
+    model, data = world.model, world.data
     mujoco.mj_kinematics(model, data)
     mujoco.mj_collision(model, data)
     owners = np.asarray(world.owners)[data.contact.geom]
     mine = (owners == number).any(axis=1) & (owners[:, 0] != owners[:, 1])
     return max(0.0, float(-data.contact.dist[mine].min(initial=0.0)))
+
+
+def _depth(world: World, number: int, position: Sequence[float] | Floats) -> float:
+    """How deep a thing overlaps others with its centre at ``position``, m."""
+    start = world.addresses[number]
+    world.data.qpos[start : start + 3] = position
+    return depth_of(world, number)

@@ -5,14 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grs_agents.base import Pose
 from grs_agents.library import Library
-from grs_agents.scene import Claim, Mask, RGBDFrame, TableFrame, clipped, explained, shell_of
+from grs_agents.scene import Claim, Mask, RGBDFrame, Surroundings, TableFrame, clipped, explained, shell_of
 from grs_agents.scene.table import robot_points_at
 from grs_agents.scene.types import Solid, UprightBox
 from grs_agents.twin.thing import Thing
 
 INSIDE = 0.5
 """What has more than this share of its points in the box of another, that is not hollow, is a piece of it."""
+ENTANGLED = 0.1
+"""So is what has more than this share of its own box there: boxes of two things can be clipped apart."""
+SHAPED = 0.008
+"""But for a thing whose points are farther off its box than this (m): one that leans does not fill its box."""
+FILLED = 0.5
+"""A guessed box of which a known thing fills more than this share is a piece of that."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +43,19 @@ class Reconciled:
     Attributes:
         pieces: which are pieces of which others, whose assets explain all their points, or whose boxes hold most.
         claims: the space that each of the others without an asset fills.
+        known: assets of the things of known shape that are no pieces, with their poses as in `Thing`.
+        library: where their assets are looked up.
     """
 
     pieces: dict[int, int]
     claims: dict[int, Claim]
+    known: tuple[tuple[str, Pose], ...]
+    library: Library
+
+    def around(self, index: int) -> Surroundings:
+        """What stands around the thing whose claim has that index."""
+        others = [claim for number, claim in self.claims.items() if number != index]
+        return Surroundings(self.known, others, self.library)
 
 
 def reconcile(segments: Sequence[Segment], frame: RGBDFrame, table: TableFrame, library: Library) -> Reconciled:
@@ -55,21 +71,32 @@ def reconcile(segments: Sequence[Segment], frame: RGBDFrame, table: TableFrame, 
     unknown = [index for index, shell in enumerate(shells) if shell is None and index not in pieces]
     claims = [Claim(segments[index].box, segments[index].shape, clouds[index]) for index in unknown]
     fitted = clipped(claims, np.concatenate([np.zeros((0, 3)), *firm]))
-    return _united(dict(zip(unknown, fitted, strict=True)), pieces, segments)
+    claimed = dict(zip(unknown, fitted, strict=True))
+    solids = {index: Surroundings([(one.known.asset, one.known.pose)], (), library)
+              for index, one in enumerate(segments) if one.known is not None and index not in pieces}  # fmt: skip
+    for piece, claim in list(claimed.items()):
+        filled = {index: float(solid.hold(claim.space).mean()) for index, solid in solids.items()}
+        whole = max(filled, key=lambda index: filled[index], default=piece)
+        if filled.get(whole, 0.0) > FILLED:
+            pieces[piece] = whole
+            del claimed[piece]
+    _unite(claimed, pieces, segments)
+    known = tuple(one for solid in solids.values() for one in solid.known)
+    return Reconciled(pieces, claimed, known, library)
 
 
-def _united(claims: dict[int, Claim], pieces: dict[int, int], segments: Sequence[Segment]) -> Reconciled:
+def _unite(claims: dict[int, Claim], pieces: dict[int, int], segments: Sequence[Segment]) -> None:
     """Solid things are not inside each other: what still has most of its points in another's box belongs to it."""
     for piece in sorted(claims, key=lambda index: claims[index].volume):
         one = claims[piece]
+        fits = one.off < SHAPED
         shares = {
-            index: other.share(one.points)
+            index: max(other.share(one.points) / INSIDE, fits * other.share(one.space) / ENTANGLED)
             for index, other in claims.items()
             if index != piece and not segments[index].hollow and other.volume > one.volume
         }
         whole = max(shares, key=lambda index: shares[index], default=piece)
-        if shares.get(whole, 0.0) > INSIDE:
+        if shares.get(whole, 0.0) > 1:
             claims[whole] = claims[whole].joined(one.points)
             pieces[piece] = whole
             del claims[piece]
-    return Reconciled(pieces, claims)

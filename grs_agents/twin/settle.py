@@ -151,7 +151,7 @@ def _tried(
     items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
     world = build(items, library)
     place(world, items)
-    _prepare(world)
+    prepare(world)
     mujoco.mj_forward(world.model, world.data)
     found, still = deepest(world), False
     parted: list[Pose] = []
@@ -176,7 +176,7 @@ def _bottom(item: InstanceObject, library: Library) -> float:
     return float((rotation_matrix(item.pose[1]) @ corners)[2].min() + item.pose[0][2])
 
 
-def _prepare(world: World) -> None:
+def prepare(world: World) -> None:
     """Take the robot out of the way, and let nothing roll."""
     model, owners = world.model, np.asarray(world.owners)
     # What is eased apart never moves by itself, falls asleep at once, and would sleep through gravity.

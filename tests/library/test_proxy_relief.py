@@ -30,6 +30,14 @@ def test_where_nothing_is_there_is_no_box() -> None:
     assert block[0] == pytest.approx((0.1, 0.05, 0.1))
 
 
+def test_a_box_begins_on_its_floor() -> None:
+    heights, floors = np.full((10, 6), 0.12), np.zeros((10, 6))
+    floors[5:] = 0.09
+    whole, upper = sorted(relief_blocks(heights, SIZE, floors), key=lambda block: block[1][0])
+    assert whole[0] == pytest.approx((0.1, 0.1, 0.12))
+    assert upper[0] == pytest.approx((0.1, 0.1, 0.03)) and upper[1] == pytest.approx((0.05, 0.0, 0.045))
+
+
 @given(arrays(np.float64, (7, 5), elements=st.floats(0.02, 0.12)))
 def test_the_boxes_fill_the_footprint_once_and_stay_in_the_measured_box(heights: np.ndarray) -> None:
     blocks = relief_blocks(heights, SIZE)

@@ -29,6 +29,22 @@ def test_a_piece_is_dropped_and_a_fat_box_gives_way() -> None:
     assert agreed.claims[2].box.size[0] < 0.11
 
 
+def test_a_guess_that_a_known_thing_fills_is_a_piece_of_it() -> None:
+    frame, table, mask = photo_of([MILK, BLOCK], LIBRARY)
+    left = mask & (np.arange(mask.shape[1]) < np.median(np.nonzero(mask)[1]))
+    inner = UprightBox(center=MILK.pose[0], size=(0.04, 0.04, 0.15), yaw=0.0)
+    block = UprightBox(center=BLOCK.pose[0], size=(0.04, 0.04, 0.04), yaw=0.0)
+    segments = [
+        Segment(mask & ~left, inner, "box", MILK),
+        Segment(left, inner, "box", None),
+        Segment(left, block, "box", None),
+    ]
+    agreed = reconcile(segments, frame, table, LIBRARY)
+    assert agreed.pieces == {1: 0} and set(agreed.claims) == {2}
+    around = agreed.around(2)
+    assert around.hold(np.array([MILK.pose[0], BLOCK.pose[0]])).tolist() == [True, False]
+
+
 def test_what_stays_inside_a_solid_thing_is_a_piece_of_it_but_not_in_a_hollow_one() -> None:
     frame, table, mask = photo_of([MILK, BLOCK], LIBRARY)
     left = mask & (np.arange(mask.shape[1]) < np.median(np.nonzero(mask)[1]))

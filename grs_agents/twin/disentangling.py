@@ -1,0 +1,142 @@
+"""Assets that were registered into each other: one of them is somewhere else, and is registered again beside the other.
+
+Each thing is registered by itself first, and what another thing hides says nothing against a pose: one that is half
+hidden may come to stand in what hides it.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.library import Library
+from grs_agents.scene import Mask, Registered, RGBDFrame, TableFrame, UprightBox, cost_of, register
+from grs_agents.scene.candidates import quaternion
+from grs_agents.sim.engine import mujoco
+from grs_agents.sim.world import World, build, place
+from grs_agents.twin.parting import depth_of
+from grs_agents.twin.settle import instances, on_table, prepare
+from grs_agents.twin.thing import Thing
+
+Floats = npt.NDArray[np.float64]
+DEEP = 0.006
+"""Things that are in each other by more than this (m) are not where they were registered."""
+WORSE = 0.004
+"""A pose that costs more than the first one by more than this (m) does not show what was seen."""
+MOST = 8
+"""At most so many pairs are looked at."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """A thing whose asset is known.
+
+    Attributes:
+        thing: its asset where it was registered.
+        upright: the box measured of it.
+        mask: (H, W) its pixels.
+    """
+
+    thing: Thing
+    upright: UprightBox
+    mask: Mask
+
+
+def disentangled(
+    things: Sequence[Known], frame: RGBDFrame, table: TableFrame, library: Library
+) -> dict[int, Registered]:
+    """Where those stand, by index, that are not to stay in others.
+
+    Of two that are in each other, that one is registered again of which this contradicts less of what was seen; where
+    it contradicts too much of either, both stay.
+
+    Args:
+        things: as they were registered one by one.
+        frame, table: the photo and its pose.
+        library: where their assets are looked up.
+
+    Raises:
+        UnknownNameError: an asset is not in the library.
+        SimulationError: MuJoCo takes the scene for impossible.
+    """
+    here = [index for index, one in enumerate(things) if on_table(one.thing)]
+    crowd = _Crowd.of([things[index] for index in here], (frame, table), library)
+    looked: set[tuple[int, int]] = set()
+    moved: dict[int, Registered] = {}
+    while len(looked) < MOST:
+        pair, depth = crowd.worst(looked)
+        if depth < DEEP:
+            break
+        looked.add(pair)
+        tried = [(number, *crowd.again(number)) for number in pair]
+        better = [one for one in tried if one[2] < depth / 2 and one[3] < WORSE]
+        if better:
+            number, found, _, _ = min(better, key=lambda one: one[2] + one[3])
+            crowd.stand(number, found)
+            moved[here[number]] = found
+    return moved
+
+
+@dataclass(frozen=True)
+class _Crowd:
+    """The things in a world; ``poses`` says where each stands by now."""
+
+    things: Sequence[Known]
+    poses: list[Pose]
+    photo: tuple[RGBDFrame, TableFrame]
+    library: Library
+    world: World
+
+    @classmethod
+    def of(cls, things: Sequence[Known], photo: tuple[RGBDFrame, TableFrame], library: Library) -> "_Crowd":
+        items = instances([one.thing for one in things], library)
+        world = build(items, library)
+        place(world, items)
+        prepare(world)
+        return cls(things, [one.thing.pose for one in things], photo, library, world)
+
+    def worst(self, looked: Collection[tuple[int, int]]) -> tuple[tuple[int, int], float]:
+        """The two that are deepest in each other, lower number first, and how deep, m."""
+        data, owners, free = self.world.data, self.world.owners, self.world.addresses
+        mujoco.mj_forward(self.world.model, data)
+        worst, found = 0.0, (0, 0)
+        for geoms, distance in zip(data.contact.geom, data.contact.dist, strict=True):
+            one, other = sorted(owners[int(geom)] for geom in geoms)
+            if -distance > worst and (one, other) not in looked and one in free and other in free:
+                worst, found = float(-distance), (one, other)
+        return found, worst
+
+    def again(self, number: int) -> tuple[Registered, float, float]:
+        """Where a thing is registered beside the others, how deep it is in them then, and how much dearer that is."""
+        one, (frame, table) = self.things[number], self.photo
+        asset, pose = one.thing.asset, self.poses[number]
+
+        def entered(poses: Floats) -> Floats:
+            return np.array([self._depth(number, ((x, y, z), quaternion(turn))) for (x, y, z), turn in _parts(poses)])
+
+        found = register(asset, self.library, one.upright, frame, table, one.mask, entered)
+        left = self._depth(number, (found.position, found.orientation))
+        self._depth(number, pose)
+        before = cost_of(asset, pose, self.library, one.upright, frame, table, one.mask)
+        return found, left, found.cost - before
+
+    def stand(self, number: int, found: Registered) -> None:
+        """Put a thing where it was found."""
+        self.poses[number] = (found.position, found.orientation)
+        self._depth(number, self.poses[number])
+
+    def _depth(self, number: int, pose: Pose) -> float:
+        """How deep a thing is in others at a pose, where it stays, m."""
+        thing, start = Thing(self.things[number].thing.asset, pose), self.world.addresses[number]
+        position, (x, y, z, w) = instances([thing], self.library)[0].pose
+        self.world.data.qpos[start : start + 7] = (*position, w, x, y, z)
+        return depth_of(self.world, number)
+
+
+def _parts(poses: Floats) -> Iterator[tuple[Vec3, Floats]]:
+    """Positions, m, and rotations (3, 3) of (K, 4, 4) poses."""
+    for pose in poses:
+        x, y, z = (float(value) for value in pose[:3, 3])
+        yield (x, y, z), pose[:3, :3]
