@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grs_agents.library import Columns
 from grs_agents.scene import Mask, RGBDFrame, Surroundings, TableFrame, UprightBox, shown_free
 from grs_agents.scene.frame import Array
 from grs_agents.scene.table import projected, robot_points_at
@@ -23,8 +24,8 @@ CLEAR = 0.01
 
 def fill_of(
     frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
-) -> tuple[Array, Array]:
-    """Where a candidate may begin and end over each cell of its box: floors and heights.
+) -> Columns:
+    """What a candidate may fill of its box.
 
     Up to where the air is shown to be free or another thing stands, at least as high as the candidate was measured,
     and 0 where only other things were. It begins at the bottom of its box, or on what stands below it.
@@ -34,9 +35,6 @@ def fill_of(
         mask: (H, W) pixels of the candidate.
         box: measured of it.
         around: what stands beside it.
-
-    Returns:
-        Twice (R, C) m above the bottom of the box, of cells spread evenly over its x (rows) and y (columns).
     """
     grid = _Grid.over(box)
     middles = grid.middles() @ about_z(box.yaw).T + box.center
@@ -50,7 +48,7 @@ def fill_of(
     heights[grid.tops(others[others[:, 2] > CLEAR - box.size[2] / 2]) > own] = 0
     below = taken & ((np.arange(grid.counts[2]) + 1) * level < own[..., None])
     floors = np.where(below.any(axis=2), grid.counts[2] - below[..., ::-1].argmax(axis=2), 0) * level
-    return floors, np.maximum(np.maximum(heights, own), floors)
+    return Columns(floors, np.maximum(np.maximum(heights, own), floors), taken.any(axis=2))
 
 
 def crowded(box: UprightBox, around: Surroundings) -> bool:

@@ -27,9 +27,8 @@ def measured_shape(
         around: what stands beside it, if that is known already.
     """
     points = local_points(frame, table, mask & (frame.depth > 0), box)
-    floors, heights = fill_of(frame, table, mask, box, around)
-    stands_in = around is not None and crowded(box, around)
-    return Measured(points[:: max(1, len(points) // _POINTS)], heights, floors, stands_in)
+    entered = around is not None and crowded(box, around)
+    return Measured(points[:: max(1, len(points) // _POINTS)], fill_of(frame, table, mask, box, around), entered)
 
 
 def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Look | None:

@@ -6,6 +6,7 @@ from grs_agents.library.library import Library
 from grs_agents.library.proxy import write_proxy
 from grs_agents.library.proxy_fitted import Look, write_fitted_proxy
 from grs_agents.library.proxy_kind import Measured, fitted_kind, solid_off
+from grs_agents.library.proxy_relief import Columns
 from grs_agents.library.shapes import ObjectModel, Shape
 from grs_agents.library.solid import holds
 from grs_agents.library.template import fill_template, resolve, stems
@@ -15,6 +16,7 @@ from grs_agents.library.urdf_text import urdf_text
 __all__ = [
     "BACKGROUND",
     "Asset",
+    "Columns",
     "Library",
     "Look",
     "Measured",

@@ -69,8 +69,8 @@ def write_fitted_proxy(
     x, y, z = (round(extent, 5) for extent in size)
     extents = round_size(size) if kind in ("cylinder", "bowl") else (x, y, z)
     hollow = kind in ("bowl", "open box")
-    heights = measured.heights if kind == "relief" else None
-    blocks = [] if heights is None else stretched(relief_blocks(heights, extents, measured.floors), extents)
+    fill = measured.fill if kind == "relief" else None
+    blocks = [] if fill is None else stretched(relief_blocks(fill, extents), extents)
     mass = _mass(kind, extents, blocks)
     asset = Asset(
         name=f"proxy/{slug}.urdf", kind=slug, category="proxy", size=extents, mass=mass, friction=0.6,

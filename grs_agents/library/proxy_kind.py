@@ -10,7 +10,7 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.library.proxy_hollow import WALL, slabs
 from grs_agents.library.proxy_mesh import support
-from grs_agents.library.proxy_relief import Block, reach, relief_blocks, relief_off
+from grs_agents.library.proxy_relief import Block, Columns, reach, relief_blocks, relief_off
 
 Floats = npt.NDArray[np.float64]
 Fitted = Literal["box", "cylinder", "bowl", "open box", "hull", "relief"]
@@ -31,15 +31,12 @@ class Measured:
 
     Attributes:
         points: (N, 3) m, about the centre of the box, along its axes.
-        heights: (R, C) m above the bottom of the box that it may reach at most, of cells spread evenly over the
-            box's x (rows) and y (columns); ``None`` if unknown.
-        floors: (R, C) m above the bottom of the box where it begins, of the same cells; ``None``: at the bottom.
+        fill: what it may fill of the box at most; ``None`` if unknown.
         crowded: other things stand in the box.
     """
 
     points: Floats
-    heights: Floats | None = None
-    floors: Floats | None = None
+    fill: Columns | None = None
     crowded: bool = False
 
 
@@ -64,12 +61,12 @@ def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> F
         off["hull"] = float(np.abs(support(completed(points, size), points)).mean())
     best = min(off, key=lambda kind: off[kind])
     found = best if off[best] < _BETTER * off[plain] else plain
-    if measured.heights is None:
+    if measured.fill is None:
         return found
-    blocks = relief_blocks(measured.heights, size, measured.floors)
+    blocks = relief_blocks(measured.fill, size)
     if not blocks or not _reaches(blocks, size):
         return found
-    wasted = solid and (measured.crowded or _wasted(measured.heights, size, around) > _WASTED)
+    wasted = solid and (measured.crowded or _wasted(measured.fill.heights, size, around) > _WASTED)
     wrong = off[plain] > (_WRONG if solid else _NOT_HOLLOW)
     bound = off[plain] + _OFF if wasted else off[plain] if measured.crowded else _HALF * off[plain] if wrong else 0.0
     return "relief" if relief_off(points, blocks) < bound else found

@@ -19,10 +19,35 @@ THINNEST = 0.003
 
 
 @dataclass(frozen=True)
+class Columns:
+    """What a thing may fill of a box, over each cell of a grid spread evenly over the box's x (rows) and y (columns).
+
+    Attributes:
+        floors, heights: (R, C) where it begins and ends, m above the bottom of the box.
+        firm: (R, C) cells in which another thing stands for certain: there it begins no lower and ends no higher.
+    """
+
+    floors: Floats
+    heights: Floats
+    firm: npt.NDArray[np.bool_]
+
+    @classmethod
+    def up_to(cls, heights: Floats) -> "Columns":
+        """From the bottom to heights (R, C), m, with no other thing near."""
+        return cls(np.zeros_like(heights), heights, np.zeros(heights.shape, np.bool_))
+
+    def part(self, rows: range, columns: range) -> "Columns":
+        """Some of the cells."""
+        window = (slice(rows.start, rows.stop), slice(columns.start, columns.stop))
+        return Columns(self.floors[window], self.heights[window], self.firm[window])
+
+
+@dataclass(frozen=True)
 class _Patch:
     """Cells of a grid, and the one floor and the one height (m) that stand for them.
 
-    ``off`` is what those are off them in sum, m; ``uneven`` the sum of squares about their means.
+    ``off`` is what those are off them in sum, m, or more where others stand; ``uneven`` the sum of squares about their
+    means.
     """
 
     rows: range
@@ -33,23 +58,17 @@ class _Patch:
     uneven: float
 
 
-def relief_blocks(heights: Floats, size: Vec3, floors: Floats | None = None) -> list[Block]:
-    """A few boxes that fill the heights, in the frame of a box of ``size`` (m) about its centre.
-
-    Args:
-        heights: (R, C) m above the box's bottom, of cells evenly spread along x (rows) and y (columns).
-        size: of the box.
-        floors: (R, C) m above the box's bottom, where each cell begins; all at the bottom if not given.
-    """
-    fill = np.stack([np.zeros_like(heights) if floors is None else floors, heights])
-    patches = [_patch(fill, range(heights.shape[0]), range(heights.shape[1]))]
+def relief_blocks(fill: Columns, size: Vec3) -> list[Block]:
+    """A few boxes that fill the columns of a box of ``size`` (m), in its frame about its centre."""
+    counts = fill.heights.shape
+    patches = [_patch(fill, range(counts[0]), range(counts[1]))]
     while len(patches) < MOST:
         worst = max(patches, key=lambda patch: patch.off)
         if worst.off <= LEVEL * len(worst.rows) * len(worst.columns):
             break
         patches.remove(worst)
         patches += _split(fill, worst)
-    cell = (size[0] / heights.shape[0], size[1] / heights.shape[1])
+    cell = (size[0] / counts[0], size[1] / counts[1])
     return [_block(patch, cell, size) for patch in patches if patch.height - patch.floor >= THINNEST]
 
 
@@ -82,14 +101,17 @@ def relief_off(points: Floats, blocks: list[Block]) -> float:
     return float(np.abs(inside).mean())
 
 
-def _patch(fill: Floats, rows: range, columns: range) -> _Patch:
-    cells = fill[:, rows.start : rows.stop, columns.start : columns.stop].reshape(2, -1)
-    floor, height = (float(value) for value in np.median(cells, axis=1))
-    off = float(np.abs(cells - [[floor], [height]]).sum())
-    return _Patch(rows, columns, floor, height, off, float(cells.var(axis=1).sum() * cells.shape[1]))
+def _patch(fill: Columns, rows: range, columns: range) -> _Patch:
+    part = fill.part(rows, columns)
+    floor, height = float(np.median(part.floors)), float(np.median(part.heights))
+    lower, higher = part.floors - floor, height - part.heights
+    off = float(np.abs(lower).sum() + np.abs(higher).sum())
+    entered = float(np.maximum(lower, higher)[part.firm].max(initial=0.0)) * part.firm.size
+    uneven = float((part.floors.var() + part.heights.var()) * part.firm.size)
+    return _Patch(rows, columns, floor, height, max(off, entered), uneven)
 
 
-def _split(fill: Floats, patch: _Patch) -> tuple[_Patch, _Patch]:
+def _split(fill: Columns, patch: _Patch) -> tuple[_Patch, _Patch]:
     """The two parts, cut straight, each most even in itself."""
     rows, columns = patch.rows, patch.columns
     ways = [

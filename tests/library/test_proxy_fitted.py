@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grs_agents.base import Vec3
-from grs_agents.library import Library, Look, Measured, write_fitted_proxy
+from grs_agents.library import Columns, Library, Look, Measured, write_fitted_proxy
 from grs_agents.library.proxy_kind import Fitted
 
 SIZE: Vec3 = (0.12, 0.12, 0.08)
@@ -22,7 +22,7 @@ def on_sphere(count: int = 600) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["box", "cylinder", "bowl", "open box", "hull", "relief"])
 def test_each_kind_has_the_measured_size_and_the_photo(tmp_path: Path, kind: Fitted) -> None:
     image = np.full((8, 8, 3), (200, 30, 30), np.uint8)
-    measured = Measured(on_sphere(), np.repeat([[0.08, 0.08, 0.03, 0.03]], 4, axis=0))
+    measured = Measured(on_sphere(), Columns.up_to(np.repeat([[0.08, 0.08, 0.03, 0.03]], 4, axis=0)))
     look = Look(image, lambda points: 0.5 + points[:, :2], np.array([0.6, 0.0, 0.8]))
     asset = write_fitted_proxy(tmp_path, "thing", kind, measured, SIZE, (0.8, 0.1, 0.1), "a thing", look)
     library = Library(tmp_path)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.library import Measured, fitted_kind
+from grs_agents.library import Columns, Measured, fitted_kind
 
 SIZE: Vec3 = (0.12, 0.12, 0.08)
 RNG = np.random.default_rng(0)
@@ -27,7 +27,7 @@ def stepped() -> Measured:
     heights[:6] = SIZE[2] / 3
     points = RNG.uniform(-0.5, 0.5, (900, 3)) * SIZE
     points[:, 2] = np.where(points[:, 0] < 0, -SIZE[2] / 6, SIZE[2] / 2)
-    return Measured(points, heights)
+    return Measured(points, Columns.up_to(heights))
 
 
 def test_the_kind_follows_the_points() -> None:
@@ -50,5 +50,8 @@ def test_what_stands_in_the_air_that_the_photo_shows_is_no_box() -> None:
     seen = on_box()
     seen = seen[(seen[:, :2] < -SIZE[0] / 6).any(axis=1)]
     assert fitted_kind(Measured(seen), SIZE, around=False, hollow=False) == "box"
-    assert fitted_kind(Measured(seen, heights), SIZE, around=False, hollow=False) == "relief"
-    assert fitted_kind(Measured(on_box(), np.full((12, 12), SIZE[2])), SIZE, around=False, hollow=False) == "box"
+    assert fitted_kind(Measured(seen, Columns.up_to(heights)), SIZE, around=False, hollow=False) == "relief"
+    assert (
+        fitted_kind(Measured(on_box(), Columns.up_to(np.full((12, 12), SIZE[2]))), SIZE, around=False, hollow=False)
+        == "box"
+    )
