@@ -10,7 +10,7 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.library.proxy_hollow import WALL, slabs
 from grs_agents.library.proxy_mesh import support
-from grs_agents.library.proxy_relief import Block, Columns, reach, relief_blocks, relief_off
+from grs_agents.library.proxy_relief import Block, Columns, reach, relief_blocks, relief_off, stands
 
 Floats = npt.NDArray[np.float64]
 Fitted = Literal["box", "cylinder", "bowl", "open box", "hull", "relief"]
@@ -64,7 +64,7 @@ def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> F
     if measured.fill is None:
         return found
     blocks = relief_blocks(measured.fill, size)
-    if not blocks or not _reaches(blocks, size):
+    if not blocks or not _reaches(blocks, size) or not stands(blocks):
         return found
     wasted = solid and (measured.crowded or _wasted(measured.fill.heights, size, around) > _WASTED)
     wrong = off[plain] > (_WRONG if solid else _NOT_HOLLOW)

@@ -16,6 +16,9 @@ LEVEL = 0.006
 """Heights that differ by less than this (m) on average are one."""
 THINNEST = 0.003
 """What is lower than this (m) is nothing."""
+STEADY = 0.005
+"""What stands has the centre of its mass at least so far (m) within its foot."""
+DIRECTIONS = 32
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,18 @@ def reach(blocks: list[Block]) -> tuple[Floats, Floats]:
     low = np.min([np.subtract(center, np.array(size) / 2) for size, center in blocks], axis=0)
     high = np.max([np.add(center, np.array(size) / 2) for size, center in blocks], axis=0)
     return low, high
+
+
+def stands(blocks: list[Block]) -> bool:
+    """Whether boxes together stand on the lowest of them: the centre of their mass is above what touches the ground."""
+    sizes, centers = (np.array(part) for part in zip(*blocks, strict=True))
+    middle = np.average(centers[:, :2], axis=0, weights=sizes.prod(axis=1))
+    bottoms = centers[:, 2] - sizes[:, 2] / 2
+    foot = bottoms < bottoms.min() + THINNEST
+    angles = np.linspace(0, 2 * np.pi, DIRECTIONS, endpoint=False)
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    reaches = (centers[foot, :2] - middle) @ ways.T + sizes[foot, :2] / 2 @ np.abs(ways).T
+    return bool(reaches.max(axis=0).min() > STEADY)
 
 
 def stretched(blocks: list[Block], size: Vec3) -> list[Block]:

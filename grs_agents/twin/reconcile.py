@@ -43,18 +43,20 @@ class Reconciled:
     Attributes:
         pieces: which are pieces of which others, whose assets explain all their points, or whose boxes hold most.
         claims: the space that each of the others without an asset fills.
+        hollow: which of those others may stand in.
         known: assets of the things of known shape that are no pieces, with their poses as in `Thing`.
         library: where their assets are looked up.
     """
 
     pieces: dict[int, int]
     claims: dict[int, Claim]
+    hollow: frozenset[int]
     known: tuple[tuple[str, Pose], ...]
     library: Library
 
     def around(self, index: int) -> Surroundings:
         """What stands around the thing whose claim has that index."""
-        others = [claim for number, claim in self.claims.items() if number != index]
+        others = [claim for number, claim in self.claims.items() if number not in (index, *self.hollow)]
         return Surroundings(self.known, others, self.library)
 
 
@@ -82,7 +84,8 @@ def reconcile(segments: Sequence[Segment], frame: RGBDFrame, table: TableFrame, 
             del claimed[piece]
     _unite(claimed, pieces, segments)
     known = tuple(one for solid in solids.values() for one in solid.known)
-    return Reconciled(pieces, claimed, known, library)
+    hollow = frozenset(index for index in claimed if segments[index].hollow)
+    return Reconciled(pieces, claimed, hollow, known, library)
 
 
 def _unite(claims: dict[int, Claim], pieces: dict[int, int], segments: Sequence[Segment]) -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from grs_agents.base import Vec3
-from grs_agents.library.proxy_relief import MOST, Columns, reach, relief_blocks, relief_off, stretched
+from grs_agents.library.proxy_relief import MOST, Columns, reach, relief_blocks, relief_off, stands, stretched
 
 SIZE: Vec3 = (0.2, 0.1, 0.12)
 
@@ -71,3 +71,10 @@ def test_points_on_the_boxes_are_not_off_and_others_are() -> None:
     assert relief_off(top, blocks) == pytest.approx(0.0, abs=1e-9)
     assert relief_off(top + np.array([0, 0, 0.01]), blocks) == pytest.approx(0.01)
     assert math.isinf(relief_off(top, []))
+
+
+def test_what_stands_has_its_middle_above_its_foot() -> None:
+    leg, board = ((0.04, 0.04, 0.1), (0.0, 0.0, -0.03)), ((0.2, 0.04, 0.02), (0.0, 0.0, 0.03))
+    assert stands([leg, board])
+    assert not stands([leg, ((0.2, 0.04, 0.02), (0.12, 0.0, 0.03))])
+    assert stands([leg, ((0.2, 0.04, 0.02), (0.12, 0.0, 0.03)), ((0.02, 0.02, 0.1), (0.2, 0.0, -0.03))])
