@@ -54,6 +54,9 @@ $(DOCS_STAMP): requirements-docs.lock $(STAMP)
 demo: setup
 	$(BIN)/grs run $(SCENE)
 
+# The matrices are small and the cores are taken: threads of its own would have linear algebra wait for itself.
+test coverage smoke: export OPENBLAS_NUM_THREADS := 1
+
 test: setup
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
 

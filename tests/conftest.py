@@ -1,4 +1,4 @@
-"""What several test folders share: the sample scene, real captures, and a loopback model server."""
+"""What several test folders share: the sample scene, a small one, and real captures."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,6 +7,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from grs_agents import content
+from grs_agents.library import Library
+from grs_agents.synth import Recipe, synthesise
 
 REPOSITORY = Path(__file__).parents[1]
 REAL_SCENES = REPOSITORY.parent / "shared" / "scenes"
@@ -19,6 +21,15 @@ settings.load_profile("grs")  # how fast an example is drawn tells of the machin
 def sample_scene() -> Path:
     """The scene that ships with GRS."""
     return content.path("assets", "scenes") / "groceries"
+
+
+@pytest.fixture(scope="session")
+def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three things of the library in a picture of 320 x 240: for runs that are not about what is seen."""
+    folder = tmp_path_factory.mktemp("scenes") / "small"
+    recipe = Recipe(seed=3, objects=3, distractors=0, tilt=50.0, sensor="time_of_flight", width=320, height=240)
+    synthesise(recipe, Library()).write(folder)
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -2,10 +2,12 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import wraps
+from functools import cached_property, wraps
 from pathlib import Path
+from stat import S_ISDIR
 from typing import Any, Protocol
 
 from langgraph.runtime import Runtime
@@ -24,6 +26,8 @@ from grs_agents.trace import EventLog, NodeEnded, NodeStarted, brief
 
 Update = dict[str, Any]
 Body = Callable[[RunState, "Services"], Update]
+Stamp = tuple[str, int, int, int]
+"""A file's path, inode, time of change in ns and size: another one once it is written again."""
 
 
 class Node(Protocol):
@@ -55,12 +59,25 @@ class Services:
     sandbox: Sandbox
     folder: Path
     visits: Counter[str] = field(default_factory=Counter[str])
+    _laid: dict[frozenset[Stamp], Library] = field(
+        default_factory=dict[frozenset[Stamp], Library], init=False, repr=False, compare=False
+    )
 
     @property
     def library(self) -> Library:
-        """The shipped assets with the run's own proxies laid over."""
+        """The shipped assets with the run's own proxies laid over; read anew only when a proxy has changed."""
         proxies = self.folder / "assets"
-        return Library().overlay(proxies) if proxies.is_dir() else Library()
+        if not proxies.is_dir():
+            return self._shipped
+        stamps = frozenset(_stamps(proxies))
+        if stamps not in self._laid:
+            self._laid.clear()
+            self._laid[stamps] = self._shipped.overlay(proxies)
+        return self._laid[stamps]
+
+    @cached_property
+    def _shipped(self) -> Library:
+        return Library()
 
     @property
     def robot(self) -> str:
@@ -93,6 +110,15 @@ class Services:
             raise ConfigError(f"tool {name!r} cannot take the request: {first}", remedy) from error
         context = ToolContext(sandbox=self.sandbox, library=self.library, limits=self.config.limits)
         return tool.run(asked, context)
+
+
+def _stamps(folder: Path) -> Iterator[Stamp]:
+    """Of every file below ``folder``."""
+    for path in folder.rglob("*"):
+        with suppress(FileNotFoundError):  # the temporary file of one that is written just now
+            told = path.stat()
+            if not S_ISDIR(told.st_mode):
+                yield str(path), told.st_ino, told.st_mtime_ns, told.st_size
 
 
 def node(body: Body) -> Node:

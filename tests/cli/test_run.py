@@ -85,9 +85,9 @@ def test_show_lists_the_steps(accepted: tuple[Path, dict[str, Any]]) -> None:
     assert "generate_sim" in done.stdout and "audit" in done.stdout
 
 
-def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, sample_scene: Path) -> None:
+def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, small_scene: Path) -> None:
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "grs_agents", "run", str(sample_scene), "--out", str(out), "--json"]
+    command = [sys.executable, "-m", "grs_agents", "run", str(small_scene), "--out", str(out), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         while process.poll() is None and '"node":"run_tests"' not in _text(out / "events.jsonl"):
@@ -97,7 +97,7 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, sample_scene: Pat
         process.kill()
         process.wait()
     assert json.loads((out / "run.json").read_text())["status"] == "running"
-    done = grs("run", str(sample_scene), "--out", str(out), "--resume", "--json", folder=tmp_path)
+    done = grs("run", str(small_scene), "--out", str(out), "--resume", "--json", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     record = json.loads(done.stdout)
     assert record["status"] == "accepted" and record["attempts"] == 2
@@ -105,9 +105,9 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, sample_scene: Pat
     assert nodes.count("comprehend") == nodes.count("match") == nodes.count("generate_sim") == 1
 
 
-def test_a_terminated_run_says_so_and_a_tampered_checkpoint_runs_nothing(tmp_path: Path, sample_scene: Path) -> None:
+def test_a_terminated_run_says_so_and_a_tampered_checkpoint_runs_nothing(tmp_path: Path, small_scene: Path) -> None:
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "grs_agents", "run", str(sample_scene), "--out", str(out), "--json"]
+    command = [sys.executable, "-m", "grs_agents", "run", str(small_scene), "--out", str(out), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         while process.poll() is None and '"node":"run_tests"' not in _text(out / "events.jsonl"):
@@ -119,7 +119,7 @@ def test_a_terminated_run_says_so_and_a_tampered_checkpoint_runs_nothing(tmp_pat
         process.wait()
     record = json.loads((out / "run.json").read_text())
     assert record["status"] == "interrupted"
-    assert record["counts"]["objects"] >= 8
+    assert record["counts"]["objects"] == 3
     call = ormsgpack.packb(("subprocess", "getoutput", f"touch {tmp_path / 'owned'}"))
     with contextlib.closing(sqlite3.connect(out / "checkpoint.sqlite")) as connection:
         payload = ormsgpack.packb(ormsgpack.Ext(0, call))
@@ -131,12 +131,12 @@ def test_a_terminated_run_says_so_and_a_tampered_checkpoint_runs_nothing(tmp_pat
     assert json.loads((out / "run.json").read_text())["status"] != "running"
 
 
-def test_a_damaged_log_does_not_leave_it_running(tmp_path: Path, sample_scene: Path) -> None:
-    done = grs("run", str(sample_scene), "--out", "run", "--set", "graph=no_fix", "--json", folder=tmp_path)
+def test_a_damaged_log_does_not_leave_it_running(tmp_path: Path, small_scene: Path) -> None:
+    done = grs("run", str(small_scene), "--out", "run", "--set", "graph=no_fix", "--json", folder=tmp_path)
     record = {**json.loads(done.stdout), "status": "interrupted"}
     (tmp_path / "run" / "run.json").write_text(json.dumps(record))
     (tmp_path / "run" / "events.jsonl").write_text("nonsense\nmore\n")
-    done = grs("run", str(sample_scene), "--out", "run", "--resume", folder=tmp_path)
+    done = grs("run", str(small_scene), "--out", "run", "--resume", folder=tmp_path)
     assert done.returncode == 2
     assert "events.jsonl line 1" in done.stderr
     assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "failed"
@@ -165,10 +165,10 @@ def settings(server: Any) -> list[str]:
     return ["--set", "models.default=openai:any", "--set", f"models.base_url={server.url}"]
 
 
-def test_a_broken_program_is_routed_to_the_code_fixer(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
+def test_a_broken_program_is_routed_to_the_code_fixer(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
     scripted_server.spoilt["simulation"] = ["```python\nimport numpy as np\n\nraise RuntimeError('no task')\n```"]
-    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     record = json.loads(done.stdout)
     assert record["status"] == "accepted", record["reason"]
     assert record["counts"]["code_fixes"] >= 1
@@ -176,44 +176,44 @@ def test_a_broken_program_is_routed_to_the_code_fixer(tmp_path: Path, sample_sce
     assert scripted_server.images["fix_code"] > 0
 
 
-def test_broken_tests_are_routed_to_the_test_fixer(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
+def test_broken_tests_are_routed_to_the_test_fixer(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
     broken = (
         "```python\nimport unittest\n\nclass TestIt(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n```"
     )
     scripted_server.spoilt["tests"] = [broken]
-    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     record = json.loads(done.stdout)
     assert record["status"] == "accepted", record["reason"]
     assert (record["counts"]["code_fixes"], record["counts"]["test_fixes"]) == (0, 1)
     assert scripted_server.images.get("fix_tests", 0) == 0
 
 
-def test_an_unusable_reply_is_asked_for_again(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
+def test_an_unusable_reply_is_asked_for_again(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
     scripted_server.spoilt["task"] = ["I had rather not.", '```json\n{"task-name": "t"}\n```']
-    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     assert json.loads(done.stdout)["status"] == "accepted"
     assert scripted_server.roles.count("task") == 3
 
 
 def test_a_model_that_never_answers_usably_is_an_outcome(
-    tmp_path: Path, sample_scene: Path, scripted_server: Any
+    tmp_path: Path, small_scene: Path, scripted_server: Any
 ) -> None:
     pytest.importorskip("langchain_openai")
     scripted_server.spoilt["simulation"] = ["No."] * 3
-    done = grs("run", str(sample_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
+    done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     record = json.loads(done.stdout)
     assert (done.returncode, record["status"]) == (1, "rejected")
     assert "simulation model gave no usable reply in 3 tries" in record["reason"]
 
 
-def test_fixes_run_out(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
+def test_fixes_run_out(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
     pytest.importorskip("langchain_openai")
     hopeless = "```python\nraise RuntimeError('hopeless')\n```"
     scripted_server.spoilt.update({"simulation": [hopeless], "fix_code": [hopeless] * 9})
     options = [*settings(scripted_server), "--set", "max_fixes=2"]
-    done = grs("run", str(sample_scene), "--out", "run", "--json", *options, folder=tmp_path)
+    done = grs("run", str(small_scene), "--out", "run", "--json", *options, folder=tmp_path)
     record = json.loads(done.stdout)
     assert (done.returncode, record["status"]) == (1, "rejected")
     assert "2 of 2 fixes used" in record["reason"]
@@ -221,8 +221,8 @@ def test_fixes_run_out(tmp_path: Path, sample_scene: Path, scripted_server: Any)
 
 
 @pytest.mark.parametrize("graph", ["no_router", "no_fix", "llm_only"])
-def test_the_ablations_come_to_a_verdict(tmp_path: Path, sample_scene: Path, graph: str) -> None:
-    done = grs("run", str(sample_scene), "--out", "run", "--json", "--set", f"graph={graph}", folder=tmp_path)
+def test_the_ablations_come_to_a_verdict(tmp_path: Path, small_scene: Path, graph: str) -> None:
+    done = grs("run", str(small_scene), "--out", "run", "--json", "--set", f"graph={graph}", folder=tmp_path)
     record = json.loads(done.stdout)
     assert record["status"] in ("accepted", "rejected")
     assert len(record["rewards"]) == 3

@@ -107,7 +107,7 @@ def test_check_rejects_a_program_whose_tests_fail(tmp_path: Path, program: Path)
 )
 def test_check_rejects_what_gives_no_instance(tmp_path: Path, source: str) -> None:
     (tmp_path / "bad.py").write_text(source)
-    done = grs("check", "bad.py", "--set", "limits.wall_seconds=10", "--json", folder=tmp_path)
+    done = grs("check", "bad.py", "--set", "limits.wall_seconds=2", "--json", folder=tmp_path)
     assert done.returncode == 1, done.stderr
     findings = {item["check"]: item["passed"] for item in json.loads(done.stdout)["audit"]["findings"]}
     assert findings["instantiated"] is False and findings["solved"] is False
@@ -189,9 +189,9 @@ def test_scene_comprehends_alone(tmp_path: Path, sample_scene: Path) -> None:
     assert not (tmp_path / "run" / "simulation.py").exists()
 
 
-def test_scene_ends_with_its_objects(tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scene_ends_with_its_objects(tmp_path: Path, small_scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "200")
-    done = grs("scene", str(sample_scene), "--out", "run", folder=tmp_path)
+    done = grs("scene", str(small_scene), "--out", "run", folder=tmp_path)
     objects = json.loads((tmp_path / "run" / "scene.json").read_text())["objects"]
     assert all(one["name"] in done.stdout and one["asset"] in done.stdout for one in objects)
     assert "code_fixes" not in done.stdout

@@ -19,8 +19,9 @@ def test_every_experiment_explains_itself(name: str, capsys: pytest.CaptureFixtu
     assert name in capsys.readouterr().out
 
 
-def test_seeds_of_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status = content.load_module("evals", "seeds").main(["--seeds", "2", "--out", str(tmp_path / "out"), "--json"])
+def test_seeds_of_a_scene(small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = [str(small_scene), "--seeds", "2", "--out", str(tmp_path / "out"), "--json"]
+    status = content.load_module("evals", "seeds").main(arguments)
     figures = json.loads(capsys.readouterr().out)
     assert (status, figures["summary"]["verdicts"]) == (0, 2)
     assert json.loads((tmp_path / "out" / "figures.json").read_text()) == figures
@@ -69,8 +70,8 @@ def test_perception_of_labelled_scenes(sample_scene: Path, tmp_path: Path, capsy
 
 
 def test_perception_of_a_synthesised_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--synthesised", "1", "--objects", "4", "--seed", "2", "--out", str(tmp_path)]
-    assert content.load_module("evals", "perception").main(arguments) == 0
+    arguments = ["--synthesised", "1", "--objects", "4", "--size", "320x240", "--seed", "2"]
+    assert content.load_module("evals", "perception").main([*arguments, "--out", str(tmp_path)]) == 0
     assert "synth_2000" in capsys.readouterr().out
     assert len(list((tmp_path / "synthesised").glob("*/*/truth.json"))) == 1
 

@@ -7,8 +7,8 @@ from grs_agents.run.experiment import summarise
 from grs_agents.run.tables import COLUMNS, markdown, row, table
 
 
-def test_good_and_bad_jobs_side_by_side(tmp_path: Path, sample_scene: Path) -> None:
-    jobs = [Job("good", sample_scene, tmp_path / "good"), Job("bad", tmp_path / "nowhere", tmp_path / "bad")]
+def test_good_and_bad_jobs_side_by_side(tmp_path: Path, small_scene: Path) -> None:
+    jobs = [Job("good", small_scene, tmp_path / "good"), Job("bad", tmp_path / "nowhere", tmp_path / "bad")]
     told: list[str] = []
     done = run_jobs(jobs, 2, 200, lambda one: told.append(one.job.name))
     assert [one.job.name for one in done] == ["good", "bad"] and sorted(told) == ["bad", "good"]
@@ -25,8 +25,8 @@ def test_good_and_bad_jobs_side_by_side(tmp_path: Path, sample_scene: Path) -> N
     assert again[0].record == done[0].record
 
 
-def test_a_job_that_takes_too_long_is_killed(tmp_path: Path, sample_scene: Path) -> None:
-    done = run_jobs([Job("slow", sample_scene, tmp_path / "slow")], 1, 0.5)
+def test_a_job_that_takes_too_long_is_killed(tmp_path: Path, small_scene: Path) -> None:
+    done = run_jobs([Job("slow", small_scene, tmp_path / "slow")], 1, 0.5)
     assert done[0].exit_status is None
     assert "killed" in done[0].error
     assert row(done[0])["status"] in ("killed", "running")

@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.trace import Decision, Finding, Note, TaskDefined, read_events
+from grs_agents.trace import Decision, EventLog, Finding, Note, TaskDefined, read_events
 from grs_agents.trace import TestsRun as Tested
 from grs_agents.views import film, page, report_pictures
 from grs_agents.views.report import report
 from grs_agents.views.report_pictures import Sources
+from tests.views.conftest import Script
 
 HOSTILE = '<script>alert(1)</script><img src=x onerror=alert(2)>"\'--></style></pre><a href="javascript:x">\x1b[2J\x00'
 RECORD = {"id": "sample-run", "status": "accepted", "reason": HOSTILE, "counts": {"model_calls": 3}, "versions": {}}
@@ -47,12 +48,11 @@ def parsed(text: str) -> Tags:
     return tags
 
 
-@pytest.fixture
-def made(script: Callable[[], Any], library: Library, monkeypatch: pytest.MonkeyPatch) -> tuple[str, Any]:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, library: Library) -> str:
     """The page of a run in which everything that a model may write is hostile."""
-    monkeypatch.setattr(film, "_backends", lambda: ("rays",))
-    monkeypatch.setattr(report_pictures, "FRAMES", 2)
-    run = script()
+    folder = tmp_path_factory.mktemp("hostile")
+    run = Script(EventLog(folder / "events.jsonl"), folder)
     run.before_fix()
     run.after_fix()
     case = {"id": HOSTILE, "outcome": HOSTILE, "message": HOSTILE, "traceback": HOSTILE}
@@ -62,32 +62,34 @@ def made(script: Callable[[], Any], library: Library, monkeypatch: pytest.Monkey
         Tested(report={"outcome": HOSTILE, "cases": [case], "message": HOSTILE}),
         Finding(check=HOSTILE, passed=False, detail=HOSTILE),
     )  # fmt: skip
-    return report(RECORD, read_events(run.log.path), Sources(run.folder, library)), run
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(film, "_backends", lambda: ("rays",))
+        patch.setattr(report_pictures, "FRAMES", 2)
+        return report(RECORD, read_events(run.log.path), Sources(run.folder, library))
 
 
-def test_the_page_holds_photo_task_pictures_decisions_diffs_and_tests(made: tuple[str, Any]) -> None:
-    text, _ = made
-    assert text.count("data:image/jpeg;base64,") == 2 + 2 * 2 + 2
+def test_the_page_holds_photo_task_pictures_decisions_diffs_and_tests(made: str) -> None:
+    assert made.count("data:image/jpeg;base64,") == 2 + 2 * 2 + 2
     for part in ("milk_1", "max_steps=1 with 1 of 4 objects placed", "0.25 &lt; 0.99", "before", "after 4.0 s",
                  "Seed 1: success, reward 1.00", '<span class="add">+        self.max_steps = 4</span>'):  # fmt: skip
-        assert part in text, part
+        assert part in made, part
 
 
-def test_nothing_hostile_gets_through_and_nothing_is_fetched(made: tuple[str, Any]) -> None:
-    text, _ = made
-    tags = parsed(text)
+def test_nothing_hostile_gets_through_and_nothing_is_fetched(made: str) -> None:
+    tags = parsed(made)
     assert tags.tags.isdisjoint({"script", "a", "iframe", "object", "link", "form", "embed", "base"})
     assert not any(name.startswith("on") for name, _ in tags.attributes)
     sources = [value for name, value in tags.attributes if name in ("src", "href", "xlink:href", "action")]
     assert sources and all(value.startswith("data:image/jpeg;base64,") for value in sources)
     assert ("content", page.POLICY) in tags.attributes and page.POLICY.startswith("default-src 'none'")
-    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", text)
-    assert "url(" not in text and "@import" not in text
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", made)
+    assert "url(" not in made and "@import" not in made
 
 
 def test_what_cannot_be_drawn_is_said_and_the_page_stays_whole(
-    script: Callable[[], Any], library: Library, tmp_path: Path
+    script: Callable[[], Any], library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(film, "_backends", lambda: ("rays",))
     run = script()
     run.before_fix()
     run.after_fix()

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
@@ -134,6 +133,8 @@ def _texture(library: Library, name: str) -> npt.NDArray[np.uint8]:
 
 def _corners(shape: Shape, library: Library) -> tuple[Floats, Floats]:
     """(T, 3, 3) corners in the shape's frame and (T, 3, 2) texture coordinates."""
+    import trimesh  # half a second, which a run that ends before its first mesh need not take
+
     if shape.kind == "box":
         mesh = trimesh.creation.box(shape.size)
     elif shape.kind == "cylinder":

@@ -159,7 +159,7 @@ def test_with_the_real_packages_a_fine_bowl_is_made_simpler_and_stays_hollow(tmp
     pytest.importorskip("fast_simplification")
     (tmp_path / "source").mkdir()
     bowl = models.bowl()
-    bowl.subdivide_to_size(0.012).export(tmp_path / "source" / "bowl.ply")
+    bowl.subdivide_to_size(0.02).export(tmp_path / "source" / "bowl.ply")
     ((outcome, _),) = run(tmp_path / "source", tmp_path / "root", faces=600).values()
     assert outcome.asset is not None and outcome.asset.hollow, outcome.reason
     assert any("faces became" in note for note in outcome.notes)

@@ -95,8 +95,7 @@ def door(request: pytest.FixtureRequest, canaries: Canaries, tool_folder: Path) 
 
 @pytest.fixture
 def watched(door: Door, canaries: Canaries) -> Iterator[Canaries]:
-    """The canaries, which must be as before when the test ends."""
-    canaries.harm()
+    """The canaries, which must be as before when the test ends, and so are when the next one begins."""
     descriptors = max(open_descriptors(), *door.descriptors)  # fewer if the last call ended the sandbox's process
     yield canaries
     assert not canaries.harm()

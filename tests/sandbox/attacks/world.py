@@ -160,7 +160,7 @@ class Canaries:
 
     def _left_files(self) -> Iterator[Path]:
         for folder in self.world["folders"]:
-            for path in [path for path in _entries(Path(folder)) if self.token in path.name]:
+            for path in [Path(folder, name) for name in _names(folder) if self.token in name]:
                 if path != self._in_repository:
                     yield path
                     remove(path)
@@ -172,13 +172,11 @@ class Canaries:
     def _left_processes(self) -> list[int]:
         """Processes that carry an attack's name and do not end, though told to."""
         found: list[int] = []
-        for folder in Path("/proc").iterdir():
+        for pid in [int(name) for name in _names("/proc") if name.isdigit()]:
             with suppress(OSError):
-                if folder.name.isdigit() and (folder / "comm").read_text().strip() == self.token[:15]:
-                    pid = int(folder.name)
-                    if not ends(pid):
-                        found.append(pid)
-                        os.kill(pid, signal.SIGKILL)
+                if Path(f"/proc/{pid}/comm").read_bytes().strip() == self.token[:15].encode() and not ends(pid):
+                    found.append(pid)
+                    os.kill(pid, signal.SIGKILL)
         return found
 
     def _process_facts(self) -> tuple[str, ...]:
@@ -232,8 +230,13 @@ def ends(pid: int, seconds: float = 10.0) -> bool:
 
 
 def _entries(folder: Path) -> list[Path]:
-    with suppress(OSError):
-        return list(folder.iterdir())
+    return [folder / name for name in _names(folder)]
+
+
+def _names(folder: Path | str) -> list[str]:
+    """What a folder holds, as text alone: some hold thousands, and they are looked at for every attack."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        return [entry.name for entry in entries]
     return []
 
 
