@@ -1,15 +1,18 @@
 """Opening a recording in the rerun viewer, which listens to this machine alone."""
 
+import contextlib
 import importlib.util
 import os
 import shlex
+import shutil
 import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 from urllib.parse import quote
 
 from grs_agents.errors import GrsError, InputError
@@ -69,6 +72,8 @@ class WebAddress:
 def viewer_command(path: Path, web: WebAddress | None = None) -> list[str]:
     """The command that shows the recording of a run folder (or file), in a window or in the browser.
 
+    In the browser it takes the recording from its standard input, see `open_viewer`.
+
     Raises:
         InputError: there is no recording.
         GrsError: rerun's viewer is not installed.
@@ -76,7 +81,7 @@ def viewer_command(path: Path, web: WebAddress | None = None) -> list[str]:
     place = ["--bind", LOOPBACK, "--port", str(web.data) if web else "auto"]
     if web:
         place += ["--web-viewer", "--web-viewer-port", str(web.page)]
-    return [str(rerun_program()), *place, *map(str, recordings(path))]
+    return [str(rerun_program()), *place, *(["-"] if web else map(str, recordings(path)))]
 
 
 def viewer_environment() -> dict[str, str]:
@@ -130,19 +135,27 @@ def open_viewer(path: Path, web: WebAddress | None = None) -> subprocess.Popen[b
             "no display to open the viewer on",
             f"add --web, or copy {files} to a machine with a screen and run there: rerun {files}",
         )
-    return _started(command)
+    return _started(command, recordings(path) if web else ())
 
 
-def _started(command: list[str]) -> subprocess.Popen[bytes]:
-    """The process of a viewer that did not end at once.
+def _started(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[bytes]:
+    """The process of a viewer that did not end at once, with the files ``fed`` on its standard input.
+
+    That stays open as long as the process object lives: once all its sources have ended, rerun's server keeps a
+    whole processor busy.
 
     Raises:
         GrsError: it did.
     """
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=viewer_environment()
+            command,
+            stdin=subprocess.PIPE if fed else subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            env=viewer_environment(),
         )
+        Thread(target=_feed, args=(process, fed), daemon=True).start()
         try:
             process.wait(_SETTLED)
         except subprocess.TimeoutExpired:
@@ -153,3 +166,12 @@ def _started(command: list[str]) -> subprocess.Popen[bytes]:
         return process
     reason = said[-1] if said else f"exit status {process.returncode}"
     raise GrsError(f"the viewer ended at once: {reason}", f"try: {shlex.join(command)}")
+
+
+def _feed(process: subprocess.Popen[bytes], files: Sequence[Path]) -> None:
+    """Write files to the standard input of a process, as far as it takes them."""
+    for path in files:
+        with path.open("rb") as file, contextlib.suppress(BrokenPipeError):
+            if process.stdin is not None:
+                shutil.copyfileobj(file, process.stdin)
+                process.stdin.flush()
