@@ -48,7 +48,7 @@ def fill_of(
     heights[grid.tops(others[others[:, 2] > CLEAR - box.size[2] / 2]) > own] = 0
     below = taken & ((np.arange(grid.counts[2]) + 1) * level < own[..., None])
     floors = np.where(below.any(axis=2), grid.counts[2] - below[..., ::-1].argmax(axis=2), 0) * level
-    return Columns(floors, np.maximum(np.maximum(heights, own), floors), taken.any(axis=2))
+    return Columns(floors, np.maximum(np.maximum(heights, own), floors), np.asarray(taken.any(axis=2), np.bool_))
 
 
 def crowded(box: UprightBox, around: Surroundings) -> bool:
