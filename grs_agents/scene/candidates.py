@@ -36,6 +36,8 @@ OVERHANG = 0.12
 """Points that reach beyond a round footprint by more than this share of its diameter tell of more than that."""
 OUTLIERS = 0.4
 """Percent of the points at each end of each axis that are left out of a footprint."""
+GAP, FEW = 0.05, 0.1
+"""Points that are farther than this (m) along the view from all others are not of a thing, if they are so few of it."""
 DIMMED = (np.arange(256) * 0.35).astype(np.uint8)
 """What each brightness is outside of a segment's crop."""
 WORKSPACE_CENTER = (0.5, 0.0)
@@ -78,7 +80,18 @@ def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[
 def _clouds(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, Array]:
     """The (N, 3) measured points of each label from 1, row by row, robot frame."""
     pixels = pixels_of(np.where(frame.depth > 0, labels, 0))
-    return {label: robot_points_at(frame, table, *divmod(own, labels.shape[1])) for label, own in enumerate(pixels, 1)}
+    eye = np.asarray(table.T_robot_cam)[:3, 3]
+    clouds = (robot_points_at(frame, table, *divmod(own, labels.shape[1])) for own in pixels)
+    return {label: cloud.compress(_at_one_range(cloud, eye), axis=0) for label, cloud in enumerate(clouds, 1)}
+
+
+def _at_one_range(cloud: Array, eye: Array) -> Mask:
+    """Which of (N, 3) points are not few and far behind or before all others, (N,): there a sensor saw past a thing."""
+    ranges = np.linalg.norm(cloud - eye, axis=1)
+    order = np.argsort(ranges, kind="stable")
+    group = np.zeros(len(cloud), np.int64)
+    group[order[1:]] = np.cumsum(np.diff(ranges[order]) > GAP)
+    return np.asarray((np.bincount(group, minlength=1) >= FEW * len(cloud))[group], np.bool_)
 
 
 def _measure(

@@ -156,8 +156,9 @@ def _tried(
     found, still = deepest(world), False
     parted: list[Pose] = []
     for attempt in range(TRIES):
-        if attempt and deepest(world) < DEEP:  # wedged: what is to be taken apart by little is moved by little
-            part(world, guessed, [step for step in steps if step < FALLEN], OVERLAP)
+        if attempt and deepest(world) < DEEP:  # wedged: what is to be taken apart by little is moved by little first
+            last = attempt == TRIES - 1
+            part(world, guessed, [step for step in steps if step < FALLEN or last], OVERLAP)
         else:
             part(world, guessed, steps)
         _ease(world)
