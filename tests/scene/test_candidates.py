@@ -43,6 +43,16 @@ def test_boxes_agree_with_the_truth(rendered: Rendered) -> None:
         assert np.all(np.array(candidate.box.high) > (x, y, z))
 
 
+def test_pixels_at_which_the_sensor_saw_past_a_thing_do_not_lengthen_it() -> None:
+    scene = render([Thing("box", (0.5, 0.0), (0.06, 0.1, 0.05))])
+    own = np.argwhere(scene.labels == 1)
+    rows, columns = own[::20].T
+    scene.frame.depth[rows, columns] += 0.2
+    (found,) = _candidates(scene)[1]
+    assert sorted(found.upright.size) == pytest.approx([0.05, 0.06, 0.1], abs=0.015)
+    assert found.points < len(own)
+
+
 def test_the_yaw_is_measured(rendered: Rendered) -> None:
     box = _candidates(rendered)[1][0].upright
     assert math.remainder(box.yaw - 0.4, math.pi / 2) == pytest.approx(0, abs=0.05)
