@@ -17,6 +17,8 @@ Fitted = Literal["box", "cylinder", "bowl", "open box", "hull", "relief"]
 _OFF, _BETTER = 0.004, 0.6
 """Points that are more than this (m) off box and cylinder are given their hull, if that is so much nearer."""
 _FEWEST = 50
+_FLAT = 0.004
+"""What of a hull is so near (m) to its top is flat: noise would make that pointed, and no cup would seal on it."""
 _WASTED = 0.25
 """A solid of which a larger share than this stands in the air that the photo shows, or where others stand, is none."""
 _WRONG, _NOT_HOLLOW, _HALF = 0.008, 0.012, 0.5
@@ -79,6 +81,7 @@ def completed(points: Floats, size: Vec3) -> Floats:
     """(M, 3) points with their unseen side, taken to be like the seen one turned round, in a box of ``size``."""
     half = np.asarray(size) / 2
     kept = np.clip(points, -half, half)
+    kept[kept[:, 2] > half[2] - _FLAT, 2] = half[2]
     whole = np.concatenate([kept, kept * (-1, -1, 1)])
     low = whole[whole[:, 2] < -0.2 * half[2]]
     foot = (low if len(low) else whole) * (1, 1, 0) - (0, 0, half[2])

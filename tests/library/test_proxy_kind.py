@@ -4,6 +4,7 @@ import numpy as np
 
 from grs_agents.base import Vec3
 from grs_agents.library import Columns, Measured, fitted_kind
+from grs_agents.library.proxy_kind import completed
 
 SIZE: Vec3 = (0.12, 0.12, 0.08)
 RNG = np.random.default_rng(0)
@@ -55,3 +56,14 @@ def test_what_stands_in_the_air_that_the_photo_shows_is_no_box() -> None:
         fitted_kind(Measured(on_box(), Columns.up_to(np.full((12, 12), SIZE[2]))), SIZE, around=False, hollow=False)
         == "box"
     )
+
+
+def test_a_top_that_is_flat_but_for_noise_is_flat() -> None:
+    points = on_sphere()
+    points[:, 2] = np.minimum(points[:, 2], SIZE[2] / 4)
+    noisy = points + (points[:, 2:] == SIZE[2] / 4) * RNG.uniform(-0.003, 0.0, (len(points), 1)) * (0, 0, 1)
+    size = (SIZE[0], SIZE[1], SIZE[2] / 2)
+    noisy[:, 2] -= noisy[:, 2].max() - size[2] / 2
+    whole = completed(noisy, size)
+    top = whole[whole[:, 2] > size[2] / 2 - 1e-6]
+    assert len(top) > 20 and np.ptp(top[:, 0]) > 0.5 * size[0]
