@@ -14,7 +14,9 @@ SIGINFO = bytes(128)
 
 
 def kill(pid: int, number: int) -> dict[str, Callable[[], Any]]:
-    """Every way to send a signal."""
+    """Every way to send a signal to somebody else: with name spaces of processes the number may be one's own inside."""
+    if pid == os.getpid():
+        raise ProcessLookupError
     return {
         "kill": lambda: os.kill(pid, number),
         "kill of C": lambda: check(libc.kill(pid, number)),
@@ -126,7 +128,7 @@ def meddle_with_others(world: World, name: str) -> list[str] | None:
         pids |= {"host": world["host"], "first": 1}
     if os.getppid() not in (0, world["host"]):
         pids["parent"] = os.getppid()
-    return succeeded({who: meddle(pid)[name] for who, pid in pids.items()})
+    return succeeded({who: meddle(pid)[name] for who, pid in pids.items() if pid != os.getpid()})
 
 
 @gets("nothing", *UNKNOWN)
