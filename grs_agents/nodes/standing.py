@@ -182,11 +182,10 @@ def _agreed(
     agreed = reconcile(segments, frame, table, services.library)
     kept: list[SceneObject] = []
     for index, one in enumerate(objects):
-        claim = agreed.claims.get(index)
-        if claim is not None and (claim.box != records[one.id].upright or crowded(claim.box, agreed.around(index))):
+        claim, around = agreed.claims.get(index), agreed.around(index)
+        if claim is not None and (claim.box != records[one.id].upright or crowded(claim.box, around)):
             photo, words, measured = (frame, table), one.description, claim.measured(records[one.id].upright)
-            asset = write_stand_in(one.name, records[one.id], claim.box, claim.shape, words, services, photo,
-                                   agreed.around(index))  # fmt: skip
+            asset = write_stand_in(one.name, records[one.id], claim.box, claim.shape, words, services, photo, around)
             update = {"position": claim.box.center, "orientation": about_z(claim.box.yaw), "size": asset.size,
                       "box": aligned(measured, claim.shape), "upright": measured}  # fmt: skip
             kept.append(one.model_copy(update={**update, "reachable": reachable(claim.box.center)}))

@@ -16,7 +16,7 @@ from grs_agents.scene import Mask, Registered, RGBDFrame, TableFrame, UprightBox
 from grs_agents.scene.candidates import quaternion
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.world import World, build, place
-from grs_agents.twin.parting import depth_of
+from grs_agents.twin.parting import depth_of, overlaps
 from grs_agents.twin.settle import instances, on_table, prepare
 from grs_agents.twin.thing import Thing
 
@@ -99,14 +99,13 @@ class _Crowd:
 
     def worst(self, looked: Collection[tuple[int, int]]) -> tuple[tuple[int, int], float]:
         """The two that are deepest in each other, lower number first, and how deep, m."""
-        data, owners, free = self.world.data, self.world.owners, self.world.addresses
-        mujoco.mj_forward(self.world.model, data)
-        worst, found = 0.0, (0, 0)
-        for geoms, distance in zip(data.contact.geom, data.contact.dist, strict=True):
-            one, other = sorted(owners[int(geom)] for geom in geoms)
-            if -distance > worst and (one, other) not in looked and one in free and other in free:
-                worst, found = float(-distance), (one, other)
-        return found, worst
+        mujoco.mj_forward(self.world.model, self.world.data)
+        found = {
+            pair: depth
+            for pair, depth in overlaps(self.world).items()
+            if pair not in looked and all(number in self.world.addresses for number in pair)
+        }
+        return max(found.items(), key=lambda one: one[1], default=((0, 0), 0.0))
 
     def again(self, number: int) -> tuple[Registered, float, float]:
         """Where a thing is registered beside the others, how deep it is in them then, and how much dearer that is."""

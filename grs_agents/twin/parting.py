@@ -63,14 +63,23 @@ def part(world: World, guessed: Collection[int] = (), steps: Sequence[float] = S
     mujoco.mj_forward(world.model, world.data)
 
 
+def overlaps(world: World) -> dict[tuple[int, int], float]:
+    """How deep any two things are in each other, m, by their numbers, the lower first; -1 is the table."""
+    found: dict[tuple[int, int], float] = {}
+    for geoms, distance in zip(world.data.contact.geom, world.data.contact.dist, strict=True):
+        one, other = sorted(world.owners[int(geom)] for geom in geoms)
+        found[one, other] = max(found.get((one, other), 0.0), float(-distance))
+    return found
+
+
 def _worst(world: World, stuck: set[tuple[int, int]], deep: float) -> tuple[int, int] | None:
     """The things, lower number first, -1 for the table, that overlap most, if by more than ``deep`` m."""
-    data, worst, found = world.data, deep, None
-    for geoms, distance in zip(data.contact.geom, data.contact.dist, strict=True):
-        one, other = sorted(world.owners[int(geom)] for geom in geoms)
-        if -distance > worst and (one, other) not in stuck and (one in world.addresses or other in world.addresses):
-            worst, found = -distance, (one, other)
-    return found
+    found = {
+        pair: depth
+        for pair, depth in overlaps(world).items()
+        if depth > deep and pair not in stuck and any(number in world.addresses for number in pair)
+    }
+    return max(found, key=lambda pair: found[pair], default=None)
 
 
 def _way_out(world: World, number: int, steps: Sequence[float], free: float) -> Floats | None:
