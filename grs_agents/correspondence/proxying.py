@@ -7,10 +7,14 @@ from grs_agents.correspondence.heights import crowded, fill_of, local_points
 from grs_agents.library import Look, Measured
 from grs_agents.scene import Image, Mask, RGBDFrame, Surroundings, TableFrame, UprightBox
 from grs_agents.scene.frame import Array
-from grs_agents.scene.table import projected
+from grs_agents.scene.table import projected, robot_points_at
 from grs_agents.scene.turning import about_z
 
 _POINTS = 1500
+ON = 0.004
+"""What is nearer than this (m) to a known thing is its surface."""
+FEWEST = 50
+"""Fewer points tell of no shape."""
 _LARGEST = 512
 """The longer side of a texture has at most so many pixels."""
 
@@ -26,9 +30,20 @@ def measured_shape(
         box: measured of it.
         around: what stands beside it, if that is known already.
     """
+    if around is not None:
+        mask = _own(frame, table, mask, around)
     points = local_points(frame, table, mask & (frame.depth > 0), box)
     entered = around is not None and crowded(box, around)
     return Measured(points[:: max(1, len(points) // _POINTS)], fill_of(frame, table, mask, box, around), entered)
+
+
+def _own(frame: RGBDFrame, table: TableFrame, mask: Mask, around: Surroundings) -> Mask:
+    """The pixels (H, W) of a mask that do not show a known thing beside it, if any are left."""
+    rows, columns = np.nonzero(mask & (frame.depth > 0))
+    theirs = around.alone().hold(robot_points_at(frame, table, rows, columns), ON)
+    own = mask.copy()
+    own[rows[theirs], columns[theirs]] = False
+    return own if (~theirs).sum() >= FEWEST else mask
 
 
 def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Look | None:

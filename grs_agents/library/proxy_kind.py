@@ -19,6 +19,8 @@ _OFF, _BETTER = 0.004, 0.6
 _FEWEST = 50
 _FLAT = 0.004
 """What of a hull is so near (m) to its top is flat: noise would make that pointed, and no cup would seal on it."""
+_NEARLY = 0.001
+"""Of what is hollow and has others in its box a relief may be so much (m) farther off: it leaves those out."""
 _WASTED = 0.25
 """A solid of which a larger share than this stands in the air that the photo shows, or where others stand, is none."""
 _WRONG, _NOT_HOLLOW, _HALF = 0.008, 0.012, 0.5
@@ -68,7 +70,9 @@ def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> F
         return found
     wasted = solid and (measured.crowded or _wasted(measured.fill.heights, size, around) > _WASTED)
     wrong = off[plain] > (_WRONG if solid else _NOT_HOLLOW)
-    bound = off[plain] + _OFF if wasted else off[plain] if measured.crowded else _HALF * off[plain] if wrong else 0.0
+    bound = _HALF * off[plain] if wrong else 0.0
+    if wasted or measured.crowded:
+        bound = off[plain] + (_OFF if wasted else _NEARLY)
     return "relief" if relief_off(points, blocks) < bound else found
 
 

@@ -1,6 +1,7 @@
 """Things whose top or underside is stepped: what they fill over a grid as a few upright boxes."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -64,24 +65,27 @@ class _Patch:
 
 
 def whole_relief(fill: Columns, size: Vec3) -> list[Block]:
-    """Boxes that fill the columns of a box of ``size`` (m) and stand, nearly as large together; none where none do."""
-    for most in MOST:
-        blocks = relief_blocks(fill, size, most)
-        if blocks and _reaches(blocks, size) and stands(blocks):
+    """Boxes that fill the columns of a box of ``size`` (m), nearly as large together; none where none do.
+
+    They stand, unless there is something below that they may lean on.
+    """
+    for apart, most in product((True, False), MOST):
+        blocks = relief_blocks(fill, size, most, apart)
+        if blocks and _reaches(blocks, size) and (stands(blocks) or fill.floors.any()):
             return blocks
     return []
 
 
-def relief_blocks(fill: Columns, size: Vec3, most: int = MOST[0]) -> list[Block]:
+def relief_blocks(fill: Columns, size: Vec3, most: int = MOST[0], apart: bool = False) -> list[Block]:
     """At most so many boxes that fill the columns of a box of ``size`` (m), in its frame about its centre."""
     counts = fill.heights.shape
-    patches = [_patch(fill, range(counts[0]), range(counts[1]))]
+    patches = [_patch(fill, range(counts[0]), range(counts[1]), apart)]
     while len(patches) < most:
         worst = max(patches, key=lambda patch: patch.off)
         if worst.off <= LEVEL * len(worst.rows) * len(worst.columns):
             break
         patches.remove(worst)
-        patches += _split(fill, worst)
+        patches += _split(fill, worst, apart)
     cell = (size[0] / counts[0], size[1] / counts[1])
     return [_block(patch, cell, size) for patch in patches if patch.height - patch.floor >= THINNEST]
 
@@ -133,9 +137,12 @@ def relief_off(points: Floats, blocks: list[Block]) -> float:
     return float(np.abs(inside).mean())
 
 
-def _patch(fill: Columns, rows: range, columns: range) -> _Patch:
+def _patch(fill: Columns, rows: range, columns: range, apart: bool) -> _Patch:
     part = fill.part(rows, columns)
     floor, height = float(np.median(part.floors)), float(np.median(part.heights))
+    if apart:
+        floor = max(floor, float(part.floors[part.firm].max(initial=0.0)))
+        height = min(height, float(part.heights[part.firm].min(initial=np.inf)))
     lower, higher = part.floors - floor, height - part.heights
     off = float(np.abs(lower).sum() + np.abs(higher).sum())
     entered = float(np.maximum(lower, higher)[part.firm].max(initial=0.0)) * part.firm.size
@@ -143,14 +150,14 @@ def _patch(fill: Columns, rows: range, columns: range) -> _Patch:
     return _Patch(rows, columns, floor, height, max(off, entered), uneven)
 
 
-def _split(fill: Columns, patch: _Patch) -> tuple[_Patch, _Patch]:
+def _split(fill: Columns, patch: _Patch, apart: bool) -> tuple[_Patch, _Patch]:
     """The two parts, cut straight, each most even in itself."""
     rows, columns = patch.rows, patch.columns
     ways = [
-        (_patch(fill, range(rows.start, cut), columns), _patch(fill, range(cut, rows.stop), columns))
+        (_patch(fill, range(rows.start, cut), columns, apart), _patch(fill, range(cut, rows.stop), columns, apart))
         for cut in rows[1:]
     ] + [
-        (_patch(fill, rows, range(columns.start, cut)), _patch(fill, rows, range(cut, columns.stop)))
+        (_patch(fill, rows, range(columns.start, cut), apart), _patch(fill, rows, range(cut, columns.stop), apart))
         for cut in columns[1:]
     ]
     return min(ways, key=lambda parts: parts[0].uneven + parts[1].uneven)

@@ -43,3 +43,7 @@ class Surroundings:
         for claim in self.claims:
             taken |= claim.holds(points)
         return taken
+
+    def alone(self) -> "Surroundings":
+        """The known things alone."""
+        return Surroundings(self.known, (), self.library)

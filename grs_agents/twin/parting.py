@@ -19,6 +19,8 @@ FARTHER = (0.05, 0.07, 0.1)
 """And where nothing else helps."""
 GUESSED = 4.0
 """A thing of unknown shape is moved so many times as far as another one: its place is known that much worse."""
+FAR = 0.01
+"""But not by more than this, m."""
 MOVES = 12
 """At most so many things are moved."""
 DIRECTIONS: Floats = np.array(
@@ -53,14 +55,18 @@ def part(world: World, guessed: Collection[int] = (), steps: Sequence[float] = S
             if number in world.addresses and (way := _way_out(world, number, steps, FREE * deep)) is not None
         ]
         if ways:
-            number, way = min(
-                ways, key=lambda one: float(np.linalg.norm(one[1])) / (GUESSED if one[0] in guessed else 1)
-            )
+            number, way = min(ways, key=lambda one: _dearness(one[1], one[0] in guessed))
             start = world.addresses[number]
             world.data.qpos[start : start + 3] += way
         else:
             stuck.add(pair)
     mujoco.mj_forward(world.model, world.data)
+
+
+def _dearness(way: Floats, guessed: bool) -> float:
+    """What it costs to move a thing, m."""
+    far = float(np.linalg.norm(way))
+    return far / GUESSED if guessed and far < FAR else far
 
 
 def overlaps(world: World) -> dict[tuple[int, int], float]:

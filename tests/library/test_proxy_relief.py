@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from grs_agents.base import Vec3
-from grs_agents.library.proxy_relief import MOST, Columns, reach, relief_blocks, relief_off, stands, stretched
+from grs_agents.library.proxy_relief import (
+    MOST,
+    Columns,
+    reach,
+    relief_blocks,
+    relief_off,
+    stands,
+    stretched,
+    whole_relief,
+)
 
 SIZE: Vec3 = (0.2, 0.1, 0.12)
 
@@ -78,3 +87,12 @@ def test_what_stands_has_its_middle_above_its_foot() -> None:
     assert stands([leg, board])
     assert not stands([leg, ((0.2, 0.04, 0.02), (0.12, 0.0, 0.03))])
     assert stands([leg, ((0.2, 0.04, 0.02), (0.12, 0.0, 0.03)), ((0.02, 0.02, 0.1), (0.2, 0.0, -0.03))])
+
+
+def test_what_does_not_stand_may_lean_on_what_is_below_it() -> None:
+    floors, heights = np.zeros((10, 4)), np.full((10, 4), SIZE[2])
+    floors[1:] = SIZE[2] - 0.02
+    raised = Columns(floors, heights, np.zeros(heights.shape, np.bool_))
+    assert whole_relief(raised, SIZE) and not stands(whole_relief(raised, SIZE))
+    heights[1:] = 0
+    assert not whole_relief(Columns.up_to(heights), SIZE)

@@ -1,5 +1,7 @@
 """The described scene comes to rest in MuJoCo."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from grs_agents.twin import fidelity, report_of, settle
@@ -51,3 +53,17 @@ def test_what_is_stuck_in_another_thing_is_moved_as_far_as_it_takes() -> None:
     rest = settle([standing(box, 0.5, 0.0), standing(box, 0.53, 0.02)], LIBRARY)
     assert rest.found > 0.02
     assert rest.still and rest.penetration < 0.001
+
+
+def test_what_is_guessed_gives_way_but_not_by_far() -> None:
+    """A block at the edge of a carton's top is lifted a little, sooner than that a guessed carton is moved aside."""
+    carton = replace(standing(MILK, 0.5, 0.0), guessed=True)
+    (low, _, bottom), (high, _, top) = LIBRARY.model(MILK).bounds
+    block = standing(BLOCK, 0.5 + (high - low) / 2 + 0.007, 0.0, above=top - bottom - 0.008)
+    placed, on_top = settle([carton, block], LIBRARY, lambda _: True).placed
+    assert placed is not None and placed.drift < 0.005
+    assert on_top is not None and on_top.drift < 0.012
+    shallow = standing(BLOCK, 0.5 + (high - low) / 2 + 0.014, 0.0)
+    placed, beside = settle([carton, shallow], LIBRARY).placed
+    assert placed is not None and 0.004 < placed.drift < 0.012
+    assert beside is not None and beside.drift < 0.003
