@@ -8,7 +8,7 @@ from typing import Any
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.scene import SceneObject, deviation, read_description, upright_of
+from grs_agents.scene import SceneObject, certain, deviation, read_description, upright_of
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -32,18 +32,21 @@ def main(arguments: Sequence[str]) -> int:
         library, proxies = Library(), file.parent / "assets"
         library = library.overlay(proxies) if proxies.is_dir() else library
         rows += [{"scene": file.parent.name, **_row(thing, library)} for thing in read_description(file).objects]
-    off = [row for row in rows if not row["agrees"]]
+    off, known = [row for row in rows if not row["agrees"]], sum(row["certain"] for row in rows)
     if options.json:
-        print(json.dumps({"scenes": len(files), "objects": len(rows), "off": off}, indent=2))
+        print(json.dumps({"scenes": len(files), "objects": len(rows), "off": off, "certain": known}, indent=2))
     else:
         for row in off:
             print(f"{row['scene']}: {row['object']} ({row['asset']}): centre {1000 * row['centre']:.0f} mm, "
                   f"size {100 * row['size']:.0f} % off")  # fmt: skip
         print(f"{len(rows) - len(off)} of {len(rows)} objects in {len(files)} scenes have a stand-in of their size")
+        if known:
+            print(f"{known} of them a certain asset that is larger than what is seen of it")
     return 1 if off else 0
 
 
 def _row(thing: SceneObject, library: Library) -> dict[str, Any]:
     measured = thing.upright or upright_of(thing.box)
     off = deviation(thing.asset, (thing.position, thing.orientation), library, measured)
-    return {"object": thing.name, "asset": thing.asset, "centre": off.centre, "size": off.size, "agrees": off.agrees}
+    return {"object": thing.name, "asset": thing.asset, "centre": off.centre, "size": off.size,
+            "agrees": off.agrees or certain(thing), "certain": certain(thing) and not off.agrees}  # fmt: skip

@@ -72,12 +72,14 @@ def standing(
     shells = [None if one.known is None else shell_of(one.known.asset, one.known.pose, library) for one in segments]
     first = max(one.id for one in candidates) + 1
     later = found_later([one.mask for one in segments], shells, scene.frame, table, first)
+    candidates = [one for index, one in enumerate(candidates) if index not in later.divided]
+    segments = [one for index, one in enumerate(segments) if index not in later.divided]
     new = np.zeros_like(found)
-    for one in later:
+    for one in later.candidates:
         new[one.mask] = one.id
     missed = {label: asset for label, asset in truth.items() if label not in _matched(scene, found).values()}
-    segments += _segments(later, _assets(scene, new, missed), poses, (scene.frame, table, library))
-    every = [*candidates, *later]
+    segments += _segments(later.candidates, _assets(scene, new, missed), poses, (scene.frame, table, library))
+    every = [*candidates, *later.candidates]
     return _settled(every, _disentangled(every, segments, poses, scene, library, table), poses, scene, library, table)
 
 
@@ -127,13 +129,16 @@ def _disentangled(
     known = {one.id: Known(segment.known, segment.box, segment.mask)
              for one, segment in pairs if segment.known is not None}  # fmt: skip
     apart = disentangled(list(known.values()), scene.frame, table, library)
-    poses.update({number: apart[index] for index, number in enumerate(known) if index in apart})
-    return [
-        segment
-        if segment.known is None
-        else replace(segment, known=Thing(segment.known.asset, (poses[one.id].position, poses[one.id].orientation)))
-        for one, segment in zip(candidates, segments, strict=True)
-    ]
+    numbers = list(known)
+    poses.update({numbers[index]: found for index, found in apart.moved.items()})
+    for index in apart.wrong:
+        del poses[numbers[index]]
+    found: list[Segment] = []
+    for one, segment in zip(candidates, segments, strict=True):
+        stood, thing = poses.get(one.id), segment.known
+        here = None if thing is None or stood is None else Thing(thing.asset, (stood.position, stood.orientation))
+        found.append(replace(segment, known=here))
+    return found
 
 
 def _settled(

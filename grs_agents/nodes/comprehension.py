@@ -75,7 +75,9 @@ def match(state: RunState, services: Services) -> Update:
     warnings += [table.note] if table.origin == "calibrated" and table.note else []
     objects: list[SceneObject] = []
     lost = _understood(records, state, services, objects, warnings)
-    later = seen_later(objects, records, state, services)
+    later, divided = seen_later(objects, records, state, services)
+    lost += divided
+    objects = [one for one in objects if one.id not in {gone.id for gone in divided}]
     lost += _understood(later, state, services, objects, warnings)
     records += later
     stood = stand(objects, records, state, services)

@@ -1,4 +1,4 @@
-"""An asset that is not of the size that was measured, where it was measured, gives way to a proxy that is."""
+"""An asset that cannot be what was measured, where it was measured, gives way to a proxy of that size."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,6 +12,7 @@ from grs_agents.scene import (
     RGBDFrame,
     SceneObject,
     TableFrame,
+    certain,
     deviation,
     upright_of,
 )
@@ -36,29 +37,48 @@ def fitting(
     kept: list[SceneObject] = []
     lost: list[DroppedCandidate] = []
     for one in objects:
-        reply = _refused(one, services)
-        if reply is None:
-            kept.append(one)
-            continue
-        words = Description(is_object=True, description=one.description, color=one.color,
-                            shape=records[one.id].shape, category=one.category)  # fmt: skip
-        found = Matched(records[one.id], words, reply)
-        if reason := dropped(found, services.config.match.proxies):
-            lost.append(DroppedCandidate(id=one.id, reason=reason))
+        why = unlike(one, services)
+        names = [*taken, *(other.name for other in (*objects, *kept))]
+        found = given_way(one, why, records[one.id], names, photo, services) if why else one
+        if isinstance(found, DroppedCandidate):
+            lost.append(found)
         else:
-            names = [*taken, *(other.name for other in (*objects, *kept))]
-            kept.append(object_of(found, services, names, photo))
+            kept.append(found)
     return tuple(kept), lost
 
 
-def _refused(one: SceneObject, services: Services) -> MatchEvidence | None:
-    """What to say of the match of an object instead, if its asset is not of its size; ``None`` if it is."""
-    if not one.matched:
-        return None
-    measured = one.upright or upright_of(one.box)
-    off = deviation(one.asset, (one.position, one.orientation), services.library, measured)
-    if off.agrees:
-        return None
-    reason = f"{one.asset} was matched ({one.evidence}), but is not of the measured size there: {off}"
+def unlike(one: SceneObject, services: Services) -> str:
+    """Why the asset of an object does not stand for what was measured of it; empty if it does, or is a proxy."""
+    if not one.matched or certain(one):
+        return ""
+    off = deviation(one.asset, (one.position, one.orientation), services.library, one.upright or upright_of(one.box))
+    return "" if off.agrees else f"is not of the measured size there: {off}"
+
+
+def given_way(
+    one: SceneObject,
+    why: str,
+    record: CandidateRecord,
+    taken: Sequence[str],
+    photo: tuple[RGBDFrame, TableFrame],
+    services: Services,
+) -> SceneObject | DroppedCandidate:
+    """An object with a proxy instead of its asset; or, without proxies, why it is none.
+
+    Args:
+        one: the object.
+        why: what is wrong with its asset.
+        record: the candidate that it comes from.
+        taken: names that other objects have.
+        photo: the frame and its pose.
+        services: of the run.
+    """
+    reason = f"{one.asset} was matched ({one.evidence}), but {why}"
     update = {"match": "no_asset", "asset": None, "runner_up": one.asset, "reason": reason}
-    return (one.match or MatchEvidence(match="no_asset")).model_copy(update=update)
+    reply = (one.match or MatchEvidence(match="no_asset")).model_copy(update=update)
+    words = Description(is_object=True, description=one.description, color=one.color,
+                        shape=record.shape, category=one.category)  # fmt: skip
+    found = Matched(record, words, reply)
+    if reason := dropped(found, services.config.match.proxies):
+        return DroppedCandidate(id=one.id, reason=reason)
+    return object_of(found, services, taken, photo)

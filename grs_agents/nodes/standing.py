@@ -8,6 +8,7 @@ import numpy as np
 from grs_agents.correspondence.heights import crowded
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
+from grs_agents.nodes.fitting import given_way, unlike
 from grs_agents.nodes.matching import about_z, write_stand_in
 from grs_agents.nodes.services import Services
 from grs_agents.scene import (
@@ -24,7 +25,6 @@ from grs_agents.scene import (
     add_candidates,
     aligned,
     body_of,
-    deviation,
     found_later,
     load_frame,
     load_mask,
@@ -70,14 +70,15 @@ def stand(
     table = TableFrame.model_validate(state["frame"])
     frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
     by_number = {one.id: one for one in records}
+    apart, gone, warnings = tuple(objects), list[DroppedCandidate](), tuple[str, ...]()
     try:
-        apart, warnings = _apart(objects, by_number, frame, table, services), ()
+        apart, gone = _apart(objects, by_number, frame, table, services)
     except SimulationError as error:
-        apart, warnings = tuple(objects), (f"objects that stand in each other stay there: {error.message}",)
+        warnings = (f"objects that stand in each other stay there: {error.message}",)
     placed, dropped = _agreed(apart, by_number, frame, table, services)
     library = services.library  # with the proxies that were written again
     bodies = [body_of(one.name, one.asset, (one.position, one.orientation), library) for one in placed]
-    stood = Stood(placed, relations(bodies), warnings=warnings, dropped=dropped)
+    stood = Stood(placed, relations(bodies), warnings=warnings, dropped=(*gone, *dropped))
     try:
         mask = np.any([load_mask(services.folder / one.mask) for one in objects], axis=0)
         return _settled(stood, frame, table, mask, library)
@@ -126,39 +127,53 @@ def _apart(
     frame: RGBDFrame,
     table: TableFrame,
     services: Services,
-) -> tuple[SceneObject, ...]:
-    """The objects, those that were registered into others beside them, if that still agrees with what was measured."""
-    library = services.library
+) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
+    """The objects, those that were registered into others beside them, if that still agrees with what was measured.
+
+    One that can be nowhere else has a proxy instead of its asset, or is told among those that are none.
+    """
     known = [index for index, one in enumerate(objects) if one.matched]
     things = [
         Known(_thing(one), records[one.id].upright, load_mask(services.folder / one.mask))
         for one in (objects[index] for index in known)
     ]
-    placed = list(objects)
-    for index, found in disentangled(things, frame, table, library).items():
-        one = objects[known[index]]
-        measured = one.upright or records[one.id].upright
-        if deviation(one.asset, (found.position, found.orientation), library, measured).agrees:
-            placed[known[index]] = one.model_copy(update=_standing_at(found))
-    return tuple(placed)
+    placed: dict[int, SceneObject] = dict(enumerate(objects))
+    lost: list[DroppedCandidate] = []
+    found = disentangled(things, frame, table, services.library)
+    for index, stood in found.moved.items():
+        one = objects[known[index]].model_copy(update=_standing_at(stood))
+        if not unlike(one, services):
+            placed[known[index]] = one
+    for index in sorted(found.wrong):
+        one, names = placed.pop(known[index]), [other.name for other in (*objects, *placed.values())]
+        stand_in = given_way(one, "it stands in another thing", records[one.id], names, (frame, table), services)
+        if isinstance(stand_in, DroppedCandidate):
+            lost.append(stand_in)
+        else:
+            placed[known[index]] = stand_in
+    return tuple(placed[index] for index in sorted(placed)), lost
 
 
 def seen_later(
     objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
-) -> tuple[CandidateRecord, ...]:
-    """Candidates that were taken for parts of objects, whose assets do not explain them.
+) -> tuple[tuple[CandidateRecord, ...], tuple[DroppedCandidate, ...]]:
+    """Candidates that were taken for parts of others, once assets stand; and those that are only these and known ones.
 
     Raises:
         InputError: the pictures that the comprehension wrote are gone.
     """
     if not objects:
-        return ()
+        return (), ()
     table, library = TableFrame.model_validate(state["frame"]), services.library
     frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
     masks = [load_mask(services.folder / one.mask) for one in objects]
     shells = [shell_of(one.asset, (one.position, one.orientation), library) if one.matched else None for one in objects]
     found = found_later(masks, shells, frame, table, max(one.id for one in records) + 1)
-    return add_candidates(frame, found, records, services.folder) if found else ()
+    added = add_candidates(frame, found.candidates, records, services.folder) if found.candidates else ()
+    return added, tuple(
+        DroppedCandidate(id=objects[index].id, reason="much of it belongs to known things; the rest is looked at again")
+        for index in found.divided
+    )
 
 
 def _agreed(

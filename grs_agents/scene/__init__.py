@@ -6,8 +6,8 @@ from grs_agents.scene.candidates import candidates_of, place_asset, place_robot
 from grs_agents.scene.clipping import Claim, clipped
 from grs_agents.scene.explaining import Shell, explained, shell_of
 from grs_agents.scene.frame import Camera, Image, Mask, RGBDFrame
-from grs_agents.scene.leftover import found_later
-from grs_agents.scene.likeness import Deviation, aligned, deviation, upright_of
+from grs_agents.scene.leftover import Later, found_later
+from grs_agents.scene.likeness import Deviation, aligned, certain, deviation, upright_of
 from grs_agents.scene.pictures import add_candidates, annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.scene.proposals import Proposal, segment_proposed
 from grs_agents.scene.reading import (
@@ -53,6 +53,7 @@ __all__ = [
     "DroppedCandidate",
     "Estimator",
     "Image",
+    "Later",
     "Mask",
     "MatchEvidence",
     "Proposal",
@@ -72,6 +73,7 @@ __all__ = [
     "annotate",
     "body_of",
     "candidates_of",
+    "certain",
     "check_source",
     "clipped",
     "cost_of",

@@ -34,9 +34,16 @@ class Shell:
 
     def share_on(self, cloud: Array) -> float:
         """The share of (M, 3) points, m, that lie on it."""
-        low, high = self.points.min(axis=0) - ON, self.points.max(axis=0) + ON
-        near = cloud[((cloud >= low) & (cloud <= high)).all(axis=1)]
-        return float((self.distances(near) < ON).sum()) / len(cloud) if len(near) else 0.0
+        return float((self.near(cloud, ON) < ON).mean()) if len(cloud) else 0.0
+
+    def near(self, cloud: Array, reach: float) -> Array:
+        """As `distances`, and infinite for points that are farther than ``reach`` m from the box around it."""
+        low, high = self.points.min(axis=0) - reach, self.points.max(axis=0) + reach
+        inside = np.flatnonzero(((cloud >= low) & (cloud <= high)).all(axis=1))
+        found = np.full(len(cloud), np.inf)
+        if len(inside):
+            found[inside] = self.distances(cloud[inside])
+        return found
 
     def distances(self, cloud: Array) -> Array:
         """How far (M, 3) points are from it, (M,) m: across it where they are before or behind it."""

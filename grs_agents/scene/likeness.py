@@ -9,10 +9,15 @@ from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.scene.surface import corners_of
 from grs_agents.scene.turning import about_z
-from grs_agents.scene.types import Aabb, Solid, UprightBox
+from grs_agents.scene.types import Aabb, SceneObject, Solid, UprightBox
 
 CENTRE, SIZE = 0.02, 0.25
 """The centre may be off by so much (m), each extent by such a share."""
+CERTAIN, NEAR = 0.95, 0.0025
+"""A match that is at least so likely, with its surface not farther than this (m) off the points, needs no box to agree.
+
+Of 118 matches on synthesised scenes whose box did not agree, 45 were so, 42 of them right; none of 41 on real scenes
+that show nothing of the library."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,14 @@ def deviation(asset: str, pose: Pose, library: Library, measured: UprightBox) ->
     return Deviation(
         float(np.linalg.norm(low + high)) / 2, float(np.abs((high - low) / np.array(measured.size) - 1).max())
     )
+
+
+def certain(one: SceneObject) -> bool:
+    """Whether its asset is known so well that more of it than was measured may be hidden behind other things."""
+    confidence = None if one.match is None else one.match.confidence
+    if not one.matched or one.method != "registered" or confidence is None or one.residual is None:
+        return False
+    return confidence >= CERTAIN and one.residual <= NEAR
 
 
 def aligned(box: UprightBox, shape: Solid) -> Aabb:

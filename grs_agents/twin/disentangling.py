@@ -4,8 +4,8 @@ Each thing is registered by itself first, and what another thing hides says noth
 hidden may come to stand in what hides it.
 """
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,8 @@ from grs_agents.twin.thing import Thing
 Floats = npt.NDArray[np.float64]
 DEEP = 0.006
 """Things that are in each other by more than this (m) are not where they were registered."""
+DEEPEST = 0.015
+"""If they can be nowhere else, by more than this, one is not what it was taken for."""
 WORSE = 0.004
 """A pose that costs more than the first one by more than this (m) does not show what was seen."""
 MOST = 8
@@ -44,13 +46,24 @@ class Known:
     mask: Mask
 
 
-def disentangled(
-    things: Sequence[Known], frame: RGBDFrame, table: TableFrame, library: Library
-) -> dict[int, Registered]:
-    """Where those stand, by index, that are not to stay in others.
+@dataclass(frozen=True)
+class Disentangled:
+    """What becomes of known things, by index.
 
-    Of two that are in each other, that one is registered again of which this contradicts less of what was seen; where
-    it contradicts too much of either, both stay.
+    Attributes:
+        moved: where those stand that were registered into others.
+        wrong: those that are not where they were registered, or are not these assets, wherever they stand.
+    """
+
+    moved: Mapping[int, Registered] = field(default_factory=dict[int, Registered])
+    wrong: frozenset[int] = frozenset()
+
+
+def disentangled(things: Sequence[Known], frame: RGBDFrame, table: TableFrame, library: Library) -> Disentangled:
+    """Which are not to stay in others.
+
+    Of two that are in each other, that one is registered again of which this contradicts less of what was seen. Where
+    it contradicts too much of either, both stay; but if they are deep in each other, the one that fits worse is wrong.
 
     Args:
         things: as they were registered one by one.
@@ -65,18 +78,23 @@ def disentangled(
     crowd = _Crowd.of([things[index] for index in here], (frame, table), library)
     looked: set[tuple[int, int]] = set()
     moved: dict[int, Registered] = {}
+    wrong: set[int] = set()
     while len(looked) < MOST:
         pair, depth = crowd.worst(looked)
         if depth < DEEP:
             break
         looked.add(pair)
+        if wrong & {here[number] for number in pair}:
+            continue
         tried = [(number, *crowd.again(number)) for number in pair]
         better = [one for one in tried if one[2] < depth / 2 and one[3] < WORSE]
         if better:
             number, found, _, _ = min(better, key=lambda one: one[2] + one[3])
             crowd.stand(number, found)
             moved[here[number]] = found
-    return moved
+        elif depth > DEEPEST:
+            wrong.add(here[max(pair, key=crowd.cost)])
+    return Disentangled({index: found for index, found in moved.items() if index not in wrong}, frozenset(wrong))
 
 
 @dataclass(frozen=True)
@@ -118,8 +136,12 @@ class _Crowd:
         found = register(asset, self.library, one.upright, frame, table, one.mask, entered)
         left = self._depth(number, (found.position, found.orientation))
         self._depth(number, pose)
-        before = cost_of(asset, pose, self.library, one.upright, frame, table, one.mask)
-        return found, left, found.cost - before
+        return found, left, found.cost - self.cost(number)
+
+    def cost(self, number: int) -> float:
+        """How badly a thing where it stands fits what was seen, m."""
+        one, (frame, table) = self.things[number], self.photo
+        return cost_of(one.thing.asset, self.poses[number], self.library, one.upright, frame, table, one.mask)
 
     def stand(self, number: int, found: Registered) -> None:
         """Put a thing where it was found."""

@@ -74,6 +74,23 @@ def test_what_is_not_of_its_size_gives_way_to_a_proxy(seen: tuple[Photo, Candida
     assert not lost and "match.proxies" in dropped.reason
 
 
+def test_what_is_certain_may_be_larger_than_what_is_seen(seen: tuple[Photo, CandidateRecord], tmp_path: Path) -> None:
+    photo, record = seen
+    half = record.upright.model_copy(update={"size": (*record.upright.size[:2], record.upright.size[2] / 2)})
+    one = matched("HOPE/Milk.urdf", record, services_in(tmp_path)).model_copy(update={"upright": half})
+    sure = MatchEvidence(match="asset", asset=one.asset, confidence=0.99)
+    known = one.model_copy(update={"match": sure, "method": "registered", "residual": 0.001})
+    for other in (
+        one,
+        known.model_copy(update={"residual": 0.004}),
+        known.model_copy(update={"match": sure.model_copy(update={"confidence": 0.9})}),
+        known.model_copy(update={"match": sure.model_copy(update={"confidence": None})}),
+    ):
+        ((found,), _) = fitting([other], {record.id: record}, [], photo, services_in(tmp_path))
+        assert not found.matched
+    assert fitting([known], {record.id: record}, [], photo, services_in(tmp_path)) == ((known,), [])
+
+
 def test_the_evaluation_of_placement_names_what_is_off(
     seen: tuple[Photo, CandidateRecord], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -90,3 +107,8 @@ def test_the_evaluation_of_placement_names_what_is_off(
     told.model_copy(update={"objects": tuple(objects[:1])}).write(tmp_path / "run" / "scene.json")
     assert main([str(tmp_path)]) == 0
     assert "1 of 1 objects" in capsys.readouterr().out
+    sure = MatchEvidence(match="asset", asset=objects[1].asset, confidence=0.99)
+    known = objects[1].model_copy(update={"match": sure, "method": "registered", "residual": 0.001})
+    told.model_copy(update={"objects": (known,)}).write(tmp_path / "run" / "scene.json")
+    assert main([str(tmp_path)]) == 0
+    assert "1 of them a certain asset" in capsys.readouterr().out

@@ -8,7 +8,7 @@ import pytest
 from grs_agents.scene import Mask, UprightBox
 from grs_agents.scene.frame import RGBDFrame
 from grs_agents.scene.types import TableFrame
-from grs_agents.twin import Known, Thing, disentangled
+from grs_agents.twin import Disentangled, Known, Thing, disentangled
 from tests.twin.photo import LIBRARY, MILK, photo_of, standing
 
 SOUP = "HOPE/AlphabetSoup.urdf"
@@ -41,18 +41,18 @@ def test_what_was_laid_into_another_thing_is_laid_beside_it(photo: tuple[RGBDFra
     wrong = moved(BEHIND, -0.05, -0.01)
     things = [Known(FRONT, box_of(FRONT), can), Known(wrong, box_of(wrong), carton)]
     found = disentangled(things, frame, table, LIBRARY)
-    assert set(found) == {1}
-    assert np.linalg.norm(np.subtract(found[1].position, BEHIND.pose[0])) < 0.01
+    assert set(found.moved) == {1} and not found.wrong
+    assert np.linalg.norm(np.subtract(found.moved[1].position, BEHIND.pose[0])) < 0.01
 
 
 def test_what_stands_side_by_side_stays(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
     frame, table, can, carton = photo
     things = [Known(FRONT, box_of(FRONT), can), Known(BEHIND, box_of(BEHIND), carton)]
-    assert disentangled(things, frame, table, LIBRARY) == {}
-    assert disentangled([], frame, table, LIBRARY) == {}
+    assert disentangled(things, frame, table, LIBRARY) == Disentangled()
+    assert disentangled([], frame, table, LIBRARY) == Disentangled()
 
 
-def test_where_nothing_fits_both_stay(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
+def test_of_two_in_one_place_the_one_that_fits_worse_is_wrong(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
     frame, table, can, _ = photo
     twice = [Known(FRONT, box_of(FRONT), can), Known(moved(FRONT, 0.01, 0.0), box_of(FRONT), can)]
-    assert disentangled(twice, frame, table, LIBRARY) == {}
+    assert disentangled(twice, frame, table, LIBRARY) == Disentangled(wrong=frozenset({1}))
