@@ -13,6 +13,7 @@ from grs_agents.library import Library, fitted_kind, write_fitted_proxy
 from grs_agents.scene import (
     Candidate,
     Claim,
+    Mask,
     Registered,
     RGBDFrame,
     Surroundings,
@@ -24,7 +25,18 @@ from grs_agents.scene import (
 )
 from grs_agents.scene.metrics import MATCHED, overlaps
 from grs_agents.scene.truth import LabelledScene
-from grs_agents.twin import Known, Placed, Segment, Thing, disentangled, reconcile, report_of
+from grs_agents.twin import (
+    Known,
+    Placed,
+    Reconciled,
+    Rest,
+    Segment,
+    Thing,
+    carriers,
+    disentangled,
+    reconcile,
+    report_of,
+)
 
 
 @dataclass(frozen=True)
@@ -150,27 +162,49 @@ def _settled(
     table: TableFrame,
 ) -> Standing:
     """The twin of segments and what stands for them."""
-    agreed = reconcile(segments, scene.frame, table, library)
+    rest, twin, agreed, kept = _at_rest(candidates, segments, {}, scene, library, table)
+    fell = {index for index, one in zip(kept, rest.placed, strict=True) if one is not None and one.fell}
+    if carried := carriers(fell, agreed):
+        rest, twin, agreed, kept = _at_rest(candidates, segments, carried, scene, library, table)
+    placed = {candidates[index].id: one for index, one in zip(kept, rest.placed, strict=True) if one is not None}
+    return Standing(poses, placed, twin if placed else None)
+
+
+def _at_rest(
+    candidates: Sequence[Candidate],
+    segments: Sequence[Segment],
+    united: Mapping[int, int],
+    scene: LabelledScene,
+    library: Library,
+    table: TableFrame,
+) -> tuple[Rest, TwinReport, Reconciled, list[int]]:
+    """Segments at rest, what became of them, and which are no pieces, by index; ``united`` are pieces of others."""
+    agreed = reconcile(segments, scene.frame, table, library, united)
     kept = [index for index in range(len(segments)) if index not in agreed.pieces]
     with tempfile.TemporaryDirectory(prefix="grs-twin-") as folder:
         where = Path(folder)
         proxies = {
-            index: _proxy(candidates[index], claim, agreed.around(index), scene, table, where)
+            index: _proxy(candidates[index], agreed.masks[index], claim, agreed.around(index), scene, table, where)
             for index, claim in agreed.claims.items()
         }
         things = [segments[index].known or proxies[index] for index in kept]
         both = library.overlay(Path(folder)) if proxies else library
         rest, twin = report_of(things, both, scene.frame, table, scene.labels > 0)
-    placed = {candidates[index].id: one for index, one in zip(kept, rest.placed, strict=True) if one is not None}
-    return Standing(poses, placed, twin if placed else None)
+    return rest, twin, agreed, kept
 
 
 def _proxy(
-    one: Candidate, claim: Claim, around: Surroundings, scene: LabelledScene, table: TableFrame, folder: Path
+    one: Candidate,
+    mask: Mask,
+    claim: Claim,
+    around: Surroundings,
+    scene: LabelledScene,
+    table: TableFrame,
+    folder: Path,
 ) -> Thing:
     """What a run would let stand for a thing of no asset: the solid that fits its points best."""
     box = claim.box
-    measured = measured_shape(scene.frame, table, one.mask, box, around)
+    measured = measured_shape(scene.frame, table, mask, box, around)
     kind = fitted_kind(measured, box.size, claim.shape == "cylinder", one.hollow)
     asset = write_fitted_proxy(folder, f"candidate_{one.id}", kind, measured, box.size, one.color, "a proxy")
     return Thing(

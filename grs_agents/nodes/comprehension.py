@@ -11,8 +11,9 @@ from grs_agents.nodes.background import stand_in
 from grs_agents.nodes.corresponding import correspond, measurements
 from grs_agents.nodes.fitting import fitting
 from grs_agents.nodes.matching import Matched, dropped, object_of
+from grs_agents.nodes.registering import registered, seen_later
 from grs_agents.nodes.services import Services, Update, node
-from grs_agents.nodes.standing import registered, seen_later, stand
+from grs_agents.nodes.standing import stand
 from grs_agents.scene import (
     Camera,
     CandidateRecord,

@@ -12,6 +12,7 @@ from grs_agents.library import Asset, fitted_kind, write_fitted_proxy, write_pro
 from grs_agents.nodes.services import Services
 from grs_agents.scene import (
     CandidateRecord,
+    Mask,
     MatchEvidence,
     RGBDFrame,
     SceneObject,
@@ -92,13 +93,17 @@ def write_stand_in(
     services: Services,
     photo: tuple[RGBDFrame, TableFrame] | None = None,
     around: Surroundings | None = None,
+    mask: Mask | None = None,
 ) -> Asset:
-    """Write the proxy of an object into the library of the run; one of that name is replaced."""
+    """Write the proxy of an object into the library of the run; one of that name is replaced.
+
+    ``mask`` are its pixels (H, W), where those are not the candidate's alone.
+    """
     folder = services.folder / "assets"
     folder.mkdir(exist_ok=True)
     if photo is None:
         return write_proxy(folder, name, shape, box.size, record.color, description)
-    mask = load_mask(services.folder / record.mask)
+    mask = load_mask(services.folder / record.mask) if mask is None else mask
     measured = measured_shape(*photo, mask, box, around)
     kind = fitted_kind(measured, box.size, shape == "cylinder", record.hollow)
     look = proxy_look(*photo, mask, box)

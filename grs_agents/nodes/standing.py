@@ -1,4 +1,4 @@
-"""From objects laid into boxes to objects where the photo shows them: registered, related, and settled in the twin."""
+"""Objects as they stand to each other: apart, without those that are pieces of others, related, settled in the twin."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,34 +7,29 @@ import numpy as np
 
 from grs_agents.correspondence.heights import crowded
 from grs_agents.errors import GrsError
-from grs_agents.library import Library
 from grs_agents.nodes.fitting import given_way, unlike
 from grs_agents.nodes.matching import about_z, write_stand_in
+from grs_agents.nodes.registering import standing_at
 from grs_agents.nodes.services import Services
 from grs_agents.scene import (
     Camera,
     CandidateRecord,
     DroppedCandidate,
     Mask,
-    Registered,
     Relation,
     RGBDFrame,
     SceneObject,
     TableFrame,
     TwinReport,
-    add_candidates,
     aligned,
     body_of,
-    found_later,
     load_frame,
     load_mask,
-    register,
     relations,
-    shell_of,
 )
 from grs_agents.sim.episode import SimulationError
 from grs_agents.state import RunState
-from grs_agents.twin import Known, Segment, Thing, disentangled, reconcile, report_of
+from grs_agents.twin import Known, Reconciled, Segment, Thing, carriers, disentangled, reconcile, report_of
 from grs_agents.workspace import reachable
 
 
@@ -42,7 +37,7 @@ from grs_agents.workspace import reachable
 class Stood:
     """The objects where they stand, how they lie to each other, their twin, and what a reader should know.
 
-    ``dropped`` are those that turned out to be pieces of others.
+    ``dropped`` are those that turned out to be pieces of others, or no objects.
     """
 
     objects: tuple[SceneObject, ...]
@@ -50,6 +45,20 @@ class Stood:
     twin: TwinReport | None = None
     warnings: tuple[str, ...] = ()
     dropped: tuple[DroppedCandidate, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What the objects were seen in: the photo and its pose, and the candidates that they come from, by number."""
+
+    frame: RGBDFrame
+    table: TableFrame
+    records: Mapping[int, CandidateRecord]
+    services: Services
+
+    def mask(self, one: SceneObject) -> Mask:
+        """The pixels (H, W) of an object."""
+        return load_mask(self.services.folder / one.mask)
 
 
 def stand(
@@ -67,86 +76,40 @@ def stand(
     """
     if not objects:
         return Stood(())
-    table = TableFrame.model_validate(state["frame"])
     frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
-    by_number = {one.id: one for one in records}
+    scene = _Scene(frame, TableFrame.model_validate(state["frame"]), {one.id: one for one in records}, services)
     apart, gone, warnings = tuple(objects), list[DroppedCandidate](), tuple[str, ...]()
     try:
-        apart, gone = _apart(objects, by_number, frame, table, services)
+        apart, gone = _apart(objects, scene)
     except SimulationError as error:
         warnings = (f"objects that stand in each other stay there: {error.message}",)
-    placed, dropped = _agreed(apart, by_number, frame, table, services)
-    library = services.library  # with the proxies that were written again
-    bodies = [body_of(one.name, one.asset, (one.position, one.orientation), library) for one in placed]
-    stood = Stood(placed, relations(bodies), warnings=warnings, dropped=(*gone, *dropped))
-    try:
-        mask = np.any([load_mask(services.folder / one.mask) for one in objects], axis=0)
-        return _settled(stood, frame, table, mask, library)
-    except GrsError as error:
-        return replace(stood, warnings=(*warnings, f"the scene has no twin: {error.message}"))
+    stood, carried = _settled(apart, {}, scene)
+    if carried:
+        stood, _ = _settled(apart, carried, scene)
+    return replace(stood, warnings=(*warnings, *stood.warnings), dropped=(*gone, *stood.dropped))
 
 
-def registered(
-    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
-) -> tuple[SceneObject, ...]:
-    """The objects with the assets that were matched where the photo shows them.
-
-    Raises:
-        InputError: the pictures that the comprehension wrote are gone.
-    """
-    table, library = TableFrame.model_validate(state["frame"]), services.library
-    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
-    by_number = {one.id: one for one in records}
-    placed: list[SceneObject] = []
-    for one in objects:
-        update: dict[str, object] = {}
-        if one.matched:
-            mask = load_mask(services.folder / one.mask)
-            found = register(one.asset, library, by_number[one.id].upright, frame, table, mask)
-            update = _standing_at(found)
-        placed.append(one.model_copy(update=update))
-    return tuple(placed)
-
-
-def _standing_at(found: Registered) -> dict[str, object]:
-    """What registration says of an object."""
-    return {
-        "position": found.position,
-        "orientation": found.orientation,
-        "size": found.size,
-        "reachable": reachable(found.position),
-        "method": found.method,
-        "residual": found.residual,
-        "round": found.round,
-    }
-
-
-def _apart(
-    objects: Sequence[SceneObject],
-    records: Mapping[int, CandidateRecord],
-    frame: RGBDFrame,
-    table: TableFrame,
-    services: Services,
-) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
+def _apart(objects: Sequence[SceneObject], scene: _Scene) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
     """The objects, those that were registered into others beside them, if that still agrees with what was measured.
 
     One that can be nowhere else has a proxy instead of its asset, or is told among those that are none.
     """
     known = [index for index, one in enumerate(objects) if one.matched]
     things = [
-        Known(_thing(one), records[one.id].upright, load_mask(services.folder / one.mask))
+        Known(_thing(one), scene.records[one.id].upright, scene.mask(one))
         for one in (objects[index] for index in known)
     ]
     placed: dict[int, SceneObject] = dict(enumerate(objects))
     lost: list[DroppedCandidate] = []
-    found = disentangled(things, frame, table, services.library)
+    found = disentangled(things, scene.frame, scene.table, scene.services.library)
     for index, stood in found.moved.items():
-        one = objects[known[index]].model_copy(update=_standing_at(stood))
-        if not unlike(one, services):
+        one = objects[known[index]].model_copy(update=standing_at(stood))
+        if not unlike(one, scene.services):
             placed[known[index]] = one
     for index in sorted(found.wrong):
         one, names = placed.pop(known[index]), [other.name for other in (*objects, *placed.values())]
-        stand_in = given_way(one, "it stands in another thing", records[one.id], names, (frame, table), services)
+        photo, why = (scene.frame, scene.table), "it stands in another thing"
+        stand_in = given_way(one, why, scene.records[one.id], names, photo, scene.services)
         if isinstance(stand_in, DroppedCandidate):
             lost.append(stand_in)
         else:
@@ -154,74 +117,68 @@ def _apart(
     return tuple(placed[index] for index in sorted(placed)), lost
 
 
-def seen_later(
-    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
-) -> tuple[tuple[CandidateRecord, ...], tuple[DroppedCandidate, ...]]:
-    """Candidates that were taken for parts of others, once assets stand; and those that are only these and known ones.
+def _settled(objects: Sequence[SceneObject], united: Mapping[int, int], scene: _Scene) -> tuple[Stood, dict[int, int]]:
+    """The objects at rest, without those that are pieces of others; and which of them are carried by which, by index.
 
-    Raises:
-        InputError: the pictures that the comprehension wrote are gone.
+    ``united`` are pieces of others, by index.
     """
-    if not objects:
-        return (), ()
-    table, library = TableFrame.model_validate(state["frame"]), services.library
-    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
-    masks = [load_mask(services.folder / one.mask) for one in objects]
-    shells = [shell_of(one.asset, (one.position, one.orientation), library) if one.matched else None for one in objects]
-    found = found_later(masks, shells, frame, table, max(one.id for one in records) + 1)
-    added = add_candidates(frame, found.candidates, records, services.folder) if found.candidates else ()
-    return added, tuple(
-        DroppedCandidate(id=objects[index].id, reason="much of it belongs to known things; the rest is looked at again")
-        for index in found.divided
-    )
-
-
-def _agreed(
-    objects: Sequence[SceneObject],
-    records: Mapping[int, CandidateRecord],
-    frame: RGBDFrame,
-    table: TableFrame,
-    services: Services,
-) -> tuple[tuple[SceneObject, ...], tuple[DroppedCandidate, ...]]:
-    """The objects without those that are pieces of others, their proxies within the space that is left for them."""
+    services = scene.services
     segments = [
         Segment(
-            load_mask(services.folder / one.mask),
-            records[one.id].upright,
-            records[one.id].shape,
+            scene.mask(one),
+            scene.records[one.id].upright,
+            scene.records[one.id].shape,
             _thing(one) if one.matched else None,
-            records[one.id].hollow,
+            scene.records[one.id].hollow,
         )
         for one in objects
     ]
-    agreed = reconcile(segments, frame, table, services.library)
-    kept: list[SceneObject] = []
-    for index, one in enumerate(objects):
-        claim, around = agreed.claims.get(index), agreed.around(index)
-        if claim is not None and (claim.box != records[one.id].upright or crowded(claim.box, around)):
-            photo, words, measured = (frame, table), one.description, claim.measured(records[one.id].upright)
-            asset = write_stand_in(one.name, records[one.id], claim.box, claim.shape, words, services, photo, around)
-            update = {"position": claim.box.center, "orientation": about_z(claim.box.yaw), "size": asset.size,
-                      "box": aligned(measured, claim.shape), "upright": measured}  # fmt: skip
-            kept.append(one.model_copy(update={**update, "reachable": reachable(claim.box.center)}))
-        elif index not in agreed.pieces:
-            kept.append(one)
+    agreed = reconcile(segments, scene.frame, scene.table, services.library, united)
+    here = [index for index in range(len(objects)) if index not in agreed.pieces]
+    placed = [_written(objects[index], index, agreed, scene) for index in here]
     dropped = tuple(
         DroppedCandidate(id=objects[piece].id, reason=f"a piece of {objects[whole].name}")
         for piece, whole in agreed.pieces.items()
     )
-    return tuple(kept), dropped
+    library = services.library  # with the proxies that were written again
+    bodies = [body_of(one.name, one.asset, (one.position, one.orientation), library) for one in placed]
+    stood = Stood(tuple(placed), relations(bodies), dropped=dropped)
+    try:
+        mask = np.any([one.mask for one in segments], axis=0)
+        rest, twin = report_of([_thing(one) for one in placed], library, scene.frame, scene.table, mask)
+    except GrsError as error:
+        return replace(stood, warnings=(f"the scene has no twin: {error.message}",)), {}
+    resting = tuple(
+        one if at is None else one.model_copy(update={"settled": at.pose, "drift": at.drift})
+        for one, at in zip(placed, rest.placed, strict=True)
+    )
+    fell = {index for index, at in zip(here, rest.placed, strict=True) if at is not None and at.fell}
+    return replace(stood, objects=resting, twin=twin), carriers(fell, agreed)
+
+
+def _written(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene) -> SceneObject:
+    """An object; its proxy, if it has one that does not fit into the space that is left for it, written again."""
+    claim, record = agreed.claims.get(index), scene.records[one.id]
+    if claim is None:
+        return one
+    around, mask = agreed.around(index), agreed.masks[index]
+    if claim.box == record.upright and not crowded(claim.box, around):
+        return one
+    photo, measured = (scene.frame, scene.table), claim.measured(record.upright)
+    asset = write_stand_in(
+        one.name, record, claim.box, claim.shape, one.description, scene.services, photo, around, mask
+    )
+    return one.model_copy(
+        update={
+            "position": claim.box.center,
+            "orientation": about_z(claim.box.yaw),
+            "size": asset.size,
+            "box": aligned(measured, claim.shape),
+            "upright": measured,
+            "reachable": reachable(claim.box.center),
+        }
+    )
 
 
 def _thing(one: SceneObject) -> Thing:
     return Thing(one.asset, (one.position, one.orientation), guessed=not one.matched)
-
-
-def _settled(stood: Stood, frame: RGBDFrame, table: TableFrame, mask: Mask, library: Library) -> Stood:
-    things = [_thing(one) for one in stood.objects]
-    rest, twin = report_of(things, library, frame, table, mask)
-    objects = tuple(
-        one if placed is None else one.model_copy(update={"settled": placed.pose, "drift": placed.drift})
-        for one, placed in zip(stood.objects, rest.placed, strict=True)
-    )
-    return replace(stood, objects=objects, twin=twin)

@@ -2,7 +2,7 @@
 
 from grs_agents.twin.disentangling import Disentangled, Known, disentangled
 from grs_agents.twin.fidelity import fidelity
-from grs_agents.twin.reconcile import Reconciled, Segment, reconcile
+from grs_agents.twin.reconcile import Reconciled, Segment, carriers, reconcile
 from grs_agents.twin.report import report_of
 from grs_agents.twin.settle import Placed, Rest, settle
 from grs_agents.twin.thing import Thing
@@ -15,6 +15,7 @@ __all__ = [
     "Rest",
     "Segment",
     "Thing",
+    "carriers",
     "disentangled",
     "fidelity",
     "reconcile",

@@ -1,6 +1,7 @@
 """What stands for the segments of a photo, made to agree: pieces of known things are told, guessed boxes give way."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.scene import Claim, Mask, RGBDFrame, Surroundings, TableFrame, clipped, explained, shell_of
+from grs_agents.scene.points import Tree
 from grs_agents.scene.table import robot_points_at
 from grs_agents.scene.types import Solid, UprightBox
 from grs_agents.twin.thing import Thing
@@ -20,6 +22,8 @@ SHAPED = 0.008
 """But for a thing whose points are farther off its box than this (m): one that leans does not fill its box."""
 FILLED = 0.5
 """A guessed box of which a known thing fills more than this share is a piece of that."""
+TOUCHING, TOUCHED = 0.012, 0.02
+"""Two pieces of one thing touch: more than this share of the points of one are nearer than this (m) to the other's."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +47,14 @@ class Reconciled:
     Attributes:
         pieces: which are pieces of which others, whose assets explain all their points, or whose boxes hold most.
         claims: the space that each of the others without an asset fills.
+        masks: (H, W) the pixels of each of those, with those of its pieces.
         known: assets of the things of known shape that are no pieces, with their poses as in `Thing`.
         library: where their assets are looked up.
     """
 
     pieces: dict[int, int]
     claims: dict[int, Claim]
+    masks: dict[int, Mask]
     known: tuple[tuple[str, Pose], ...]
     library: Library
 
@@ -58,8 +64,20 @@ class Reconciled:
         return Surroundings(self.known, others, self.library)
 
 
-def reconcile(segments: Sequence[Segment], frame: RGBDFrame, table: TableFrame, library: Library) -> Reconciled:
+def reconcile(
+    segments: Sequence[Segment],
+    frame: RGBDFrame,
+    table: TableFrame,
+    library: Library,
+    united: Mapping[int, int] | None = None,
+) -> Reconciled:
     """Tell pieces of known things, and clip the boxes of what is not known by those and by each other.
+
+    Args:
+        segments: all of them.
+        frame, table: the photo and its pose.
+        library: where assets are looked up.
+        united: pieces of others, by index, as `carriers` tells them.
 
     Raises:
         UnknownNameError: an asset is not in the library.
@@ -82,12 +100,38 @@ def reconcile(segments: Sequence[Segment], frame: RGBDFrame, table: TableFrame, 
         if filled.get(whole, 0.0) > FILLED:
             pieces[piece] = whole
             del claimed[piece]
-    _unite(claimed, pieces, segments)
+    masks = {index: segments[index].mask for index in claimed}
+    for piece, whole in (united or {}).items():
+        _join(piece, whole, claimed, masks, pieces)
+    _unite(claimed, masks, pieces, segments)
     known = tuple(one for solid in solids.values() for one in solid.known)
-    return Reconciled(pieces, claimed, known, library)
+    return Reconciled(pieces, claimed, {index: masks[index] for index in claimed}, known, library)
 
 
-def _unite(claims: dict[int, Claim], pieces: dict[int, int], segments: Sequence[Segment]) -> None:
+def carriers(fell: AbstractSet[int], agreed: Reconciled) -> dict[int, int]:
+    """Pieces of other things: what falls by itself is carried by what it touches, so they are one.
+
+    Args:
+        fell: things, by index, that fall in the twin.
+        agreed: what became of them.
+    """
+    found: dict[int, int] = {}
+    for piece in sorted(fell & agreed.claims.keys()):
+        one = agreed.claims[piece]
+        touching = {
+            index: float((Tree(other.points).nearest(one.points)[1] < TOUCHING**2).mean())
+            for index, other in agreed.claims.items()
+            if index != piece and index not in found and not other.hollow
+        }
+        whole = max(touching, key=lambda index: touching[index], default=piece)
+        if touching.get(whole, 0.0) > TOUCHED:
+            found[piece] = whole
+    return found
+
+
+def _unite(
+    claims: dict[int, Claim], masks: dict[int, Mask], pieces: dict[int, int], segments: Sequence[Segment]
+) -> None:
     """Solid things are not inside each other: what still has most of its points in another's box belongs to it."""
     for piece in sorted(claims, key=lambda index: claims[index].volume):
         one = claims[piece]
@@ -99,6 +143,12 @@ def _unite(claims: dict[int, Claim], pieces: dict[int, int], segments: Sequence[
         }
         whole = max(shares, key=lambda index: shares[index], default=piece)
         if shares.get(whole, 0.0) > 1:
-            claims[whole] = claims[whole].joined(one.points)
-            pieces[piece] = whole
-            del claims[piece]
+            _join(piece, whole, claims, masks, pieces)
+
+
+def _join(piece: int, whole: int, claims: dict[int, Claim], masks: dict[int, Mask], pieces: dict[int, int]) -> None:
+    """Make one thing of two."""
+    claims[whole] = claims[whole].joined(claims[piece].points)
+    masks[whole] = masks[whole] | masks[piece]
+    pieces[piece] = whole
+    del claims[piece]

@@ -45,11 +45,13 @@ class Placed:
         pose: as in `Thing`.
         drift: how far its centre moved, m.
         held: it would have fallen, and may stand on something that the photo does not show: it stays where it is.
+        fell: gravity alone moved it farther than `FALLEN`.
     """
 
     pose: Pose
     drift: float
     held: bool = False
+    fell: bool = False
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ def settle(things: Sequence[Thing], library: Library, unseen: Callable[[Thing], 
     for item, rest, number in zip(items, fall.poses, here, strict=True):
         pose = _shifted(rest, _middle(item.asset, library))
         drift = float(np.linalg.norm(np.subtract(pose[0], things[number].pose[0])))
-        placed[number] = Placed(pose, drift, item.id in held)
+        placed[number] = Placed(pose, drift, item.id in held, item.id in fall.fell)
     return Rest(tuple(placed), begun.found, fall.penetration, fall.still)
 
 

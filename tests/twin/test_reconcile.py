@@ -4,7 +4,7 @@ import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.scene import UprightBox
-from grs_agents.twin import Segment, Thing, reconcile
+from grs_agents.twin import Segment, Thing, carriers, reconcile
 from tests.twin.photo import photo_of
 
 LIBRARY = Library()
@@ -55,3 +55,27 @@ def test_what_stays_inside_a_solid_thing_is_a_piece_of_it_but_not_in_a_hollow_on
         agreed = reconcile(segments, frame, table, LIBRARY)
         assert agreed.pieces == pieces
         assert set(agreed.claims) == {0, 1} - set(pieces)
+
+
+def test_what_falls_is_a_piece_of_what_it_touches() -> None:
+    """A carton in two pieces and a block beside it, of which nothing is known."""
+    frame, table, mask = photo_of([MILK, BLOCK], LIBRARY)
+    block = photo_of([BLOCK], LIBRARY)[2] & mask
+    upper = mask & ~block & (np.arange(mask.shape[0])[:, None] < np.median(np.nonzero(mask)[0]) - 10)
+    x, y, _ = MILK.pose[0]
+    low = UprightBox(center=(x, y, 0.06), size=(0.07, 0.07, 0.12), yaw=0.0)
+    high = UprightBox(center=(x, y, 0.156), size=(0.07, 0.07, 0.072), yaw=0.0)
+    stone = UprightBox(center=BLOCK.pose[0], size=(0.04, 0.04, 0.04), yaw=0.0)
+    segments = [
+        Segment(mask & ~upper & ~block, low, "box", None),
+        Segment(upper, high, "box", None),
+        Segment(block, stone, "box", None),
+    ]
+    agreed = reconcile(segments, frame, table, LIBRARY)
+    assert not agreed.pieces and not carriers(set(), agreed)
+    assert carriers({1}, agreed) == {1: 0}
+    assert carriers({7}, agreed) == {}
+    whole = reconcile(segments, frame, table, LIBRARY, {1: 0})
+    assert whole.pieces == {1: 0} and set(whole.claims) == {0, 2}
+    assert (whole.masks[0] == (mask & ~block)).all()
+    assert whole.claims[0].box.size[2] > agreed.claims[0].box.size[2] + 0.03

@@ -11,7 +11,7 @@ from tests.twin.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 def test_what_stands_stays() -> None:
     rest = settle([standing(MILK, 0.5, 0.0), standing(BLOCK, 0.4, 0.2)], LIBRARY)
     assert rest.still and rest.penetration < 0.001
-    assert all(placed is not None and placed.drift < 0.002 for placed in rest.placed)
+    assert all(placed is not None and placed.drift < 0.002 and not placed.fell for placed in rest.placed)
 
 
 def test_what_overlaps_is_eased_apart_and_not_thrown() -> None:
@@ -23,7 +23,7 @@ def test_what_overlaps_is_eased_apart_and_not_thrown() -> None:
 
 def test_what_hangs_in_the_air_falls() -> None:
     (placed,) = settle([standing(BLOCK, 0.5, 0.0, above=0.05)], LIBRARY).placed
-    assert placed is not None and 0.04 < placed.drift < 0.08
+    assert placed is not None and 0.04 < placed.drift < 0.08 and placed.fell
 
 
 def test_what_is_off_the_table_has_no_twin() -> None:

@@ -1,0 +1,78 @@
+"""Matched objects where the photo shows them, and what their assets do not explain of the segments."""
+
+from collections.abc import Sequence
+
+from grs_agents.nodes.services import Services
+from grs_agents.scene import (
+    Camera,
+    CandidateRecord,
+    DroppedCandidate,
+    Registered,
+    SceneObject,
+    TableFrame,
+    add_candidates,
+    found_later,
+    load_frame,
+    load_mask,
+    register,
+    shell_of,
+)
+from grs_agents.state import RunState
+from grs_agents.workspace import reachable
+
+
+def registered(
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
+) -> tuple[SceneObject, ...]:
+    """The objects with the assets that were matched where the photo shows them.
+
+    Raises:
+        InputError: the pictures that the comprehension wrote are gone.
+    """
+    table, library = TableFrame.model_validate(state["frame"]), services.library
+    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    by_number = {one.id: one for one in records}
+    placed: list[SceneObject] = []
+    for one in objects:
+        update: dict[str, object] = {}
+        if one.matched:
+            mask = load_mask(services.folder / one.mask)
+            found = register(one.asset, library, by_number[one.id].upright, frame, table, mask)
+            update = standing_at(found)
+        placed.append(one.model_copy(update=update))
+    return tuple(placed)
+
+
+def standing_at(found: Registered) -> dict[str, object]:
+    """What registration says of an object."""
+    return {
+        "position": found.position,
+        "orientation": found.orientation,
+        "size": found.size,
+        "reachable": reachable(found.position),
+        "method": found.method,
+        "residual": found.residual,
+        "round": found.round,
+    }
+
+
+def seen_later(
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
+) -> tuple[tuple[CandidateRecord, ...], tuple[DroppedCandidate, ...]]:
+    """Candidates that were taken for parts of others, once assets stand; and those that are only these and known ones.
+
+    Raises:
+        InputError: the pictures that the comprehension wrote are gone.
+    """
+    if not objects:
+        return (), ()
+    table, library = TableFrame.model_validate(state["frame"]), services.library
+    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    masks = [load_mask(services.folder / one.mask) for one in objects]
+    shells = [shell_of(one.asset, (one.position, one.orientation), library) if one.matched else None for one in objects]
+    found = found_later(masks, shells, frame, table, max(one.id for one in records) + 1)
+    added = add_candidates(frame, found.candidates, records, services.folder) if found.candidates else ()
+    return added, tuple(
+        DroppedCandidate(id=objects[index].id, reason="much of it belongs to known things; the rest is looked at again")
+        for index in found.divided
+    )
