@@ -135,7 +135,7 @@ def _settled(objects: Sequence[SceneObject], united: Mapping[int, int], scene: _
     ]
     agreed = reconcile(segments, scene.frame, scene.table, services.library, united)
     here = [index for index in range(len(objects)) if index not in agreed.pieces]
-    placed = [_written(objects[index], index, agreed, scene) for index in here]
+    placed = [_written(objects[index], index, agreed, scene, bool(united)) for index in here]
     dropped = tuple(
         DroppedCandidate(id=objects[piece].id, reason=f"a piece of {objects[whole].name}")
         for piece, whole in agreed.pieces.items()
@@ -156,13 +156,17 @@ def _settled(objects: Sequence[SceneObject], united: Mapping[int, int], scene: _
     return replace(stood, objects=resting, twin=twin), carriers(fell, agreed)
 
 
-def _written(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene) -> SceneObject:
-    """An object; its proxy, if it has one that does not fit into the space that is left for it, written again."""
+def _written(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene, again: bool) -> SceneObject:
+    """An object; its proxy, if it has one that does not fill the space that is left for it, written again.
+
+    With ``again`` in any case: what was written before may have been for less space.
+    """
     claim, record = agreed.claims.get(index), scene.records[one.id]
     if claim is None:
         return one
     around, mask = agreed.around(index), agreed.masks[index]
-    if claim.box == record.upright and not crowded(claim.box, around):
+    fits = claim.box == record.upright and index not in agreed.pieces.values()
+    if fits and not again and not crowded(claim.box, around):
         return one
     photo, measured = (scene.frame, scene.table), claim.measured(record.upright)
     asset = write_stand_in(

@@ -22,8 +22,8 @@ SHAPED = 0.008
 """But for a thing whose points are farther off its box than this (m): one that leans does not fill its box."""
 FILLED = 0.5
 """A guessed box of which a known thing fills more than this share is a piece of that."""
-TOUCHING, TOUCHED = 0.012, 0.02
-"""Two pieces of one thing touch: more than this share of the points of one are nearer than this (m) to the other's."""
+TOUCHING, TOUCHED = 0.012, 10
+"""Pieces of one thing touch: at least so many points of one are nearer than this (m) to the other's."""
 
 
 @dataclass(frozen=True)
@@ -119,12 +119,12 @@ def carriers(fell: AbstractSet[int], agreed: Reconciled) -> dict[int, int]:
     for piece in sorted(fell & agreed.claims.keys()):
         one = agreed.claims[piece]
         touching = {
-            index: float((Tree(other.points).nearest(one.points)[1] < TOUCHING**2).mean())
+            index: int((Tree(other.points).nearest(one.points)[1] < TOUCHING**2).sum())
             for index, other in agreed.claims.items()
             if index != piece and index not in found and not other.hollow
         }
         whole = max(touching, key=lambda index: touching[index], default=piece)
-        if touching.get(whole, 0.0) > TOUCHED:
+        if touching.get(whole, 0) >= TOUCHED:
             found[piece] = whole
     return found
 
