@@ -16,7 +16,7 @@ MOST = 16
 """There are at most so many along an edge."""
 FEWEST = 3
 """Fewer points in a cell say nothing."""
-DEEP = 0.008
+DEEP = 0.005
 """What reaches deeper than this (m) into a box stands in it."""
 CLEAR = 0.01
 """What is lower than this (m) above the bottom of a box may be what the box stands on."""

@@ -56,6 +56,10 @@ def part(world: World, guessed: Collection[int] = (), steps: Sequence[float] = S
         ]
         if ways:
             number, way = min(ways, key=lambda one: _dearness(one[1], one[0] in guessed))
+            if all(one in guessed for one in pair) and np.linalg.norm(way) >= FAR:
+                other = pair[0] if number == pair[1] else pair[1]
+                if other in world.addresses and _halved(world, number, other, way, FREE * deep):
+                    continue
             start = world.addresses[number]
             world.data.qpos[start : start + 3] += way
         else:
@@ -102,6 +106,20 @@ def _way_out(world: World, number: int, steps: Sequence[float], free: float) -> 
     world.data.qpos[start : start + 3] = here
     mujoco.mj_forward(world.model, world.data)
     return found
+
+
+def _halved(world: World, number: int, other: int, way: Floats, free: float) -> bool:
+    """Move two things half the way each, apart, if they overlap nothing by more than ``free`` m then."""
+    starts = [world.addresses[one] for one in (number, other)]
+    before = [world.data.qpos[start : start + 3].copy() for start in starts]
+    for start, half in zip(starts, (way / 2, -way / 2), strict=True):
+        world.data.qpos[start : start + 3] += half
+    if max(depth_of(world, number), depth_of(world, other)) < free:
+        return True
+    for start, here in zip(starts, before, strict=True):
+        world.data.qpos[start : start + 3] = here
+    mujoco.mj_forward(world.model, world.data)
+    return False
 
 
 def depth_of(world: World, number: int) -> float:

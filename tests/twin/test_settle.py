@@ -67,3 +67,9 @@ def test_what_is_guessed_gives_way_but_not_by_far() -> None:
     placed, beside = settle([carton, shallow], LIBRARY).placed
     assert placed is not None and 0.004 < placed.drift < 0.012
     assert beside is not None and beside.drift < 0.003
+
+
+def test_two_guesses_share_a_long_way() -> None:
+    first, second = (replace(standing(MILK, 0.5, y), guessed=True) for y in (0.0, 0.05))
+    drifts = [placed.drift for placed in settle([first, second], LIBRARY).placed if placed is not None]
+    assert len(drifts) == 2 and min(drifts) > 0.008 and max(drifts) < 0.015
