@@ -13,7 +13,7 @@ from grs_agents.synth import Recipe, synthesise
 REPOSITORY = Path(__file__).parents[1]
 REAL_SCENES = REPOSITORY.parent / "shared" / "scenes"
 
-settings.register_profile("grs", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("grs", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("grs")  # how fast an example is drawn tells of the machine's load, not of the code
 
 

@@ -75,11 +75,11 @@ def test_a_changed_value_is_refused_by_name_or_is_in_range(data: st.DataObject) 
             node = node[step]
         change = data.draw(st.sampled_from(["replace", "delete", "add", "repeat"]))
         if change == "replace":
-            node[last] = data.draw(_ODD)
+            node[last] = copy.deepcopy(data.draw(_ODD))
         elif change == "delete":
             del node[last]
         elif change == "add" and isinstance(node, dict):
-            node[data.draw(st.text(max_size=8))] = data.draw(_ODD)
+            node[data.draw(st.text(max_size=8))] = copy.deepcopy(data.draw(_ODD))
         elif isinstance(node, list):
             node.extend([node[last]] * data.draw(st.integers(1, 500)))
         if not places(tree):
