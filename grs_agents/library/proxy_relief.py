@@ -13,7 +13,7 @@ Block = tuple[Vec3, Vec3]
 """Size and centre of a box, m."""
 MOST = (24, 14)
 """At most so many boxes; fewer where those leave out too much."""
-KEPT = 0.8
+KEPT = 0.7
 """Together they have at least this share of the measured extents."""
 LEVEL = 0.006
 """Heights that differ by less than this (m) on average are one."""
