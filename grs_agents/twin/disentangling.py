@@ -17,7 +17,8 @@ from grs_agents.scene.candidates import quaternion
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.world import World, build, place
 from grs_agents.twin.parting import depth_of, overlaps
-from grs_agents.twin.settle import instances, on_table, prepare
+from grs_agents.twin.resting import prepare
+from grs_agents.twin.settle import instances, on_table
 from grs_agents.twin.thing import Thing
 
 Floats = npt.NDArray[np.float64]

@@ -26,7 +26,7 @@ def report_of(
     return rest, TwinReport(
         found=rest.found,
         penetration=rest.penetration,
-        drift=max((placed.drift for placed in rest.placed if placed is not None), default=0.0),
+        drift=rest.farthest,
         fidelity=fidelity(resting, library, frame, table, mask),
         still=rest.still,
         held=sum(placed.held for placed in rest.placed if placed is not None),

@@ -1,7 +1,7 @@
 """Let a described scene come to rest: what overlaps is taken or eased apart, then gravity acts."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,9 @@ from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.sim.engine import mujoco
 from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import World, build, place
-from grs_agents.twin.parting import DEEP, FARTHER, STEPS, deepest, part
+from grs_agents.sim.world import build, place
+from grs_agents.twin.parting import STEPS, Way, deepest, part
+from grs_agents.twin.resting import ease, fall, prepare
 from grs_agents.twin.thing import Thing
 
 CENTER, REACH = (0.4, 0.0), 1.1
@@ -20,19 +21,15 @@ CENTER, REACH = (0.4, 0.0), 1.1
 OVERLAP = 0.001
 TRIES = 3
 """What overlaps by more than this (m) at rest is taken apart again, so many times in all."""
-EASED = 0.0005
-"""Things are eased apart until they overlap by less than this, m."""
-EASING = 200
-"""In at most so many steps."""
-LONGEST = 2.0
-"""Simulated seconds in which everything should come to rest."""
-STILL = 0.01
-"""What is slower than this (m/s) rests."""
-CHUNK = 25
-ROLLING = 0.004
-"""Arm of the rolling resistance (m): nothing in a photo rolls."""
+WEDGED = 0.003
+"""What overlaps by less than this (m) after that is moved by little first."""
 FALLEN = 0.01
-"""What moves farther than this (m) under gravity was not at rest as it is described."""
+"""What moves farther than this (m) was not at rest as it is described, or not there."""
+WAYS = (
+    *(Way(deep, lift) for deep in (0.003, 0.012, 0.0015, 0.02) for lift in (True, False)),
+    Way(0.003, lift=True, steps=(*STEPS, 0.05, 0.07, 0.1)),
+)
+"""Which of them moves things least hangs on the scene: they are tried in turn, until nothing moves too far."""
 MOST_HELD = 8
 """At most so many things are taken to stand on something unseen."""
 
@@ -69,6 +66,11 @@ class Rest:
     penetration: float
     still: bool
 
+    @property
+    def farthest(self) -> float:
+        """How far anything moved at most, m."""
+        return max((placed.drift for placed in self.placed if placed is not None), default=0.0)
+
 
 def on_table(thing: Thing) -> bool:
     """Whether the thing is over the simulated table."""
@@ -97,12 +99,29 @@ def settle(things: Sequence[Thing], library: Library, unseen: Callable[[Thing], 
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
+    found: list[Rest] = []
+    for way in WAYS:
+        rest = _settled(things, library, unseen, way)
+        if rest.penetration < OVERLAP and rest.farthest < FALLEN:
+            return rest
+        found.append(rest)
+    return min(found, key=_dearness)
+
+
+def _dearness(rest: Rest) -> tuple[bool, int, float]:
+    """What is wrong with a scene at rest, the worst first: overlaps, things that moved too far, how far all did."""
+    drifts = [placed.drift for placed in rest.placed if placed is not None]
+    return rest.penetration >= OVERLAP, sum(drift > FALLEN for drift in drifts), sum(drifts)
+
+
+def _settled(things: Sequence[Thing], library: Library, unseen: Callable[[Thing], bool] | None, way: Way) -> Rest:
+    """The scene at rest, if it is taken apart in one way."""
     here = [number for number, one in enumerate(things) if on_table(one)]
     items, held, tried = instances([things[number] for number in here], library), set[int](), set[int]()
     guessed = {item.id for item, number in zip(items, here, strict=True) if things[number].guessed}
-    fall = begun = _fallen(items, (), guessed, library)
+    fallen = begun = _fallen(items, (), guessed, library, way)
     while unseen is not None and len(held) < MOST_HELD:
-        fell = [number for number in fall.fell if number not in tried]
+        fell = [number for number in fallen.fell if number not in tried]
         if not fell:
             break
         lowest = min(fell, key=lambda number: _bottom(begun.parted[number], library))
@@ -110,13 +129,13 @@ def settle(things: Sequence[Thing], library: Library, unseen: Callable[[Thing], 
         pose = _shifted(begun.parted[lowest].pose, _middle(items[lowest].asset, library))
         if unseen(Thing(items[lowest].asset, pose)):
             held.add(lowest)
-            fall = _fallen(begun.parted, held, guessed, library)
+            fallen = _fallen(begun.parted, held, guessed, library, way)
     placed: list[Placed | None] = [None] * len(things)
-    for item, rest, number in zip(items, fall.poses, here, strict=True):
+    for item, rest, number in zip(items, fallen.poses, here, strict=True):
         pose = _shifted(rest, _middle(item.asset, library))
         drift = float(np.linalg.norm(np.subtract(pose[0], things[number].pose[0])))
-        placed[number] = Placed(pose, drift, item.id in held, item.id in fall.fell)
-    return Rest(tuple(placed), begun.found, fall.penetration, fall.still)
+        placed[number] = Placed(pose, drift, item.id in held, item.id in fallen.fell)
+    return Rest(tuple(placed), begun.found, fallen.penetration, fallen.still)
 
 
 @dataclass(frozen=True)
@@ -132,24 +151,9 @@ class _Fall:
 
 
 def _fallen(
-    items: Sequence[InstanceObject], held: Collection[int], guessed: Collection[int], library: Library
+    items: Sequence[InstanceObject], held: Collection[int], guessed: Collection[int], library: Library, way: Way
 ) -> _Fall:
-    """Take things apart and let all fall but those that are held; what is stuck is moved farther."""
-    fall = _tried(items, held, guessed, library, STEPS)
-    if fall.penetration < OVERLAP:
-        return fall
-    farther = _tried(items, held, guessed, library, STEPS + FARTHER)
-    return min(fall, farther, key=lambda one: one.penetration)
-
-
-def _tried(
-    items: Sequence[InstanceObject],
-    held: Collection[int],
-    guessed: Collection[int],
-    library: Library,
-    steps: Sequence[float],
-) -> _Fall:
-    """The same, where things are moved by ``steps``, m."""
+    """Take things apart and let all fall but those that are held."""
     items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
     world = build(items, library)
     place(world, items)
@@ -158,14 +162,15 @@ def _tried(
     found, still = deepest(world), False
     parted: list[Pose] = []
     for attempt in range(TRIES):
-        if attempt and deepest(world) < DEEP:  # wedged: what is to be taken apart by little is moved by little first
+        if attempt and deepest(world) < WEDGED:
             last = attempt == TRIES - 1
-            part(world, guessed, [step for step in steps if step < FALLEN or last], OVERLAP)
+            steps = tuple(step for step in way.steps if step < FALLEN or last)
+            part(world, guessed, replace(way, deep=OVERLAP, steps=steps))
         else:
-            part(world, guessed, steps)
-        _ease(world)
+            part(world, guessed, way)
+        ease(world)
         parted = parted or [_pose(world.data, world.bodies[item.id]) for item in items]
-        still = _fall(world)
+        still = fall(world)
         mujoco.mj_forward(world.model, world.data)
         if deepest(world) < OVERLAP:
             break
@@ -180,45 +185,6 @@ def _bottom(item: InstanceObject, library: Library) -> float:
     """The height of the lowest corner of its box, m."""
     corners = np.array(np.meshgrid(*np.array(library.model(item.asset).bounds).T)).reshape(3, -1)
     return float((rotation_matrix(item.pose[1]) @ corners)[2].min() + item.pose[0][2])
-
-
-def prepare(world: World) -> None:
-    """Take the robot out of the way, and let nothing roll."""
-    model, owners = world.model, np.asarray(world.owners)
-    # What is eased apart never moves by itself, falls asleep at once, and would sleep through gravity.
-    model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    robot = owners < 0
-    robot[model.geom("table").id] = False
-    model.geom_contype[robot], model.geom_conaffinity[robot] = 0, 0
-    model.geom_condim[owners >= 0] = 6
-    model.geom_friction[owners >= 0, 2] = ROLLING
-
-
-def _ease(world: World) -> None:
-    """Without gravity and without speed, so that overlaps are pushed apart and nothing is thrown."""
-    model, data = world.model, world.data
-    gravity = np.array(model.opt.gravity)
-    model.opt.gravity[:] = 0
-    for _ in range(EASING):
-        data.qvel[:] = 0
-        mujoco.mj_step(model, data)
-        if deepest(world) < EASED:
-            break
-    model.opt.gravity[:] = gravity
-    data.qvel[:] = 0
-
-
-def _fall(world: World) -> bool:
-    """Let gravity act until everything rests; whether it does in time."""
-    model, data = world.model, world.data
-    first, still = world.arm.dof, 0
-    for _ in range(int(LONGEST / model.opt.timestep / CHUNK)):
-        mujoco.mj_step(model, data, CHUNK)
-        speed = np.abs(data.qvel[first:].reshape(-1, 6)) * (1, 1, 1, 0.1, 0.1, 0.1)
-        still = still + 1 if speed.max(initial=0.0) < STILL else 0
-        if still == 3:
-            return True
-    return False
 
 
 def _middle(asset: str, library: Library) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":

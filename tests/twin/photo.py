@@ -1,4 +1,4 @@
-"""A photo with depth of things on the table, without noise."""
+"""Things on the table in a world, and a photo with depth of them, without noise."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,8 +8,11 @@ import numpy as np
 from grs_agents.library import Library
 from grs_agents.scene import Camera, RGBDFrame, TableFrame
 from grs_agents.scene.frame import Mask
+from grs_agents.sim.engine import mujoco
 from grs_agents.sim.rendering import Sight, cast
+from grs_agents.sim.world import World, build, place
 from grs_agents.twin import Thing
+from grs_agents.twin.resting import prepare
 from grs_agents.twin.settle import instances
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 300.0
@@ -22,6 +25,16 @@ def standing(asset: str, x: float, y: float, above: float = 0.0) -> Thing:
     """An upright asset so far above the table, m."""
     low, high = np.array(LIBRARY.model(asset).bounds)
     return Thing(asset, ((x, y, above + float(high[2] - low[2]) / 2), UPRIGHT))
+
+
+def world_of(*things: Thing) -> World:
+    """The things in a world, as `settle` begins with it; they are numbered from 0."""
+    items = instances(things, LIBRARY)
+    world = build(items, LIBRARY)
+    place(world, items)
+    prepare(world)
+    mujoco.mj_forward(world.model, world.data)
+    return world
 
 
 def photo_of(things: Sequence[Thing], library: Library) -> tuple[RGBDFrame, TableFrame, Mask]:
