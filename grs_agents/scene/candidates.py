@@ -25,6 +25,7 @@ from grs_agents.scene.geometry import (
     window_of,
     within,
 )
+from grs_agents.scene.rim import rim_of
 from grs_agents.scene.table import as_matrix, robot_points_at
 from grs_agents.scene.types import Aabb, Candidate, Solid, TableFrame, UprightBox
 
@@ -102,7 +103,8 @@ def _measure(
     inner = cloud.compress(within(cloud, low, high), axis=0)
     bottom = _bottom(inner[::5], others)
     top = max(float(high[2]), bottom + THINNEST)
-    shape, (x, y), (length, width), yaw, rounded = _footprint(frame, table, mask, cloud)
+    hollow = is_open(inner[:: len(inner) // SAMPLES + 1], np.zeros((0, 3)))
+    shape, (x, y), (length, width), yaw, rounded = _footprint(frame, table, mask, cloud, hollow)
     cosine, sine = abs(math.cos(yaw)), abs(math.sin(yaw))
     sides = np.array([[length * cosine, width * sine], [length * sine, width * cosine]]) / 2
     reach = np.hypot(*sides.T) if rounded else sides.sum(axis=1)
@@ -117,17 +119,19 @@ def _measure(
         color=_vec(values_at(frame.rgb, mask).mean(axis=0) / 255),
         shape=shape,
         points=count,
-        hollow=is_open(inner[:: len(inner) // SAMPLES + 1], np.zeros((0, 3))),
+        hollow=hollow,
     )
 
 
 def _footprint(
-    frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array
+    frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, hollow: bool
 ) -> tuple[Solid, tuple[float, float], tuple[float, float], float, bool]:
     """Shape, centre, sides (m), yaw (rad) of a footprint, and whether it is round: then with its unseen back."""
     low, high = percentiles(cloud, (OUTLIERS, 100 - OUTLIERS))
     inner = cloud.compress(within(cloud, low, high), axis=0)
     inner = inner[:: len(inner) // SAMPLES + 1]
+    if hollow and (rim := rim_of(inner)) is not None:
+        return "cylinder", rim[0], (rim[1], rim[1]), 0.0, True
     view = view_of(frame, table, mask, inner)
     ellipse = None if view is None else ellipse_of(inner, view)
     ellipse = ellipse if ellipse is not None and _holds(ellipse, inner) else None
