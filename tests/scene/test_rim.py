@@ -17,7 +17,7 @@ def _bowl(center: tuple[float, float], radius: float, height: float, seen: tuple
     bearing, level = random.uniform(*seen, 4000), random.uniform(0, 1, 4000) ** 0.5
     reach = radius * (0.6 + 0.4 * level)
     points = np.stack([reach * np.cos(bearing), reach * np.sin(bearing), height * level], axis=1)
-    return points + (*center, 0.0) + random.normal(0, noise, points.shape)
+    return points + np.array([*center, 0.0]) + random.normal(0, noise, points.shape)
 
 
 def _box(length: float, width: float, height: float) -> Floats:
