@@ -53,5 +53,6 @@ def _circle(points: Array) -> tuple[Array, float]:
     """Centre (2,) and radius of the circle nearest to (N, 2) points, by algebraic least squares."""
     middle = points.mean(axis=0)
     local = points - middle
-    solution = np.linalg.lstsq(np.column_stack([2 * local, np.ones(len(local))]), (local**2).sum(axis=1), rcond=None)[0]
-    return middle + solution[:2], float(np.sqrt(max(solution[2] + (solution[:2] ** 2).sum(), 0.0)))
+    columns = np.column_stack([2 * local, np.ones(len(local))])
+    solution: Array = np.asarray(np.linalg.lstsq(columns, (local**2).sum(axis=1), rcond=None)[0], np.float64)
+    return middle + solution[:2], float(np.sqrt(max(float(solution[2] + (solution[:2] ** 2).sum()), 0.0)))
