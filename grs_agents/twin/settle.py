@@ -140,7 +140,7 @@ def _settled(things: Sequence[Thing], library: Library, unseen: Callable[[Thing]
 
 @dataclass(frozen=True)
 class _Fall:
-    """Things once they were taken apart, the poses in which they rest, and which of them fell, by number."""
+    """Things taken apart before they fell, the poses in which they rest, and which of them fell, by number."""
 
     parted: list[InstanceObject]
     poses: list[Pose]
@@ -160,6 +160,7 @@ def _fallen(
     prepare(world)
     mujoco.mj_forward(world.model, world.data)
     found, still = deepest(world), False
+    first: list[Pose] = []
     parted: list[Pose] = []
     for attempt in range(TRIES):
         if attempt and deepest(world) < WEDGED:
@@ -169,15 +170,19 @@ def _fallen(
         else:
             part(world, guessed, way)
         ease(world)
-        parted = parted or [_pose(world.data, world.bodies[item.id]) for item in items]
+        parted = [_pose(world.data, world.bodies[item.id]) for item in items]
+        first = first or parted
         still = fall(world)
         mujoco.mj_forward(world.model, world.data)
         if deepest(world) < OVERLAP:
             break
     poses = [_pose(world.data, world.bodies[item.id]) for item in items]
-    moved = [float(np.linalg.norm(np.subtract(one[0], two[0]))) for one, two in zip(parted, poses, strict=True)]
-    begun = [item.model_copy(update={"pose": pose}) for item, pose in zip(items, parted, strict=True)]
+    moved = [float(np.linalg.norm(np.subtract(one[0], two[0]))) for one, two in zip(first, poses, strict=True)]
     fell = [item.id for item, far in zip(items, moved, strict=True) if far > FALLEN]
+    begun = [
+        item.model_copy(update={"pose": before if item.id in fell else after})
+        for item, before, after in zip(items, first, parted, strict=True)
+    ]
     return _Fall(begun, poses, fell, found, deepest(world), still)
 
 
