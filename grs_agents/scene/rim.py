@@ -1,10 +1,12 @@
-"""The rim of an open thing: a circle that says where it stands and how wide it is, whatever of its side is hidden."""
+"""The rim of a bowl: a circle that says where it stands and how wide it is, whatever of its side is hidden."""
 
 import numpy as np
 
 from grs_agents.scene.frame import Array
 from grs_agents.scene.geometry import percentiles, rectangle_of, turns
 
+FLAT = 0.6
+"""What is higher than this share of its width is no bowl: a cup shows its side and its handle, which tell more."""
 HIGH = 0.012
 """Points lower than this (m) below the top are not of the rim."""
 FEWEST = 60
@@ -16,13 +18,15 @@ BETTER = 0.8
 """A round rim is off a circle by less than this share of what it is off a rectangle, on average."""
 SECTORS, SEEN = 24, 0.6
 """The circle is cut into so many sectors; in this share of them points must lie."""
-WIDE, STRAY = 1.24, 0.06
-"""What reaches beyond so many radii is a handle, or strays if it is at most this share of the points."""
+WIDE, LOW = 1.24, 0.5
+"""What reaches beyond so many radii is a handle; strays, if it is lower than this share of its height."""
+HANDLE = 0.02
+"""What has a handle of more than this share of the points is not round."""
 
 
 def rim_of(cloud: Array) -> tuple[tuple[float, float], float] | None:
-    """Centre (x, y) and diameter (m) of the rim of (N, 3) points of an open thing; ``None`` if it is not round."""
-    top = float(percentiles(cloud[:, 2], [98])[0])
+    """Centre (x, y) and diameter (m) of the rim of (N, 3) points of an open thing; ``None`` if it is no round bowl."""
+    bottom, top = (float(level) for level in percentiles(cloud[:, 2], [2, 98]))
     rim = cloud.compress(cloud[:, 2] > top - HIGH, axis=0)[:, :2]
     kept, center, radius = rim, np.zeros(2), 0.0
     for _ in range(ROUNDS):
@@ -34,8 +38,8 @@ def rim_of(cloud: Array) -> tuple[tuple[float, float], float] | None:
     away = kept - center
     reach = np.hypot(*away.T)
     sectors = np.floor(np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) * SECTORS).astype(np.int64)
-    beyond = np.hypot(*(cloud[:, :2] - center).T) > WIDE * radius
-    if len(np.unique(sectors)) < SEEN * SECTORS or beyond.mean() > STRAY:
+    handle = (np.hypot(*(cloud[:, :2] - center).T) > WIDE * radius) & (cloud[:, 2] > bottom + LOW * (top - bottom))
+    if top - bottom > FLAT * 2 * radius or len(np.unique(sectors)) < SEEN * SECTORS or handle.mean() > HANDLE:
         return None
     if np.abs(np.hypot(*(rim - center).T) - radius).mean() > BETTER * _off_rectangle(rim):
         return None
