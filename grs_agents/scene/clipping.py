@@ -1,6 +1,6 @@
 """Boxes of what is not known are guesses where nothing was measured: there they give way to what stands beside them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -31,6 +31,8 @@ CELL = 0.008
 MOST = 14
 """At most so many of them along an edge."""
 ROUNDS = 3
+FLOOR, STEP = 0.7, 0.002
+"""Known things that fill more than this share of the lowest part of a box carry it; looked at in such steps, m."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,24 @@ class Claim:
     def share(self, points: Array) -> float:
         """Which share of (N, 3) points lies in it."""
         return float(self.holds(points).mean()) if len(points) else 0.0
+
+    def standing(self, hold: Callable[[Array], Mask]) -> "Claim":
+        """It on what known things fill of the lowest part of its box: that is what it stands on.
+
+        ``hold`` tells which of (N, 3) points are in known things.
+        """
+        if self.hollow or not len(self.points):
+            return self
+        space, bottom = self.space, self.box.center[2] - self.box.size[2] / 2
+        foot = space[space[:, 2] < bottom + STEP] * (1, 1, 0)
+        lowest = min(float(np.percentile(self.points[:, 2], 2)), bottom + self.box.size[2] / 2)
+        levels = [np.array([0, 0, level]) for level in np.arange(bottom, lowest, STEP)]
+        filled = [float(level[2]) for level in levels if hold(foot + level).mean() > FLOOR]
+        if not filled:
+            return self
+        low, high = self._sides(self.box)
+        low[2] += filled[-1] + STEP - bottom
+        return replace(self, box=_box(self.box, low, high))
 
     def measured(self, before: UprightBox) -> UprightBox:
         """The box of what was measured: ``before`` it gave way, without what was only guessed of that."""

@@ -87,13 +87,15 @@ def reconcile(
     pieces = explained(clouds, shells)
     firm = [shell.points for index, shell in enumerate(shells) if shell is not None and index not in pieces]
     unknown = [index for index, shell in enumerate(shells) if shell is None and index not in pieces]
+    solids = {index: Surroundings([(one.known.asset, one.known.pose)], (), library)
+              for index, one in enumerate(segments) if one.known is not None and index not in pieces}  # fmt: skip
+    known = Surroundings([one for solid in solids.values() for one in solid.known], (), library)
     claims = [
-        Claim(segments[index].box, segments[index].shape, clouds[index], segments[index].hollow) for index in unknown
+        Claim(segments[index].box, segments[index].shape, clouds[index], segments[index].hollow).standing(known.hold)
+        for index in unknown
     ]
     fitted = clipped(claims, np.concatenate([np.zeros((0, 3)), *firm]))
     claimed = dict(zip(unknown, fitted, strict=True))
-    solids = {index: Surroundings([(one.known.asset, one.known.pose)], (), library)
-              for index, one in enumerate(segments) if one.known is not None and index not in pieces}  # fmt: skip
     for piece, claim in list(claimed.items()):
         filled = {index: float(solid.hold(claim.space).mean()) for index, solid in solids.items()}
         whole = max(filled, key=lambda index: filled[index], default=piece)
@@ -104,8 +106,7 @@ def reconcile(
     for piece, whole in (united or {}).items():
         _join(piece, whole, claimed, masks, pieces)
     _unite(claimed, masks, pieces, segments)
-    known = tuple(one for solid in solids.values() for one in solid.known)
-    return Reconciled(pieces, claimed, {index: masks[index] for index in claimed}, known, library)
+    return Reconciled(pieces, claimed, {index: masks[index] for index in claimed}, tuple(known.known), library)
 
 
 def carriers(fell: AbstractSet[int], agreed: Reconciled) -> dict[int, int]:

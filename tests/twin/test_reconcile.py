@@ -79,3 +79,23 @@ def test_what_falls_is_a_piece_of_what_it_touches() -> None:
     assert whole.pieces == {1: 0} and set(whole.claims) == {0, 2}
     assert (whole.masks[0] == (mask & ~block)).all()
     assert whole.claims[0].box.size[2] > agreed.claims[0].box.size[2] + 0.03
+
+
+def test_what_lies_in_a_known_box_stands_on_its_floor() -> None:
+    """The box measured of a block there reaches down to the table."""
+    container = Thing("container/open_box.urdf", ((0.5, 0.0, 0.045), (0.0, 0.0, 0.0, 1.0)))
+    block = Thing(BLOCK.asset, ((0.5, 0.0, 0.03), (0.0, 0.0, 0.0, 1.0)))
+    frame, table, mask = photo_of([container, block], LIBRARY)
+    alone = photo_of([container], LIBRARY)[0]
+    inner = mask & (np.abs(frame.depth - alone.depth) > 1e-4)
+    down = UprightBox(center=(0.5, 0.0, 0.025), size=(0.04, 0.04, 0.05), yaw=0.0)
+    around = UprightBox(center=container.pose[0], size=(0.3, 0.22, 0.09), yaw=0.0)
+    segments = [
+        Segment(mask & ~inner, around, "box", container, hollow=True),
+        Segment(inner, down, "box", None),
+    ]
+    low = reconcile(segments, frame, table, LIBRARY).claims[1].box
+    assert 0.003 < low.center[2] - low.size[2] / 2 < 0.015
+    assert abs(low.center[2] + low.size[2] / 2 - 0.05) < 1e-6, "its top stays"
+    free = reconcile([segments[1]], frame, table, LIBRARY).claims[0].box
+    assert free == down, "on the table it stays"
