@@ -3,22 +3,29 @@
 from grs_agents.nodes.authoring import fix_code, fix_tests, generate_sim, generate_task, generate_tests
 from grs_agents.nodes.comprehension import comprehend, hide_image, match
 from grs_agents.nodes.judging import audit, audited, authored, conclude, route, routed, run_tests, tested
+from grs_agents.nodes.segments import RunGraph, author, empty_graph, fix_loop, judge, perceive
 from grs_agents.nodes.services import Services
 
 __all__ = [
+    "RunGraph",
     "Services",
     "audit",
     "audited",
+    "author",
     "authored",
     "comprehend",
     "conclude",
+    "empty_graph",
     "fix_code",
+    "fix_loop",
     "fix_tests",
     "generate_sim",
     "generate_task",
     "generate_tests",
     "hide_image",
+    "judge",
     "match",
+    "perceive",
     "route",
     "routed",
     "run_tests",

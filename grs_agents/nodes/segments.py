@@ -1,0 +1,70 @@
+"""Segments that the graphs share. Each adds its nodes and edges to a graph, and leads on to the node ``then``."""
+
+from typing import Final, TypeAlias
+
+from langgraph.graph import END, START, StateGraph
+
+from grs_agents.nodes.authoring import fix_code, fix_tests, generate_sim, generate_task, generate_tests
+from grs_agents.nodes.comprehension import comprehend, match
+from grs_agents.nodes.judging import audit, audited, authored, conclude, route, routed, run_tests, tested
+from grs_agents.nodes.services import Services
+from grs_agents.state import RunState
+
+RunGraph: TypeAlias = StateGraph[RunState, Services, RunState, RunState]
+
+AUTHORS: Final = {"generate_task": generate_task, "generate_sim": generate_sim, "generate_tests": generate_tests}
+
+
+def empty_graph() -> RunGraph:
+    """A graph over ``RunState`` whose nodes get the ``Services`` of the run."""
+    return StateGraph(RunState, context_schema=Services)
+
+
+def perceive(graph: RunGraph, then: str) -> None:
+    """From the start: read and segment the photo, then match its objects with assets (paper, Section 3.1)."""
+    graph.add_node("comprehend", comprehend)
+    graph.add_node("match", match)
+    graph.add_edge(START, "comprehend")
+    graph.add_edge("comprehend", "match")
+    graph.add_edge("match", then)
+
+
+def author(graph: RunGraph, *names: str, then: str) -> None:
+    """The authors ``names`` one after another. A run whose author gave no usable answer goes on to ``conclude``.
+
+    Raises:
+        KeyError: a name is none of ``AUTHORS``.
+    """
+    for name, following in zip(names, (*names[1:], then), strict=True):
+        graph.add_node(name, AUTHORS[name])
+        graph.add_conditional_edges(name, authored, {"ok": following, "stop": "conclude"})
+
+
+def fix_loop(graph: RunGraph, then: str, router: bool = True) -> str:
+    """Run the tests, and fix until they pass or the fixes are used up (paper, Algorithm 1).
+
+    Returns:
+        the node that a failure goes to: ``route``, or ``fix_code`` without a router.
+    """
+    first = "route" if router else "fix_code"
+    graph.add_node("run_tests", run_tests)
+    graph.add_node("fix_code", fix_code)
+    graph.add_conditional_edges("run_tests", tested, {"audit": then, "fix": first, "stop": "conclude"})
+    graph.add_edge("fix_code", "run_tests")
+    if router:
+        graph.add_node("route", route)
+        graph.add_node("fix_tests", fix_tests)
+        graph.add_conditional_edges("route", routed, ["fix_code", "fix_tests"])
+        graph.add_edge("fix_tests", "run_tests")
+    return first
+
+
+def judge(graph: RunGraph, fix: str | None = None) -> None:
+    """Audit the program and conclude the run. What the audit finds goes to the node ``fix``, if there is one."""
+    graph.add_node("audit", audit)
+    graph.add_node("conclude", conclude)
+    if fix is None:
+        graph.add_edge("audit", "conclude")
+    else:
+        graph.add_conditional_edges("audit", audited, {"fix": fix, "stop": "conclude"})
+    graph.add_edge("conclude", END)
