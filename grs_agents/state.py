@@ -13,10 +13,15 @@ class RunState(TypedDict):
         scene_path: the scene: a folder, a file, or ``bop:`` and an image of a data set.
         max_fixes: how many code and test fixes together.
         camera: that took the photo, ``Camera`` as JSON.
-        frame: the table and the robot frame laid on it, ``TableFrame`` as JSON.
+        table: the table and the robot frame laid on it, ``TableFrame`` as JSON.
         notes: what a reader of the scene should know about how it was read.
         image: the scene image that vision agents see; empty for graphs without one.
         candidates: one record for each segmented candidate, with the paths of its mask and crop.
+        pending: ids of the candidates that this pass of perception describes, matches and registers.
+        descriptions: what the describer said, by candidate id: ``Description`` as JSON.
+        matches: what stands for a candidate, by its id: ``MatchEvidence`` as JSON.
+        objects: the objects placed so far, ``SceneObject`` as JSON.
+        dropped: the candidates that are no object, ``DroppedCandidate`` as JSON.
         background: library name of the reconstructed background; empty without one.
         scene: ``SceneDescription`` as JSON.
         task: the task definition, in the paper's spelling.
@@ -39,8 +44,13 @@ class RunState(TypedDict):
     notes: list[str]
     image: str
     camera: dict[str, Any]
-    frame: dict[str, Any]
+    table: dict[str, Any]
     candidates: list[dict[str, Any]]
+    pending: list[int]
+    descriptions: dict[str, dict[str, Any]]
+    matches: dict[str, dict[str, Any]]
+    objects: list[dict[str, Any]]
+    dropped: list[dict[str, Any]]
     background: str
     scene: dict[str, Any]
     task: dict[str, Any]

@@ -44,7 +44,16 @@ def test_a_served_graph_leaves_a_run_and_streams_its_nodes(
             subgraphs=True,
         )
     )
-    assert [next(iter(update)) for _, update in steps] == ["comprehend", "match", "scene"]
+    assert [next(iter(update)) for _, update in steps] == [
+        "read",
+        "find_table",
+        "segment",
+        "describe",
+        "match",
+        "register",
+        "settle",
+        "scene",
+    ]
     ended = steps[-1][1]["scene"]
     record = read_record(Path(ended["folder"]))
     assert (record.status, record.config["seed"], record.graph) == ("accepted", 3, "scene")

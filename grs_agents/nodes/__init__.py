@@ -1,7 +1,17 @@
 """The nodes of every graph: state in, update out."""
 
 from grs_agents.nodes.authoring import fix_code, fix_tests, generate_sim, generate_task, generate_tests
-from grs_agents.nodes.comprehension import comprehend, hide_image, match
+from grs_agents.nodes.comprehension import (
+    describe,
+    find_table,
+    hide_image,
+    match,
+    read,
+    register,
+    registered,
+    segment,
+    settle,
+)
 from grs_agents.nodes.judging import audit, audited, authored, conclude, route, routed, run_tests, tested
 from grs_agents.nodes.segments import RunGraph, author, empty_graph, fix_loop, judge, perceive
 from grs_agents.nodes.services import Services
@@ -13,9 +23,10 @@ __all__ = [
     "audited",
     "author",
     "authored",
-    "comprehend",
     "conclude",
+    "describe",
     "empty_graph",
+    "find_table",
     "fix_code",
     "fix_loop",
     "fix_tests",
@@ -26,8 +37,13 @@ __all__ = [
     "judge",
     "match",
     "perceive",
+    "read",
+    "register",
+    "registered",
     "route",
     "routed",
     "run_tests",
+    "segment",
+    "settle",
     "tested",
 ]

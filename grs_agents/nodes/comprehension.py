@@ -1,7 +1,8 @@
-"""The comprehension nodes: segment the photo; describe and match each candidate (paper, Scene Comprehension)."""
+"""The nodes of perception, from a photo to a scene at rest in MuJoCo (paper, Scene Comprehension)."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -10,87 +11,147 @@ from grs_agents.errors import InputError
 from grs_agents.nodes.background import stand_in
 from grs_agents.nodes.corresponding import correspond, measurements
 from grs_agents.nodes.fitting import fitting
-from grs_agents.nodes.matching import Matched, dropped, object_of
-from grs_agents.nodes.registering import registered, seen_later
-from grs_agents.nodes.services import Services, Update, node
+from grs_agents.nodes.matching import Matched, drop_reason, object_of
+from grs_agents.nodes.registering import register_assets, seen_later
+from grs_agents.nodes.services import Photo, Services, Update, node
 from grs_agents.nodes.standing import stand
 from grs_agents.scene import (
-    Camera,
     CandidateRecord,
     DepthEstimate,
     DroppedCandidate,
     Estimator,
     Image,
+    MatchEvidence,
     SceneDescription,
     SceneObject,
     TableFrame,
-    find_table,
-    load_frame,
     place_robot,
     read_scene,
     save_candidates,
     save_frame,
 )
+from grs_agents.scene import find_table as table_in
 from grs_agents.state import RunState
 from grs_agents.trace import Note, SceneStage
 
 
 @node
-def comprehend(state: RunState, services: Services) -> Update:
-    """Find the table and the candidates in the photo, and lay the robot frame."""
+def read(state: RunState, services: Services) -> Update:
+    """Read the RGB-D photo and write it into the run folder; all later nodes work on what was written."""
     frame = read_scene(Path(state["scene_path"]), _estimator(services), services.config.depth.field_of_view)
     files = save_frame(frame, services.folder)
     camera = frame.camera.model_dump(mode="json")
     services.log.append(SceneStage(stage="frame", summary={"camera": camera}, files=files))
-    table = find_table(frame, np.random.default_rng(services.config.seed))
-    config = services.config
-    found = services.tool(config.tools.segment, frame=frame, table=table, model=config.segment.model).candidates
-    table, candidates = place_robot(table, found)
+    return {"notes": list(frame.notes), "image": files["rgb"], "camera": camera}
+
+
+@node
+def find_table(state: RunState, services: Services) -> Update:
+    """Find the table's plane and lay a frame on it; the robot is placed once the objects are known."""
+    table = table_in(services.photo(state), np.random.default_rng(services.config.seed))
+    notes = [table.note] if table.origin == "calibrated" and table.note else []
+    return {"table": table.model_dump(mode="json"), "notes": [*state["notes"], *notes]}
+
+
+@node
+def segment(state: RunState, services: Services) -> Update:
+    """Segment what stands on the table into candidates, and place the robot in front of them."""
+    frame, config = services.photo(state), services.config
+    request = {"frame": frame, "table": _table(state), "model": config.segment.model}
+    table, candidates = place_robot(_table(state), services.tool(config.tools.segment, **request).candidates)
     records = save_candidates(frame, candidates, services.folder)
     boxes = [{"id": one.id, "name": f"candidate {one.id}", "box": one.box.model_dump()} for one in records]
-    placed = {**camera, "T_robot_cam": table.T_robot_cam}
+    camera = {**state["camera"], "T_robot_cam": table.T_robot_cam}
     services.log.append(
         SceneStage(
             stage="segmented",
-            summary={"camera": placed, "table": table.model_dump(mode="json"), "objects": boxes},
-            files={**files, "masks": "scene/masks.png", "annotated": "scene/annotated.png"},
+            summary={"camera": camera, "table": table.model_dump(mode="json"), "objects": boxes},
+            files={
+                "rgb": "scene/rgb.png",
+                "depth": "scene/depth.png",
+                "masks": "scene/masks.png",
+                "annotated": "scene/annotated.png",
+            },
         )
     )
     background, notes = stand_in(frame, table, candidates, services)
     return {
-        "notes": [*frame.notes, *notes],
+        "notes": [*state["notes"], *notes],
         "background": background,
-        "image": files["rgb"],
-        "camera": camera,
-        "frame": table.model_dump(mode="json"),
+        "table": table.model_dump(mode="json"),
         "candidates": [record.model_dump(mode="json") for record in records],
+        "pending": [record.id for record in records],
+    }
+
+
+@node
+def describe(state: RunState, services: Services) -> Update:
+    """Ask the describer about each pending candidate (paper, Scene Comprehension, step 2)."""
+    warnings: list[str] = []
+    pending = _pending(state)
+    descriptions = {
+        str(one.id): _described(one, state["image"], services, warnings).model_dump(mode="json") for one in pending
+    }
+    services.log.append(SceneStage(stage="described", summary=descriptions))
+    return {
+        "descriptions": {**state.get("descriptions", {}), **descriptions},
+        "notes": [*state["notes"], *warnings],
     }
 
 
 @node
 def match(state: RunState, services: Services) -> Update:
-    """Describe each candidate and match it with an asset; what no asset matches becomes a primitive proxy."""
+    """Match each pending candidate that is an object with an asset (paper, Scene Comprehension, step 3)."""
+    result = correspond(_pending(state), _descriptions(state), state, services)
+    matches = {str(number): answer.model_dump(mode="json") for number, answer in result.matches.items()}
+    return {"matches": {**state.get("matches", {}), **matches}, "notes": [*state["notes"], *result.notes]}
+
+
+@node
+def register(state: RunState, services: Services) -> Update:
+    """Place each pending candidate's asset where the photo shows it; what no asset stands for becomes a proxy.
+
+    In the first pass, what the placed assets do not explain of the segments becomes the candidates of a second pass.
+    """
     records = [CandidateRecord.model_validate(one) for one in state["candidates"]]
-    table = TableFrame.model_validate(state["frame"])
-    warnings = list(state.get("notes", []))
-    warnings += [table.note] if table.origin == "calibrated" and table.note else []
-    objects: list[SceneObject] = []
-    lost = _understood(records, state, services, objects, warnings)
-    later, divided = seen_later(objects, records, state, services)
-    lost += divided
-    objects = [one for one in objects if one.id not in {gone.id for gone in divided}]
-    lost += _understood(later, state, services, objects, warnings)
-    records += later
-    stood = stand(objects, records, state, services)
-    objects, warnings, lost = list(stood.objects), [*warnings, *stood.warnings], [*lost, *stood.dropped]
+    objects = [SceneObject.model_validate(one) for one in state.get("objects", ())]
+    placed, dropped = _placed(_pending(state), objects, state, services)
+    objects += placed
+    dropped = [*(DroppedCandidate.model_validate(one) for one in state.get("dropped", ())), *dropped]
+    residual: tuple[CandidateRecord, ...] = ()
+    if len(state["pending"]) == len(records):  # the first pass
+        residual, divided = seen_later(objects, records, _photo(state, services), services)
+        dropped += divided
+        objects = [one for one in objects if one.id not in {gone.id for gone in divided}]
+    return {
+        "candidates": [record.model_dump(mode="json") for record in (*records, *residual)],
+        "pending": [record.id for record in residual],
+        "objects": [one.model_dump(mode="json") for one in objects],
+        "dropped": [one.model_dump(mode="json") for one in dropped],
+    }
+
+
+def registered(state: RunState) -> Literal["describe", "settle"]:
+    """Whether there are residual candidates to describe, or all objects are placed."""
+    return "describe" if state["pending"] else "settle"
+
+
+@node
+def settle(state: RunState, services: Services) -> Update:
+    """Resolve collisions, let the objects come to rest in MuJoCo, and write ``scene.json``."""
+    records = [CandidateRecord.model_validate(one) for one in state["candidates"]]
+    stood = stand(
+        [SceneObject.model_validate(one) for one in state["objects"]], records, _photo(state, services), services
+    )
+    warnings = [*state["notes"], *stood.warnings]
     warnings += [
         f"{one.name} at x = {one.position[0]:.2f}, y = {one.position[1]:.2f} m is out of the arm's reach"
-        for one in objects
+        for one in stood.objects
         if not one.reachable
     ]
     for warning in warnings:
         services.log.append(Note(level="warning", text=warning))
-    if not objects:
+    if not stood.objects:
         raise InputError(
             f"{state['scene_path']}: none of {len(records)} segments is an object",
             "put objects of at least 2 cm on the table, or name another model for describe and match",
@@ -98,9 +159,9 @@ def match(state: RunState, services: Services) -> Update:
     scene = SceneDescription(
         source=state["scene_path"],
         image=state["image"],
-        frame=table,
-        objects=tuple(objects),
-        dropped=tuple(lost),
+        frame=_table(state),
+        objects=stood.objects,
+        dropped=(*(DroppedCandidate.model_validate(one) for one in state["dropped"]), *stood.dropped),
         warnings=tuple(warnings),
         background=state.get("background") or None,
         relations=stood.relations,
@@ -111,37 +172,44 @@ def match(state: RunState, services: Services) -> Update:
     return {"scene": scene.model_dump(mode="json")}
 
 
-def _understood(
-    records: Sequence[CandidateRecord],
-    state: RunState,
-    services: Services,
-    objects: list[SceneObject],
-    warnings: list[str],
-) -> list[DroppedCandidate]:
-    """Describe and match candidates, and add them to ``objects`` where the photo shows them; tell what is none."""
+def _placed(
+    records: Sequence[CandidateRecord], others: Sequence[SceneObject], state: RunState, services: Services
+) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
+    """The candidates as objects with an asset or proxy where the photo shows them, and those that are no object."""
     if not records:
-        return []
-    described = {one.id: _described(one, state["image"], services, warnings) for one in records}
-    summary = {str(number): one.model_dump(mode="json") for number, one in described.items()}
-    services.log.append(SceneStage(stage="described", summary=summary))
-    lost: list[DroppedCandidate] = []
-    new: list[SceneObject] = []
-    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
-    photo = (frame, TableFrame.model_validate(state["frame"]))
-    answers = correspond(records, described, frame, state, services)
-    warnings += answers.notes
+        return (), []
+    photo = _photo(state, services)
+    descriptions = _descriptions(state)
+    matches = {int(number): MatchEvidence.model_validate(one) for number, one in state["matches"].items()}
+    dropped: list[DroppedCandidate] = []
+    objects: list[SceneObject] = []
     for record in records:
-        found = Matched(record, described[record.id], answers.matches.get(record.id))
-        if reason := dropped(found, services.config.match.proxies):
-            lost.append(DroppedCandidate(id=record.id, reason=reason))
+        answer = Matched(record, descriptions[record.id], matches.get(record.id))
+        if reason := drop_reason(answer, services.config.match.proxies):
+            dropped.append(DroppedCandidate(id=record.id, reason=reason))
         else:
-            new.append(object_of(found, services, [one.name for one in (*objects, *new)], photo))
-    placed, unlike = fitting(
-        registered(new, records, state, services), {one.id: one for one in records},
-        [one.name for one in objects], photo, services,
-    )  # fmt: skip
-    objects += placed
-    return [*lost, *unlike]
+            objects.append(object_of(answer, services, [one.name for one in (*others, *objects)], photo))
+    by_number = {one.id: one for one in records}
+    names = [one.name for one in others]
+    placed, mismatched = fitting(register_assets(objects, records, photo, services), by_number, names, photo, services)
+    return placed, [*dropped, *mismatched]
+
+
+def _table(state: RunState) -> TableFrame:
+    return TableFrame.model_validate(state["table"])
+
+
+def _photo(state: RunState, services: Services) -> Photo:
+    return services.photo(state), _table(state)
+
+
+def _pending(state: RunState) -> list[CandidateRecord]:
+    """The candidates of this pass."""
+    return [CandidateRecord.model_validate(one) for one in state["candidates"] if one["id"] in state["pending"]]
+
+
+def _descriptions(state: RunState) -> dict[int, Description]:
+    return {int(number): Description.model_validate(one) for number, one in state["descriptions"].items()}
 
 
 @node

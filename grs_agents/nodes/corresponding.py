@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from grs_agents.agents import Agents, Description, NoReply, roles
 from grs_agents.correspondence.types import Ask, MatchResult, Segment
 from grs_agents.nodes.services import Services
-from grs_agents.scene import CandidateRecord, MatchEvidence, RGBDFrame, Shown, TableFrame, load_mask
+from grs_agents.scene import CandidateRecord, MatchEvidence, Shown, TableFrame, load_mask
 from grs_agents.state import RunState
 
 
@@ -24,7 +24,6 @@ def measurements(record: CandidateRecord) -> dict[str, object]:
 def correspond(
     records: Sequence[CandidateRecord],
     described: Mapping[int, Description],
-    frame: RGBDFrame,
     state: RunState,
     services: Services,
 ) -> MatchResult:
@@ -33,7 +32,6 @@ def correspond(
     Args:
         records: the candidates.
         described: what was said of each.
-        frame: the photo.
         state, services: of the run.
 
     Raises:
@@ -46,12 +44,17 @@ def correspond(
         for one in asked
     ]
     silent: list[str] = []
-    told = config.match
     result: MatchResult = services.tool(
-        config.tools.match, segments=segments, frame=frame, table=TableFrame.model_validate(state["frame"]),
-        ask=asking(services.agents, asked, described, state["image"], silent), seed=config.seed,
-        model=told.model, ocr=told.ocr, index=told.index,
-    )  # fmt: skip
+        config.tools.match,
+        segments=segments,
+        frame=services.photo(state),
+        table=TableFrame.model_validate(state["table"]),
+        ask=asking(services.agents, asked, described, state["image"], silent),
+        seed=config.seed,
+        model=config.match.model,
+        ocr=config.match.ocr,
+        index=config.match.index,
+    )
     return MatchResult(result.matches, (*result.notes, *silent))
 
 

@@ -3,15 +3,13 @@
 from collections.abc import Mapping, Sequence
 
 from grs_agents.agents import Description
-from grs_agents.nodes.matching import Matched, dropped, object_of
-from grs_agents.nodes.services import Services
+from grs_agents.nodes.matching import Matched, drop_reason, object_of
+from grs_agents.nodes.services import Photo, Services
 from grs_agents.scene import (
     CandidateRecord,
     DroppedCandidate,
     MatchEvidence,
-    RGBDFrame,
     SceneObject,
-    TableFrame,
     certain,
     deviation,
     upright_of,
@@ -22,7 +20,7 @@ def fitting(
     objects: Sequence[SceneObject],
     records: Mapping[int, CandidateRecord],
     taken: Sequence[str],
-    photo: tuple[RGBDFrame, TableFrame],
+    photo: Photo,
     services: Services,
 ) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
     """The objects, each with an asset or a proxy of its size, and those that have neither.
@@ -60,7 +58,7 @@ def given_way(
     why: str,
     record: CandidateRecord,
     taken: Sequence[str],
-    photo: tuple[RGBDFrame, TableFrame],
+    photo: Photo,
     services: Services,
 ) -> SceneObject | DroppedCandidate:
     """An object with a proxy instead of its asset; or, without proxies, why it is none.
@@ -79,6 +77,6 @@ def given_way(
     words = Description(is_object=True, description=one.description, color=one.color,
                         shape=record.shape, category=one.category)  # fmt: skip
     found = Matched(record, words, reply)
-    if reason := dropped(found, services.config.match.proxies):
+    if reason := drop_reason(found, services.config.match.proxies):
         return DroppedCandidate(id=one.id, reason=reason)
     return object_of(found, services, taken, photo)

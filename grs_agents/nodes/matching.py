@@ -9,15 +9,13 @@ from grs_agents.agents import Description
 from grs_agents.base import Quat
 from grs_agents.correspondence.proxying import measured_shape, proxy_look
 from grs_agents.library import Asset, fitted_kind, write_fitted_proxy, write_proxy
-from grs_agents.nodes.services import Services
+from grs_agents.nodes.services import Photo, Services
 from grs_agents.scene import (
     CandidateRecord,
     Mask,
     MatchEvidence,
-    RGBDFrame,
     SceneObject,
     Surroundings,
-    TableFrame,
     UprightBox,
     load_mask,
     place_asset,
@@ -35,7 +33,7 @@ class Matched:
     reply: MatchEvidence | None
 
 
-def dropped(found: Matched, proxies: bool = True) -> str:
+def drop_reason(found: Matched, proxies: bool = True) -> str:
     """Why a candidate is no object of the scene; empty if it is one. Without proxies it needs an asset."""
     if found.reply is None:
         return f"described as no object: {found.description.description}"
@@ -46,9 +44,7 @@ def dropped(found: Matched, proxies: bool = True) -> str:
     return ""
 
 
-def object_of(
-    found: Matched, services: Services, taken: Sequence[str], photo: tuple[RGBDFrame, TableFrame] | None = None
-) -> SceneObject:
+def object_of(found: Matched, services: Services, taken: Sequence[str], photo: Photo | None = None) -> SceneObject:
     """Place the matched asset, or a proxy, where the photo shows it.
 
     A proxy has the measured size; with the photo it is the solid that fits the points best and looks as they do.
@@ -91,7 +87,7 @@ def write_stand_in(
     shape: Solid,
     description: str,
     services: Services,
-    photo: tuple[RGBDFrame, TableFrame] | None = None,
+    photo: Photo | None = None,
     around: Surroundings | None = None,
     mask: Mask | None = None,
 ) -> Asset:

@@ -2,35 +2,26 @@
 
 from collections.abc import Sequence
 
-from grs_agents.nodes.services import Services
+from grs_agents.nodes.services import Photo, Services
 from grs_agents.scene import (
-    Camera,
     CandidateRecord,
     DroppedCandidate,
     Registered,
     SceneObject,
-    TableFrame,
     add_candidates,
     found_later,
-    load_frame,
     load_mask,
     register,
     shell_of,
 )
-from grs_agents.state import RunState
 from grs_agents.workspace import reachable
 
 
-def registered(
-    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
+def register_assets(
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], photo: Photo, services: Services
 ) -> tuple[SceneObject, ...]:
-    """The objects with the assets that were matched where the photo shows them.
-
-    Raises:
-        InputError: the pictures that the comprehension wrote are gone.
-    """
-    table, library = TableFrame.model_validate(state["frame"]), services.library
-    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    """The objects with the assets that were matched where the photo shows them."""
+    (frame, table), library = photo, services.library
     by_number = {one.id: one for one in records}
     placed: list[SceneObject] = []
     for one in objects:
@@ -57,17 +48,12 @@ def standing_at(found: Registered) -> dict[str, object]:
 
 
 def seen_later(
-    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], photo: Photo, services: Services
 ) -> tuple[tuple[CandidateRecord, ...], tuple[DroppedCandidate, ...]]:
-    """Candidates that were taken for parts of others, once assets stand; and those that are only these and known ones.
-
-    Raises:
-        InputError: the pictures that the comprehension wrote are gone.
-    """
+    """Residual candidates, which no placed asset explains, and the objects whose segments they were part of."""
     if not objects:
         return (), ()
-    table, library = TableFrame.model_validate(state["frame"]), services.library
-    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
+    (frame, table), library = photo, services.library
     masks = [load_mask(services.folder / one.mask) for one in objects]
     shells = [shell_of(one.asset, (one.position, one.orientation), library) if one.matched else None for one in objects]
     found = found_later(masks, shells, frame, table, max(one.id for one in records) + 1)

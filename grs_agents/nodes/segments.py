@@ -1,17 +1,19 @@
 """Segments that the graphs share. Each adds its nodes and edges to a graph, and leads on to the node ``then``."""
 
+from itertools import pairwise
 from typing import Final, TypeAlias
 
 from langgraph.graph import END, START, StateGraph
 
 from grs_agents.nodes.authoring import fix_code, fix_tests, generate_sim, generate_task, generate_tests
-from grs_agents.nodes.comprehension import comprehend, match
+from grs_agents.nodes.comprehension import describe, find_table, match, read, register, registered, segment, settle
 from grs_agents.nodes.judging import audit, audited, authored, conclude, route, routed, run_tests, tested
 from grs_agents.nodes.services import Services
 from grs_agents.state import RunState
 
 RunGraph: TypeAlias = StateGraph[RunState, Services, RunState, RunState]
 
+PERCEPTION: Final = ("read", "find_table", "segment", "describe", "match", "register", "settle")
 AUTHORS: Final = {"generate_task": generate_task, "generate_sim": generate_sim, "generate_tests": generate_tests}
 
 
@@ -21,12 +23,17 @@ def empty_graph() -> RunGraph:
 
 
 def perceive(graph: RunGraph, then: str) -> None:
-    """From the start: read and segment the photo, then match its objects with assets (paper, Section 3.1)."""
-    graph.add_node("comprehend", comprehend)
-    graph.add_node("match", match)
-    graph.add_edge(START, "comprehend")
-    graph.add_edge("comprehend", "match")
-    graph.add_edge("match", then)
+    """From the start: from the photo to objects at rest in MuJoCo (paper, Scene Comprehension).
+
+    Residual candidates, which show once the first objects are placed, are described and matched in a second pass.
+    """
+    steps = (read, find_table, segment, describe, match, register, settle)
+    for name, step in zip(PERCEPTION, steps, strict=True):
+        graph.add_node(name, step)
+    for source, target in pairwise((START, *PERCEPTION[:-1])):
+        graph.add_edge(source, target)
+    graph.add_conditional_edges("register", registered, ["describe", "settle"])
+    graph.add_edge("settle", then)
 
 
 def author(graph: RunGraph, *names: str, then: str) -> None:

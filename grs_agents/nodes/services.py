@@ -19,12 +19,15 @@ from grs_agents.errors import ConfigError
 from grs_agents.library import Library
 from grs_agents.policies import Policy
 from grs_agents.sandbox import Sandbox
+from grs_agents.scene import Camera, RGBDFrame, TableFrame, load_frame
 from grs_agents.sim.arms import ROBOTS, get_arm
 from grs_agents.state import RunState
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, NodeEnded, NodeStarted, brief
 
 Update = dict[str, Any]
+Photo = tuple[RGBDFrame, TableFrame]
+"""An RGB-D frame and the table in it."""
 Body = Callable[[RunState, "Services"], Update]
 Stamp = tuple[str, int, int, int]
 """A file's path, inode, time of change in ns and size: another one once it is written again."""
@@ -62,6 +65,7 @@ class Services:
     _laid: dict[frozenset[Stamp], Library] = field(
         default_factory=dict[frozenset[Stamp], Library], init=False, repr=False, compare=False
     )
+    _photos: list[RGBDFrame] = field(default_factory=list["RGBDFrame"], init=False, repr=False, compare=False)
 
     @property
     def library(self) -> Library:
@@ -74,6 +78,16 @@ class Services:
             self._laid.clear()
             self._laid[stamps] = self._shipped.overlay(proxies)
         return self._laid[stamps]
+
+    def photo(self, state: RunState) -> RGBDFrame:
+        """The photo that the node ``read`` wrote into the run folder; it is decoded once.
+
+        Raises:
+            InputError: the pictures are gone.
+        """
+        if not self._photos:
+            self._photos.append(load_frame(self.folder, Camera.model_validate(state["camera"]), state["scene_path"]))
+        return self._photos[0]
 
     @cached_property
     def _shipped(self) -> Library:

@@ -10,9 +10,8 @@ from grs_agents.errors import GrsError
 from grs_agents.nodes.fitting import given_way, unlike
 from grs_agents.nodes.matching import about_z, write_stand_in
 from grs_agents.nodes.registering import standing_at
-from grs_agents.nodes.services import Services
+from grs_agents.nodes.services import Photo, Services
 from grs_agents.scene import (
-    Camera,
     CandidateRecord,
     DroppedCandidate,
     Mask,
@@ -23,12 +22,10 @@ from grs_agents.scene import (
     TwinReport,
     aligned,
     body_of,
-    load_frame,
     load_mask,
     relations,
 )
 from grs_agents.sim.episode import SimulationError
-from grs_agents.state import RunState
 from grs_agents.twin import Known, Reconciled, Segment, Thing, carriers, disentangled, reconcile, report_of
 from grs_agents.workspace import reachable
 
@@ -62,22 +59,19 @@ class _Scene:
 
 
 def stand(
-    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], state: RunState, services: Services
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], photo: Photo, services: Services
 ) -> Stood:
     """Tell pieces of others and relations, fit the proxies, and settle the twin; what MuJoCo refuses has none.
 
     Args:
         objects: registered.
         records: the candidates that they come from.
-        state, services: of the run.
-
-    Raises:
-        InputError: the pictures that the comprehension wrote are gone.
+        photo: the frame and its table.
+        services: of the run.
     """
     if not objects:
         return Stood(())
-    frame = load_frame(services.folder, Camera.model_validate(state["camera"]), state["scene_path"])
-    scene = _Scene(frame, TableFrame.model_validate(state["frame"]), {one.id: one for one in records}, services)
+    scene = _Scene(*photo, {one.id: one for one in records}, services)
     apart, gone, warnings = tuple(objects), list[DroppedCandidate](), tuple[str, ...]()
     try:
         apart, gone = _apart(objects, scene)

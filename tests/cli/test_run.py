@@ -59,7 +59,8 @@ def test_the_log_tells_every_step(accepted: tuple[Path, dict[str, Any]]) -> None
     folder, record = accepted
     events = read_events(folder / "events.jsonl")
     nodes = [event.node for event in events if event.kind == "node_ended"]
-    assert nodes[:3] == ["comprehend", "match", "generate_task"]
+    assert nodes[:4] == ["read", "find_table", "segment", "describe"]
+    assert nodes.index("settle") + 1 == nodes.index("generate_task")
     assert nodes[-2:] == ["audit", "conclude"]
     assert sum(event.kind == "prompt" for event in events) == record["counts"]["model_calls"]
     assert sum(event.kind == "rollout" for event in events) >= 3
@@ -102,7 +103,7 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, small_scene: Path
     record = json.loads(done.stdout)
     assert record["status"] == "accepted" and record["attempts"] == 2
     nodes = [event.node for event in read_events(out / "events.jsonl") if event.kind == "node_ended"]
-    assert nodes.count("comprehend") == nodes.count("match") == nodes.count("generate_sim") == 1
+    assert nodes.count("read") == nodes.count("settle") == nodes.count("generate_sim") == 1
 
 
 def test_a_terminated_run_says_so_and_a_tampered_checkpoint_runs_nothing(tmp_path: Path, small_scene: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from grs_agents.agents import Description
 from grs_agents.library import Library
-from grs_agents.nodes.matching import Matched, dropped, object_of
+from grs_agents.nodes.matching import Matched, drop_reason, object_of
 from grs_agents.nodes.scene_prompt import fixtures_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services
 from grs_agents.scene import CandidateRecord, MatchEvidence, SceneDescription
@@ -54,11 +54,11 @@ def test_what_nothing_matches_becomes_a_proxy(services: Services) -> None:
 
 def test_what_is_no_object_is_dropped_with_a_reason() -> None:
     glare = WORDS.model_copy(update={"is_object": False, "description": "a glare"})
-    assert "glare" in dropped(Matched(RECORD, glare, None))
-    assert "shadow" in dropped(Matched(RECORD, WORDS, MatchEvidence(match="no_object", reason="a shadow")))
+    assert "glare" in drop_reason(Matched(RECORD, glare, None))
+    assert "shadow" in drop_reason(Matched(RECORD, WORDS, MatchEvidence(match="no_object", reason="a shadow")))
     lacking = Matched(RECORD, WORDS, MatchEvidence(match="no_asset"))
-    assert dropped(lacking) == ""
-    assert "match.proxies" in dropped(lacking, proxies=False)
+    assert drop_reason(lacking) == ""
+    assert "match.proxies" in drop_reason(lacking, proxies=False)
 
 
 def test_prompts_tell_the_scene_and_the_fixtures(services: Services) -> None:

@@ -12,22 +12,19 @@ import pytest
 from grs_agents.agents import Description
 from grs_agents.library import Library
 from grs_agents.nodes.matching import Matched, object_of
-from grs_agents.nodes.registering import registered, seen_later
-from grs_agents.nodes.services import Services
+from grs_agents.nodes.registering import register_assets, seen_later
+from grs_agents.nodes.services import Photo, Services
 from grs_agents.nodes.standing import Stood, stand
 from grs_agents.scene import (
     CandidateRecord,
     MatchEvidence,
-    RGBDFrame,
     SceneObject,
-    TableFrame,
     UprightBox,
     candidates_of,
     load_mask,
     save_candidates,
     save_frame,
 )
-from grs_agents.state import RunState
 from tests.twin.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 SPAGHETTI = "HOPE/Spaghetti.urdf"
@@ -57,7 +54,7 @@ class Seen:
     """A carton, whose upper half is a segment of its own, and a block in a photo, and what a run knows of them."""
 
     services: Services
-    state: RunState
+    photo: Photo
     lower: CandidateRecord
     upper: CandidateRecord
     block: CandidateRecord
@@ -77,22 +74,16 @@ def seen(tmp_path: Path) -> Seen:
     labels = mask.astype("int32") + upper + 2 * block
     save_frame(frame, tmp_path)
     low, high, stone = save_candidates(frame, candidates_of(frame, table, labels), tmp_path)
-    return Seen(cast(Services, OfRun(tmp_path)), state_of(frame, table), low, high, stone)
-
-
-def state_of(frame: RGBDFrame, table: TableFrame) -> RunState:
-    """What a run knows of its photo."""
-    state = {"camera": frame.camera.model_dump(), "frame": table.model_dump(), "scene_path": "photo"}
-    return cast(RunState, state)
+    return Seen(cast(Services, OfRun(tmp_path)), (frame, table), low, high, stone)
 
 
 def stood(seen: Seen, objects: list[SceneObject]) -> Stood:
-    return stand(objects, [seen.lower, seen.upper, seen.block], seen.state, seen.services)
+    return stand(objects, [seen.lower, seen.upper, seen.block], seen.photo, seen.services)
 
 
 def test_a_piece_of_a_known_thing_is_dropped_and_the_others_stand(seen: Seen) -> None:
     known = seen.thing(seen.lower, MILK, [])
-    (known,) = registered([known], [seen.lower], seen.state, seen.services)
+    (known,) = register_assets([known], [seen.lower], seen.photo, seen.services)
     others = [seen.thing(seen.upper, None, []), seen.thing(seen.block, None, ["red_thing_1"])]
     found = stood(seen, [known, *others])
     assert [one.name for one in found.objects] == [known.name, others[1].name]
@@ -122,9 +113,9 @@ def test_what_falls_off_another_thing_is_a_piece_of_it(tmp_path: Path) -> None:
     save_frame(frame, tmp_path)
     low, high = save_candidates(frame, candidates_of(frame, table, mask.astype("int32") + upper), tmp_path)
     high = high.model_copy(update={"upright": UprightBox(center=beam.pose[0], size=(0.029, 0.25, 0.05), yaw=0.0)})
-    seen = Seen(cast(Services, OfRun(tmp_path)), state_of(frame, table), low, high, high)
+    seen = Seen(cast(Services, OfRun(tmp_path)), (frame, table), low, high, high)
     found = stand(
-        [seen.thing(low, None, []), seen.thing(high, None, ["red_thing_1"])], [low, high], seen.state, seen.services
+        [seen.thing(low, None, []), seen.thing(high, None, ["red_thing_1"])], [low, high], seen.photo, seen.services
     )
     (one,) = found.objects
     assert [gone.reason for gone in found.dropped] == [f"a piece of {one.name}"]
@@ -133,12 +124,12 @@ def test_what_falls_off_another_thing_is_a_piece_of_it(tmp_path: Path) -> None:
 
 
 def test_a_segment_that_joins_a_known_thing_and_another_is_looked_at_again(seen: Seen) -> None:
-    (known,) = registered([seen.thing(seen.lower, MILK, [])], [seen.lower], seen.state, seen.services)
+    (known,) = register_assets([seen.thing(seen.lower, MILK, [])], [seen.lower], seen.photo, seen.services)
     both = seen.services.folder / seen.upper.mask
     joined = load_mask(both) | load_mask(seen.services.folder / seen.block.mask)
     cv2.imwrite(str(both), joined.astype(np.uint8) * 255)
     later, divided = seen_later(
-        [known, seen.thing(seen.upper, None, [])], [seen.lower, seen.upper], seen.state, seen.services
+        [known, seen.thing(seen.upper, None, [])], [seen.lower, seen.upper], seen.photo, seen.services
     )
     assert [one.id for one in divided] == [seen.upper.id]
     (found,) = later

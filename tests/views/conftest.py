@@ -139,7 +139,7 @@ class Script:
     def before_fix(self) -> None:
         """Photo to the first failing test run and the decision."""
         self.log.append(RunStarted(run_id="sample-run", graph="grs", seed=0, config={"max_fixes": 10}))
-        self.node("comprehend", 1, write_scene(self.folder))
+        self.node("segment", 1, write_scene(self.folder))
         task = {"task-name": "pack-milk", "task-description": "Put the milk away.", "assets-used": list(ASSETS)}
         self.node("generate_task", 1, *self.call("task", "## Scene", image=True), TaskDefined(task=task))
         first = program(self.folder, 1, FIRST, author_role="simulation")

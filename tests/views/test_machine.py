@@ -1,5 +1,7 @@
 """The state machine as a picture."""
 
+from itertools import pairwise
+
 import pytest
 
 from grs_agents.views import machine
@@ -21,9 +23,9 @@ def test_the_cards_machine_is_whole() -> None:
     assert "match" not in nodes
 
 
-def test_a_describe_node_stands_between_comprehend_and_match() -> None:
-    edges = machine.edges(("comprehend", "describe", "match"))
-    assert edges == (("comprehend", "describe"), ("describe", "match"))
+def test_perception_is_a_chain_with_a_second_pass() -> None:
+    nodes = ("read", "find_table", "segment", "describe", "match", "register", "settle")
+    assert set(machine.edges(nodes)) == {*pairwise(nodes), ("register", "describe")}
 
 
 def test_colours_are_stable() -> None:

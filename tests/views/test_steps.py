@@ -13,7 +13,7 @@ def test_a_run_becomes_one_step_a_visit(script: Callable[[], Any]) -> None:
     run.after_fix()
     rows = steps(read_events(run.log.path))
     assert [f"{row.node} {row.visit}" for row in rows] == [
-        "comprehend 1", "generate_task 1", "generate_sim 1", "run_tests 1",
+        "segment 1", "generate_task 1", "generate_sim 1", "run_tests 1",
         "route 1", "fix_code 1", "run_tests 2", "audit 1",
     ]  # fmt: skip
     assert {row.status for row in rows} == {"done"}
