@@ -21,10 +21,15 @@ _loading = threading.RLock()
 """A module is registered before it is executed: another thread must not take it half-loaded."""
 
 
+def package_root() -> Path:
+    """The folder of the package itself."""
+    return Path(__file__).parent
+
+
 def content_root() -> Path:
     """The folder that holds the content folders shipped with GRS."""
-    bundled = Path(__file__).parent / "_bundled"
-    return bundled if bundled.is_dir() else Path(__file__).parent.parent
+    bundled = package_root() / "_bundled"
+    return bundled if bundled.is_dir() else package_root().parent
 
 
 def add_overlay(folder: Path) -> None:

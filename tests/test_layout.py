@@ -66,6 +66,20 @@ def imports(file: Path) -> list[str]:
 
 
 SOURCES = list(sources())
+MODULES = {
+    ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): file
+    for file in PACKAGE.rglob("*.py")
+}
+"""Every module of the package by its dotted name."""
+
+SAME_NAME = frozenset(
+    {
+        "audit.changes", "library.urdf_text", "run.check", "run.execute", "scene.relations", "sim.rollout",
+        "synth.sensors.stereo", "synth.sensors.structured_light", "synth.sensors.time_of_flight", "twin.fidelity",
+        "twin.reconcile", "twin.settle", "views.steps",
+    }
+)  # fmt: skip
+"""Functions that their room exports under the name of a module of it: to be renamed, none may come."""
 
 
 def ours(file: Path) -> Iterator[tuple[str, str]]:
@@ -84,6 +98,68 @@ def test_a_room_imports_only_from_floors_below_its_own() -> None:
         if other != room and floor_of(other) >= floor_of(room)
     ]
     assert not climbing
+
+
+def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of names that reach each other (Tarjan's strongly connected components of more than one)."""
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    groups: list[list[str]] = []
+
+    def visit(name: str) -> None:
+        order[name] = low[name] = len(order)
+        stack.append(name)
+        for other in sorted(arrows[name]):
+            if other not in order:
+                visit(other)
+                low[name] = min(low[name], low[other])
+            elif other in stack:
+                low[name] = min(low[name], order[other])
+        if low[name] == order[name]:
+            group = stack[stack.index(name) :]
+            del stack[stack.index(name) :]
+            if len(group) > 1:
+                groups.append(sorted(group))
+
+    for name in sorted(arrows):
+        if name not in order:
+            visit(name)
+    return groups
+
+
+def module_of(name: str) -> str | None:
+    """The module that an imported dotted name is or lies in; None where it is not ours."""
+    candidates = (name, name.rpartition(".")[0])
+    return next((candidate for candidate in candidates if candidate in MODULES), None)
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    # Imports for type checking and inside functions count: they, too, say who knows whom.
+    arrows = {
+        name: {other for other in map(module_of, imports(file)) if other is not None and other != name}
+        for name, file in MODULES.items()
+    }
+    assert circles(arrows) == []
+
+
+def test_circles_are_found() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a", "d"}}) == [["b", "c"]]
+
+
+def test_no_exported_name_is_that_of_a_module_beside_it() -> None:
+    # ``from room import name`` would give the one or the other, whichever was imported last.
+    doors = {name: file for name, file in MODULES.items() if file.name == "__init__.py"}
+    same = {
+        exported.removeprefix(f"{PACKAGE.name}.")
+        for door, file in doors.items()
+        for node in ast.parse(file.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if f"{node.module}.{alias.name}" not in MODULES
+        and (exported := f"{door}.{alias.asname or alias.name}") in MODULES
+    }
+    assert same == SAME_NAME
 
 
 def test_private_names_stay_in_their_room() -> None:

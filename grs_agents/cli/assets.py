@@ -51,10 +51,13 @@ def import_assets(
 ) -> None:
     """Import 3D models; broken ones are refused by name, the rest goes on. Exit status 1 if one was refused."""
     from grs_agents.cli.importing import import_source
+    from grs_agents.cli.objaverse import PREFIX, import_objaverse
     from grs_agents.library.importing.types import ImportOptions
 
     options = ImportOptions(unit=unit, up=up, license=license_ or "unknown", faces=faces)
-    sys.exit(import_source(source, library, name, options, jobs=jobs, again=again, download=download, as_json=json))
+    if source.startswith(PREFIX):
+        sys.exit(import_objaverse(source.removeprefix(PREFIX), library, options, download, json))
+    sys.exit(import_source(source, library, name, options, jobs=jobs, again=again, as_json=json))
 
 
 @assets_app.command("list")

@@ -20,7 +20,6 @@ from grs_agents.library.importing.source import opened
 from grs_agents.library.importing.types import ImportOptions, Outcome
 
 DEFAULT = Path("grs-content")
-OBJAVERSE = "objaverse:"
 
 
 def content_folder(library: Path | None) -> Path:
@@ -42,7 +41,6 @@ def import_source(
     *,
     jobs: int,
     again: bool,
-    download: int,
     as_json: bool,
 ) -> int:
     """Import a source, telling each outcome as it comes.
@@ -53,10 +51,6 @@ def import_source(
     Raises:
         InputError: there is no such source, or nothing in it.
     """
-    if source.startswith(OBJAVERSE):
-        from grs_agents.cli.objaverse import import_objaverse
-
-        return import_objaverse(source.removeprefix(OBJAVERSE), library, options, download, as_json)
     with opened(source, options) as found:
         collection = slug_of(name) if name is not None else found.collection
         if not found.items and not found.refused:

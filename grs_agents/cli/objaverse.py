@@ -18,6 +18,8 @@ from grs_agents.library.importing.source import Opened
 from grs_agents.library.importing.types import ImportOptions, Item
 
 COLLECTION = "objaverse"
+PREFIX = "objaverse:"
+"""Of a source that is searched for in Objaverse."""
 
 
 def import_objaverse(words: str, library: Path | None, options: ImportOptions, count: int, as_json: bool) -> int:

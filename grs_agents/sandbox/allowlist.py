@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-import grs_agents
 from grs_agents import content
 
 _PROGRAMS = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin")
@@ -35,8 +34,8 @@ def runtime_paths() -> tuple[Path, ...]:
 
     The folder that *holds* the package is not among them: in a source tree it is a repository with whatever lies in it.
     """
-    package = Path(grs_agents.__file__).parent
     packages = [Path(entry) for entry in sys.path if Path(entry).name in _PACKAGES]
+    package = content.package_root()
     paths = [Path(sys.prefix), Path(sys.base_prefix), *packages, package, *content_paths(content.roots())]
     return outermost(path for path in paths if path.exists() and path not in (Path("/"), Path.home()))
 

@@ -3,10 +3,9 @@
 import os
 import socket
 import sys
-from pathlib import Path
 from typing import Literal
 
-import grs_agents
+from grs_agents import content
 from grs_agents.sandbox.settings import ENVIRONMENT, Settings
 
 _CODE = (
@@ -23,9 +22,9 @@ def command(module: Literal["zygote", "worker"], address: str, settings: Setting
         address: the number of an inherited socket, or the path of a socket to connect to.
         settings: how it serves.
     """
-    package = str(Path(grs_agents.__file__).parent.parent)
+    folder = str(content.package_root().parent)
     code = _CODE.format(module)
-    return [sys.executable, "-s", "-P", "-B", "-c", code, package, address, settings.model_dump_json()]
+    return [sys.executable, "-s", "-P", "-B", "-c", code, folder, address, settings.model_dump_json()]
 
 
 def begin() -> tuple[socket.socket, Settings]:

@@ -1,30 +1,28 @@
 """A few of PyBullet's calls and constants, on the most recent environment; ``from grs_agents.sim import p``."""
 
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.sim import bullet_bodies, utils
 from grs_agents.sim.bullet_bodies import GEOM_BOX, GEOM_CYLINDER, GEOM_MESH, GEOM_SPHERE
 from grs_agents.sim.episode import SimulationError, UnsupportedError
 from grs_agents.sim.instance import InstanceTie
-
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
+from grs_agents.sim.tabletop import Tabletop
 
 JOINT_PRISMATIC, JOINT_FIXED, JOINT_POINT2POINT = 1, 4, 5
 _JOINTS: Final[dict[int, Literal["point", "fixed"]]] = {JOINT_POINT2POINT: "point", JOINT_FIXED: "fixed"}
 _GEOMS: Final = {"sphere": GEOM_SPHERE, "box": GEOM_BOX, "cylinder": GEOM_CYLINDER, "mesh": GEOM_MESH}
 
-_current: "list[Environment]" = []
+_current: list[Tabletop] = []
 
 
-def attach(env: "Environment") -> None:
+def attach(env: Tabletop) -> None:
     """Make ``env`` the environment that the calls below read."""
     _current[:] = [env]
     bullet_bodies.forget()
 
 
-def _environment() -> "Environment":
+def _environment() -> Tabletop:
     if not _current:
         raise SimulationError("p.* was called before any Environment was made", "make an Environment first")
     return _current[-1]

@@ -2,16 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from grs_agents.base import Vec3
 from grs_agents.sim import templates, utils
 from grs_agents.sim.episode import SimulationError, UnsupportedError
-
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
+from grs_agents.sim.tabletop import Tabletop
 
 GEOM_SPHERE, GEOM_BOX, GEOM_CYLINDER, GEOM_MESH = 2, 3, 4, 5
 _TEMPLATES: Final = {
@@ -58,7 +56,7 @@ def add_shape(kind: int, radius: float, half_extents: Sequence[float], length: f
     return len(_shapes) - 1
 
 
-def add_body(env: "Environment", mass: float, collision: int, visual: int, position: Any, rotation: Any) -> int:
+def add_body(env: Tabletop, mass: float, collision: int, visual: int, position: Any, rotation: Any) -> int:
     """Add a body of one noted shape to an environment; returns its id.
 
     What has no mass cannot move; what has no collision shape is a mark on the table. The mass is the template's.

@@ -1,11 +1,8 @@
 """What ``task.ee`` and ``task.primitive`` may be, under CLIPort's names."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from grs_agents.sim.episode import UnsupportedError
-
-if TYPE_CHECKING:
-    from grs_agents.sim.task import Task
 
 
 class Suction:
@@ -36,7 +33,6 @@ def push(*_: Any, **__: Any) -> None:
     raise UnsupportedError("the push primitive was called as a function", "use env.step({'pose0': ..., 'pose1': ...})")
 
 
-def pushes(task: "Task") -> bool:
-    """Whether a task's actions push with the spatula rather than pick and place."""
-    ee, primitive = task.ee, task.primitive
+def pushes(ee: Any, primitive: Any) -> bool:
+    """Whether actions of a task with this ``ee`` and ``primitive`` push with the spatula, not pick and place."""
     return primitive is push or primitive == "push" or ee is Spatula or isinstance(ee, Spatula) or ee == "spatula"

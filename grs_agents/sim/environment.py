@@ -2,10 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-import numpy.typing as npt
+from typing import Any, Protocol
 
 from grs_agents.base import Pose
 from grs_agents.errors import GrsError
@@ -21,19 +18,40 @@ from grs_agents.sim.episode import (
     remember,
     stop_of,
 )  # fmt: skip
-from grs_agents.sim.goals import as_pose
+from grs_agents.sim.goals import as_goal, as_pose
+from grs_agents.sim.ledger import ScoredTask
 from grs_agents.sim.observation import Observation
 from grs_agents.sim.primitives import PickPlace, PickPlaceResult
 from grs_agents.sim.push import Push, PushResult
 from grs_agents.sim.strict import StrictScorer
 from grs_agents.sim.workcell import Workcell
 
-if TYPE_CHECKING:
-    from grs_agents.sim.task import Task
-
-FloatArray = npt.NDArray[np.float64]
 Action = Mapping[str, Any]
 Info = dict[Any, Any]
+
+
+class EpisodeTask(ScoredTask, Protocol):
+    """What the environment asks of a task: ``sim.Task`` has it, and programs override parts of it."""
+
+    max_steps: int
+    ee: Any
+    primitive: Any
+
+    def reset(self, env: "Environment") -> None:
+        """Set the scene up and state the goals."""
+        ...
+
+    def reward(self) -> tuple[float, dict[str, Any]]:
+        """What was gained since the last call."""
+        ...
+
+    def done(self) -> bool:
+        """Whether every goal is met."""
+        ...
+
+    def get_lang_goal(self) -> str:
+        """The current goal in words."""
+        ...
 
 
 class Environment(Workcell):
@@ -59,7 +77,7 @@ class Environment(Workcell):
     def __init__(
         self,
         assets_root: str | Path | None = "",
-        task: "Task | None" = None,
+        task: EpisodeTask | None = None,
         disp: bool = False,
         shared_memory: bool = False,
         hz: int = 240,
@@ -75,29 +93,19 @@ class Environment(Workcell):
         library = library or templates.default_library()
         if self.assets_root and Path(self.assets_root).is_dir():
             library = library.overlay(Path(self.assets_root))
-        super().__init__(library, Budget(budget), get_arm(robot or templates.default_robot()))
-        self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
+        super().__init__(library, Budget(budget), get_arm(robot or templates.default_robot()), seed)
         self.pix_size = 0.003125
-        self.task: Task | None = None
-        self.recorder = Recorder()
+        self.task: EpisodeTask | None = None
         self.failed_placements = 0
-        self.places: dict[int, Pose] = {}
-        self.seed(templates.default_seed() if seed is None else seed)
         bullet.attach(self)
         if task is not None:
             self.set_task(task)
 
     # --- set-up -----------------------------------------------------------------------------------------
 
-    def set_task(self, task: "Task") -> None:
+    def set_task(self, task: EpisodeTask) -> None:
         """Choose the task that ``reset`` sets up."""
         self.task = task
-
-    def seed(self, seed: int | None = None) -> int:
-        """Seed ``rng``; returns the seed used."""
-        self.seed_used = templates.default_seed() if seed is None else int(seed)
-        self.rng = np.random.default_rng(self.seed_used)
-        return self.seed_used
 
     def reset(self, settle: bool = True) -> Observation:
         """Clear the table, let the task set its scene up, and wait until all rests (unless ``settle`` is False).
@@ -115,11 +123,12 @@ class Environment(Workcell):
         self.recorder = Recorder(max_steps=int(self.task.max_steps))
         remember(self.recorder)
         try:
-            self.tool = "spatula" if ends.pushes(self.task) else "suction"
+            self.tool = "spatula" if ends.pushes(self.task.ee, self.task.primitive) else "suction"
             self.task.reset(self)
         except GrsError as error:
             self.recorder.stop = stop_of(error)
             raise
+        self.task.goals = [as_goal(goal) for goal in self.task.goals]
         self.task.grs.close(self)
         if settle:
             self.come_to_rest()

@@ -1,16 +1,14 @@
 """Kitting shapes on the table, as GenSim's ``make_kitting_objects`` puts them there."""
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from grs_agents.sim import templates
 from grs_agents.sim.episode import SimulationError
-
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
+from grs_agents.sim.tabletop import Tabletop
 
 _TURN: Final = 2 * np.pi
 SYMMETRIES: Final = (
@@ -24,7 +22,7 @@ SIZE: Final = (0.08, 0.08, 0.02)
 
 
 def kitting_objects(
-    env: "Environment", place: Callable[[Sequence[float]], Any], targets: Sequence[Any], shapes: Sequence[int],
+    env: Tabletop, place: Callable[[Sequence[float]], Any], targets: Sequence[Any], shapes: Sequence[int],
     colors: Sequence[Any],
 ) -> tuple[list[tuple[int, tuple[float, None]]], list[npt.NDArray[np.float64]]]:  # fmt: skip
     """Put one object of each shape at a free place.

@@ -1,19 +1,43 @@
 """What the runtime keeps of a task's episode, apart from the names that programs know, set and override."""
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
+from grs_agents.base import Pose
 from grs_agents.sim import scoring
 from grs_agents.sim.episode import SimulationError
-from grs_agents.sim.goals import Goal, as_goal, worth_one
+from grs_agents.sim.goals import Goal, worth_one
 from grs_agents.sim.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS
 from grs_agents.sim.relation_rules import shortfalls
 from grs_agents.sim.scene_view import SceneView
+from grs_agents.sim.tabletop import Tabletop
 
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
-    from grs_agents.sim.task import Task
+
+class ScoredTask(Protocol):
+    """What scores and oracles read of a task; programs may override each of these.
+
+    Attributes:
+        goals: those that are not met yet.
+        lang_goals: a sentence for each of them.
+        lang_template: the sentence for goals without one.
+        pos_eps, rot_eps: tolerance of ``pose`` goals, metres and radians.
+        zone_bounds: (3, 2) lowest and highest x, y, z that count as in a zone, metres.
+        grs: the runtime's own accounts.
+    """
+
+    goals: list[Goal]
+    lang_goals: list[str]
+    lang_template: str
+    pos_eps: float
+    rot_eps: float
+    zone_bounds: npt.NDArray[np.float64]
+    grs: "Ledger"
+
+    def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
+        """Whether two poses agree."""
+        ...
 
 
 class Ledger:
@@ -26,15 +50,15 @@ class Ledger:
         rng: random numbers of the program's own, None for the environment's.
     """
 
-    def __init__(self, task: "Task") -> None:
+    def __init__(self, task: ScoredTask) -> None:
         self._task = task
-        self.reset_in: Environment | None = None
+        self.reset_in: Tabletop | None = None
         self.stated: tuple[tuple[Goal, str], ...] = ()
         self.total = 0.0
         self.rng: np.random.Generator | None = None
 
     @property
-    def env(self) -> "Environment":
+    def env(self) -> Tabletop:
         """The environment of the last reset.
 
         Raises:
@@ -44,18 +68,13 @@ class Ledger:
             raise SimulationError("the task was not reset yet", "call env.set_task(task) and env.reset()")
         return self.reset_in
 
-    def begin(self, env: "Environment") -> None:
+    def begin(self, env: Tabletop) -> None:
         """A reset begins: no goal is stated."""
         self.reset_in, self.stated, self.total = env, (), 0.0
 
-    def close(self, env: "Environment") -> None:
-        """A reset is done: every goal is brought into one shape, rewards add up to 1.
-
-        Raises:
-            SimulationError: a goal that was appended to ``goals`` as a plain tuple does not fit.
-        """
+    def close(self, env: Tabletop) -> None:
+        """A reset is done: the goals are stated, their rewards add up to 1, tolerances are within bounds."""
         task, self.reset_in = self._task, env
-        task.goals = [as_goal(goal) for goal in task.goals]
         if not task.goals:
             env.warn("the task states no goal: its reset() never calls add_goal")
         task.goals, doubt = worth_one(task.goals)
@@ -71,7 +90,8 @@ class Ledger:
         """For each object of a goal, how far (0..1) it is where it should be."""
         task, env = self._task, self.env
         if goal.relation is not None:
-            return [float(not clause) for clause in shortfalls(goal.relation, SceneView(env), task.rot_eps)]
+            view = SceneView(env, self.stated, task.goals)
+            return [float(not clause) for clause in shortfalls(goal.relation, view, task.rot_eps)]
         poses = {number: env.get_object_pose(number) for number in goal.objs}
         volumes = {number: env.volume(number) for number in goal.objs}
         ceiling = float(task.zone_bounds[2, 1])
@@ -88,7 +108,7 @@ class Ledger:
         return placed, wanted
 
 
-def _bounded(env: "Environment", name: str, value: float, bound: float) -> float:
+def _bounded(env: Tabletop, name: str, value: float, bound: float) -> float:
     """A tolerance within its bounds; noted where it was not."""
     if 0 < value <= bound:
         return float(value)

@@ -1,6 +1,6 @@
 """The oracle: knows the truth, works from the goals, frees what is in the way, and says why it stops."""
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -9,15 +9,13 @@ from grs_agents.sim import targets, utils
 from grs_agents.sim.episode import Stop
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.grasp import find_hold
+from grs_agents.sim.ledger import ScoredTask
 from grs_agents.sim.placement import Spot
 from grs_agents.sim.reach import Blocked, Suits, reach_note
 from grs_agents.sim.rope_oracle import RopePlanner, chain
 from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.support import toppled
-
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
-    from grs_agents.sim.task import Task
+from grs_agents.sim.tabletop import Tabletop
 
 Action = dict[str, Pose]
 _ATTEMPTS: Final = 4
@@ -42,8 +40,8 @@ class Oracle:
                 break
     """
 
-    def __init__(self, task: "Task", env: "Environment") -> None:
-        self.task, self.env = task, env
+    def __init__(self, task: ScoredTask, table: Tabletop) -> None:
+        self.task, self.table = task, table
         self._episode: Any = None
         self._attempts: dict[tuple[int, int], int] = {}
         self._planner = targets.Planner()
@@ -52,13 +50,13 @@ class Oracle:
     def act(self, obs: Any = None, info: Any = None) -> Action | None:
         """The next pick and place, or None when there is nothing to do or nothing that can be done."""
         del obs, info
-        if self._episode is not self.env.recorder:
-            self._episode = self.env.recorder
+        if self._episode is not self.table.recorder:
+            self._episode = self.table.recorder
             self._forget()
-        self.env.recorder.stop = None
+        self.table.recorder.stop = None
         decision = self._decide()
         if isinstance(decision, Stop):
-            self.env.recorder.stop = decision
+            self.table.recorder.stop = decision
             return None
         return decision
 
@@ -73,12 +71,12 @@ class Oracle:
             return Stop("nothing_to_do", "the task states no goal: its reset() never calls add_goal")
         if not self.task.goals:
             return Stop("success", "every goal is met")
-        return self._plan_goals(SceneView(self.env))
+        return self._plan_goals(SceneView(self.table, self.task.grs.stated, self.task.goals))
 
     def _plan_goals(self, view: SceneView) -> Action | Stop:
         """The next action for the goals that are not met, or why there is none."""
         for goal in self.task.goals:
-            if chain(goal, self.env) and (plan := self._plan_rope(goal, view)) is not None:
+            if chain(goal, view) and (plan := self._plan_rope(goal, view)) is not None:
                 return plan
             reasons: list[Stop] = []
             for row in self._order(goal, view):
@@ -92,9 +90,9 @@ class Oracle:
 
     def _nothing_left(self) -> Stop:
         """Goals are open, yet no object is left to move."""
-        if not self.env.recorder.actions:
+        if not self.table.recorder.actions:
             return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
-        clauses = self.env.episode.shortfalls
+        clauses = self.table.recorder.episode().shortfalls
         why = f": {clauses[0]}" if clauses else ""
         return Stop("partial", f"no object is left to move, yet {len(self.task.goals)} goals are not met{why}")
 
@@ -105,7 +103,7 @@ class Oracle:
             attempt = (len(self.task.goals), number)
             hold = self._hold(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
             spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
-            if isinstance(hold, tuple) and Suits(hold[2], self.env.arm)(np.array([spot.center]), np.zeros(1))[0]:
+            if isinstance(hold, tuple) and Suits(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))[0]:
                 self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
                 return _action(number, hold, spot, view)
         return None
@@ -154,9 +152,9 @@ class Oracle:
         name, position = view.name(number), view.pose(number)[0]
         if not view.is_free(number):
             return Stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", (name,))
-        if not self.env.arm.can_reach((position[0], position[1], view.outline(number).high)):
+        if not self.table.arm.can_reach((position[0], position[1], view.outline(number).high)):
             where = f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f})"
-            note = reach_note((position[0], position[1], view.outline(number).high), self.env.arm)
+            note = reach_note((position[0], position[1], view.outline(number).high), self.table.arm)
             return Stop("unreachable", f"object {name} at {where} {note}", (name,))
         hold = find_hold(view.physics, number, position, view.outline(number), view.others(number))
         if hold.point is not None:
@@ -194,7 +192,7 @@ class Oracle:
 
     def _given_up(self, number: int, view: SceneView) -> Stop:
         name, tilt = view.name(number), np.rad2deg(view.tilt(number))
-        notes = [action.note for action in self.env.recorder.actions if action.object in (number, None)]
+        notes = [action.note for action in self.table.recorder.actions if action.object in (number, None)]
         last = f"; last: {notes[-1]}" if notes else ""
         if toppled(number, view, np.pi / 4):
             fallen = f"{name} toppled (tilt {tilt:.0f} deg) and was not placed in {_ATTEMPTS} tries{last}"

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -11,13 +11,11 @@ from grs_agents.sim import utils
 from grs_agents.sim.episode import Stop
 from grs_agents.sim.geometry import Prism, gaps, inside_margin, near, rest_height, turn
 from grs_agents.sim.goals import Goal, named
+from grs_agents.sim.ledger import ScoredTask
 from grs_agents.sim.placement import Spot, turned
 from grs_agents.sim.reach import TALLEST_STACK, Blocked, FloatArray, Suits, Target, at, reach_note, wrap
 from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.support import steady
-
-if TYPE_CHECKING:
-    from grs_agents.sim.task import Task
 
 _ROOM: Final = 0.002
 """Room that neighbours are given, metres: blocks at targets one width apart do not jam."""
@@ -34,7 +32,7 @@ _AROUND, _LEVEL = 0.2, 0.015
 """Targets within this of each other, level by level, are spread together, metres."""
 
 
-def pose_target(goal: Goal, row: int, task: "Task", view: SceneView, lift: float) -> Target:
+def pose_target(goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """The best of the target poses that will do for an object."""
     number = goal.objs[row]
     pose = view.pose(number)
@@ -59,7 +57,7 @@ def _distance(target: Pose, pose: Pose) -> float:
     return float(np.hypot(target[0][0] - pose[0][0], target[0][1] - pose[0][1]))
 
 
-def _claimed(goal: Goal, index: int, row: int, task: "Task", view: SceneView) -> bool:
+def _claimed(goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView) -> bool:
     return any(
         other != row
         and goal.matches[other][index]
@@ -68,7 +66,7 @@ def _claimed(goal: Goal, index: int, row: int, task: "Task", view: SceneView) ->
     )
 
 
-def _at_pose(goal: Goal, index: int, row: int, task: "Task", view: SceneView, lift: float) -> Target:
+def _at_pose(goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     target, number = goal.targ_poses[index], goal.objs[row]
     name, pose, body = view.name(number), view.pose(number), view.outline(number)
     others = view.others(number)
@@ -77,8 +75,8 @@ def _at_pose(goal: Goal, index: int, row: int, task: "Task", view: SceneView, li
     height, angle, offset = fit.height, fit.angle, fit.offset
     spot = Spot((float(offset[0, 0]), float(offset[0, 1])), angle, height)
     tip = (*spot.center, height + lift)
-    if not Suits(lift, view.env.arm)(offset, np.array([height]))[0]:
-        return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip, view.env.arm)}", (name,))
+    if not Suits(lift, view.arm)(offset, np.array([height]))[0]:
+        return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip, view.arm)}", (name,))
     shape = turned(body, np.asarray(pose[0][:2]), angle)
     keep_free = (Prism(shape.outline + offset, 0.0, 1.0, number),)
     blocker = _blocker(shape, offset, others, height, wanted + (_LOOSE if wanted > _FLAT else _FLAT), view)
@@ -102,7 +100,7 @@ class _Fit:
     stands: bool = True
 
 
-def _best_fit(number: int, target: Pose, symmetry: float, wanted: float, task: "Task", view: SceneView) -> _Fit:
+def _best_fit(number: int, target: Pose, symmetry: float, wanted: float, task: ScoredTask, view: SceneView) -> _Fit:
     """The turn with which an object comes to rest lowest, and does not tip."""
     others, center = view.others(number), np.asarray(view.pose(number)[0][:2])
     company = [*others, *_to_come(number, target, task, view)]
@@ -154,7 +152,7 @@ def _quarters(angle: float) -> list[float]:
     return [wrap(wrap(angle, np.pi / 2) + quarter * np.pi / 2) for quarter in range(4)]
 
 
-def _to_come(number: int, target: Pose, task: "Task", view: SceneView) -> list[Prism]:
+def _to_come(number: int, target: Pose, task: ScoredTask, view: SceneView) -> list[Prism]:
     """Objects as they will stand at targets around this one: whoever comes first leaves them room."""
     found: list[Prism] = []
     for goal in task.goals:
@@ -170,7 +168,7 @@ def _to_come(number: int, target: Pose, task: "Task", view: SceneView) -> list[P
     return found
 
 
-def _spread(target: Pose, task: "Task") -> FloatArray:
+def _spread(target: Pose, task: ScoredTask) -> FloatArray:
     """Where (2,) a target would be if those around it, on its level, were drawn apart by what tolerance allows."""
     places = [place for goal in task.goals for place in goal.targ_poses if abs(place[0][2] - target[0][2]) < _LEVEL]
     around = np.array([place[0][:2] for place in places if _distance(place, target) < _AROUND] or [target[0][:2]])
@@ -179,7 +177,7 @@ def _spread(target: Pose, task: "Task") -> FloatArray:
     return np.asarray(target[0][:2]) + middle * _NUDGE / max(reach, 20 * _NUDGE)
 
 
-def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], task: "Task") -> FloatArray:
+def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], task: ScoredTask) -> FloatArray:
     """The target's (1, 2) or a point within half its tolerance that is clearer of what stands as high, metres."""
     center = np.array([[target[0][0], target[0][1]]])
     half = (max(part.high for part in body) - min(part.low for part in body)) / 2
@@ -214,7 +212,7 @@ def _blocker(
     return movable[0] if movable else None
 
 
-def _tight(number: int, fit: _Fit, target: Pose, task: "Task", view: SceneView) -> int | None:
+def _tight(number: int, fit: _Fit, target: Pose, task: ScoredTask, view: SceneView) -> int | None:
     """What is to be moved anyway and would be shoved, or would tip the object off; None if nothing does."""
     waiting = {
         other
@@ -235,7 +233,7 @@ def _tight(number: int, fit: _Fit, target: Pose, task: "Task", view: SceneView) 
     return None
 
 
-def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: "Task", view: SceneView) -> bool:
+def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: ScoredTask, view: SceneView) -> bool:
     """Whether to stand an object on what is in its way: it is meant to be there, and its top is wide and flat."""
     wanted = [
         place
@@ -243,7 +241,7 @@ def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: "T
         for place in (goal.targ_poses if goal.metric == "pose" else [zone[0] for zone in goal.params])
     ]  # fmt: skip
     spoken_of = any(blocker in named(goal) for goal, _ in view.stated_goals)
-    start = view.env.places.get(blocker)
+    start = view.places.get(blocker)
     ball = any(shape.kind == "sphere" for shape in view.model(blocker).colliders)
     # What stays where it is, and whose very place is the target, is what the object is to stand on.
     if not spoken_of and not ball and start is not None:

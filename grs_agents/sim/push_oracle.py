@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,16 +11,14 @@ from grs_agents.sim import utils
 from grs_agents.sim.episode import Stop
 from grs_agents.sim.geometry import gaps, rectangle, turn
 from grs_agents.sim.goals import Goal
+from grs_agents.sim.ledger import ScoredTask
 from grs_agents.sim.oracle import Action, Oracle
 from grs_agents.sim.push import HEIGHT, poses_of
 from grs_agents.sim.push_model import Pieces, Strokes, clear_starts, joined, predict
 from grs_agents.sim.relation_rules import reference_of, zone_of
 from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.spatula import BLADE_THICKNESS, BLADE_WIDTH
-
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
-    from grs_agents.sim.task import Task
+from grs_agents.sim.tabletop import Tabletop
 
 FloatArray = npt.NDArray[np.float64]
 _DIRECTIONS: Final = 16
@@ -69,8 +67,8 @@ class Place:
 class PushOracle(Oracle):
     """Solves tasks whose primitive pushes; see `Oracle`."""
 
-    def __init__(self, task: "Task", env: "Environment") -> None:
-        super().__init__(task, env)
+    def __init__(self, task: ScoredTask, table: Tabletop) -> None:
+        super().__init__(task, table)
         self._tried: list[FloatArray] = []
         self._least, self._vain = np.inf, 0
 
@@ -105,14 +103,14 @@ class PushOracle(Oracle):
             ends = np.array([strokes.starts[index], strokes.ends[index]])
             known = any(float(np.abs(done - ends.ravel()).max()) < 0.004 for done in self._tried)
             tips = np.column_stack([ends, [HEIGHT, HEIGHT]])
-            if not known and self.env.arm.reachable(tips).all() and not scene.obstructed(*ends):
+            if not known and self.table.arm.reachable(tips).all() and not scene.obstructed(*ends):
                 yield int(index)
 
 
 class _Scene:
     """What is where, and where goals want it."""
 
-    def __init__(self, task: "Task", view: SceneView) -> None:
+    def __init__(self, task: ScoredTask, view: SceneView) -> None:
         self.view = view
         ids = tuple(number for number in view.ids if view.is_free(number))
         outlines = [view.outline(number).outline for number in ids]
@@ -212,7 +210,7 @@ class _Scene:
             away = np.min([place.distance(places[rows]) for place in wanted], axis=0)
             astray += [self.pieces.ids[int(row)] for row in rows[away > 0]]
         names = tuple(dict.fromkeys(self.view.name(number) for number in astray))
-        far = [number for number in astray if not self.view.env.arm.can_reach((*self.view.pose(number)[0][:2], HEIGHT))]
+        far = [number for number in astray if not self.view.arm.can_reach((*self.view.pose(number)[0][:2], HEIGHT))]
         if far:
             return Stop("unreachable", f"{len(far)} of {len(astray)} objects astray are out of the arm's reach", names)
         return Stop("partial", f"no stroke brings the last {len(astray)} objects nearer to their targets", names)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,15 +13,13 @@ from grs_agents.sim import utils
 from grs_agents.sim.episode import Stop
 from grs_agents.sim.geometry import Prism, gaps, rest_heights
 from grs_agents.sim.goals import Goal
+from grs_agents.sim.ledger import ScoredTask
 from grs_agents.sim.placement import Region, Spot, find_spot, turned
 from grs_agents.sim.reach import Blocked, FloatArray, Suits, Target, at, reach_note, wrap
 from grs_agents.sim.relation_rules import holds_when, reference_of, shortfall, zone_of
 from grs_agents.sim.relations import Relation
 from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.zone_target import pack, turns_for, why_not
-
-if TYPE_CHECKING:
-    from grs_agents.sim.task import Task
 
 _GAPS: Final = (0.015, 0.006, 0.003)
 _MARGIN: Final = 0.3
@@ -38,7 +36,7 @@ class RelationPlanner:
     def __init__(self) -> None:
         self._lines: dict[Relation, dict[int, tuple[float, float]]] = {}
 
-    def target(self, goal: Goal, row: int, task: "Task", view: SceneView, lift: float) -> Target:
+    def target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
         """Where the object of one row of a typed goal should go, or why nowhere; arguments as ``targets.Planner``."""
         relation, number = goal.relation, goal.objs[row]
         assert relation is not None, "a goal without a relation"
@@ -65,7 +63,7 @@ class RelationPlanner:
             if number not in planned or math.dist(planned[number], view.pose(number)[0][:2]) > _ARRIVED
         ]  # fmt: skip
 
-    def _in_line(self, relation: Relation, number: int, task: "Task", view: SceneView, lift: float) -> Target:
+    def _in_line(self, relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
         plan = self._lines.get(relation) or _line(relation, view, lift)
         if plan is None:
             name = view.name(number)
@@ -94,7 +92,7 @@ def _pose_at(spot: Spot, number: int, view: SceneView) -> Pose:
 
 
 def _checked(
-    spots: Iterator[Spot], relation: Relation, number: int, task: "Task", view: SceneView, lift: float
+    spots: Iterator[Spot], relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float
 ) -> Spot | Stop:
     """The first spot within reach at which the goal's definition holds."""
     far: Spot | None = None
@@ -107,14 +105,14 @@ def _checked(
 
 
 def _reached(spot: Spot, view: SceneView, lift: float) -> bool:
-    return bool(Suits(lift, view.env.arm)(np.array([spot.center]), np.array([spot.height]))[0])
+    return bool(Suits(lift, view.arm)(np.array([spot.center]), np.array([spot.height]))[0])
 
 
 def _too_far(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
     tip = (*spot.center, spot.height + lift)
     return Stop(
         "unreachable",
-        f"target of {view.name(number)} at {at(tip)} {reach_note(tip, view.env.arm)}",
+        f"target of {view.name(number)} at {at(tip)} {reach_note(tip, view.arm)}",
         (view.name(number),),
     )
 
@@ -143,7 +141,7 @@ def _righted(number: int, view: SceneView) -> Stop:
     )
 
 
-def _on_top(below: int, relation: Relation, number: int, task: "Task", view: SceneView, lift: float) -> Target:
+def _on_top(below: int, relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """Centred on what is below it, turned along with it; what stands there goes first."""
     center = (view.pose(below)[0][0], view.pose(below)[0][1])
     turn = wrap(view.yaw(below) - view.yaw(number), np.pi / 2)
@@ -166,7 +164,7 @@ def _in_the_way(spot: Spot, number: int, view: SceneView, below: int = -1) -> in
     return found[0] if found and spot.height > 0.003 else None
 
 
-def _within(relation: Relation, number: int, task: "Task", view: SceneView, lift: float) -> Target:
+def _within(relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """In a container, on a support or in a zone: packed with its fellows, as clear of one another as fits."""
     zone = zone_of(reference_of(relation), view)
     members = [number, *(other for other in _wanted(relation, task, view) if other != number)]
@@ -181,7 +179,7 @@ def _within(relation: Relation, number: int, task: "Task", view: SceneView, lift
     return reason
 
 
-def _wanted(relation: Relation, task: "Task", view: SceneView) -> list[int]:
+def _wanted(relation: Relation, task: ScoredTask, view: SceneView) -> list[int]:
     """Objects that goals still want there too, and are not there yet."""
     found: list[int] = []
     for goal in task.goals:
@@ -200,7 +198,7 @@ def _more(first: Sequence[Spot], relation: Relation, number: int, view: SceneVie
     body, center = view.outline(number), view.pose(number)[0]
     turns = turns_for(number, region, view)
     for gap in _GAPS:
-        spot = find_spot(body, center, turns, region, view.others(number), gap, Suits(lift, view.env.arm), spread=True)
+        spot = find_spot(body, center, turns, region, view.others(number), gap, Suits(lift, view.arm), spread=True)
         if spot is not None:
             yield spot
     if relation.kind != "inside":
@@ -218,7 +216,7 @@ def _beside(relation: Relation, number: int, view: SceneView, lift: float) -> It
         reach = 2 * (float(np.abs(shape.outline).max()) + bound)
         region = Region(((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0 + 2 * reach, y1 - y0 + 2 * reach), 0.0)
         for share in (_MARGIN, 0.1):
-            suits = _ring(shape.outline, other.outline, (1 - share) * bound, Suits(lift, view.env.arm))
+            suits = _ring(shape.outline, other.outline, (1 - share) * bound, Suits(lift, view.arm))
             for gap in (0.01, 0.004):
                 clear = min(gap, 0.5 * bound)
                 spot = find_spot(
@@ -245,7 +243,7 @@ def _line(relation: Relation, view: SceneView, lift: float) -> dict[int, tuple[f
     step = relation.distance or least
     places = (np.arange(len(objects)) - (len(objects) - 1) / 2) * step
     obstacles = view.others(*objects)
-    bounds = view.env.bounds
+    bounds = view.bounds
     middle = np.mean([view.pose(number)[0][:2] for number in objects], axis=0)
     xs, ys = np.arange(bounds[0, 0], bounds[0, 1], 0.02), np.arange(bounds[1, 0], bounds[1, 1], 0.02)
     centers = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -256,7 +254,7 @@ def _line(relation: Relation, view: SceneView, lift: float) -> dict[int, tuple[f
             offsets = centers + place * np.asarray(axis)
             heights = rest_heights(shape, obstacles, offsets, 0.01)
             inside = ((offsets >= bounds[:2, 0]) & (offsets <= bounds[:2, 1])).all(axis=1)
-            good &= inside & (heights < 0.002) & Suits(lift, view.env.arm)(offsets, heights)
+            good &= inside & (heights < 0.002) & Suits(lift, view.arm)(offsets, heights)
         if good.any():
             best = centers[good][np.linalg.norm(centers[good] - middle, axis=1).argmin()]
             spots = best + places[:, None] * np.asarray(axis)

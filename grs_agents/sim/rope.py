@@ -1,7 +1,7 @@
 """Ropes: beads in a row, each tied to the next at a point, laid on the table in a gentle curve."""
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +11,7 @@ from grs_agents.sim import placement, templates, utils
 from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.geometry import turn
 from grs_agents.sim.instance import InstanceTie
-
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
+from grs_agents.sim.tabletop import Tabletop
 
 FloatArray = npt.NDArray[np.float64]
 _BEAD: Final = "sphere/sphere_rope.urdf"
@@ -24,7 +22,7 @@ _TRIES: Final = 12
 
 
 def make(
-    env: "Environment", bounds: FloatArray, corners: Any, radius: float, n_parts: int, color_name: str
+    env: Tabletop, bounds: FloatArray, corners: Any, radius: float, n_parts: int, color_name: str
 ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], FloatArray]:
     """Add a rope; see ``Task.make_ropes``.
 
@@ -60,7 +58,7 @@ def _point(corner: Any) -> FloatArray:
     return point
 
 
-def _beads(env: "Environment", points: FloatArray, radius: float, color_name: str) -> list[int]:
+def _beads(env: Tabletop, points: FloatArray, radius: float, color_name: str) -> list[int]:
     """Add beads at points (N, 2), each with its x axis towards the next."""
     urdf, color = _BEAD, None if color_name == "red" else color_name
     if abs(radius - _BEAD_RADIUS) > 1e-6:
@@ -74,7 +72,7 @@ def _beads(env: "Environment", points: FloatArray, radius: float, color_name: st
     return numbers
 
 
-def _lay(env: "Environment", bounds: FloatArray, count: int, spacing: float, radius: float) -> FloatArray:
+def _lay(env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: float) -> FloatArray:
     """Points (count, 2) of a curve with equal steps that lies free on the table, within reach."""
     standing = [env.outline(item.id) for item in env.objects]
     for bend in _BENDS:

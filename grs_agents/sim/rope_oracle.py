@@ -1,6 +1,6 @@
 """The oracle for ropes: which bead to take to its place, so that the others come along as near to theirs as can be."""
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -8,20 +8,17 @@ import numpy.typing as npt
 from grs_agents.sim.goals import Goal
 from grs_agents.sim.scene_view import SceneView
 
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
-
 FloatArray = npt.NDArray[np.float64]
 _SAMPLES: Final = 24
 _MISS: Final = 0.02
 """What a bead out of tolerance costs besides its distance, metres."""
 
 
-def chain(goal: Goal, env: "Environment") -> bool:
+def chain(goal: Goal, view: SceneView) -> bool:
     """Whether the objects of a goal are tied in a row, in their order, and each has a place of its own."""
     if goal.metric != "pose" or len(goal.objs) < 3 or len(goal.targ_poses) != len(goal.objs):
         return False
-    tied = {frozenset((tie.parent, tie.child)) for tie in env.ties}
+    tied = {frozenset((tie.parent, tie.child)) for tie in view.ties}
     return all(frozenset(pair) in tied for pair in zip(goal.objs, goal.objs[1:], strict=False)) and bool(_ways(goal))
 
 

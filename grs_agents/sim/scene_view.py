@@ -2,8 +2,7 @@
 
 import copy
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,10 +10,9 @@ from grs_agents.base import Pose, Vec3
 from grs_agents.library import ObjectModel
 from grs_agents.sim import utils
 from grs_agents.sim.geometry import Prism, footprint, inside_margin, prisms, turn
+from grs_agents.sim.goals import Goal
+from grs_agents.sim.tabletop import Tabletop
 from grs_agents.sim.volumes import Volume
-
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
 
 _POINT = np.zeros((1, 2))
 
@@ -26,14 +24,28 @@ def tilt_of(pose: Pose) -> float:
 
 
 class SceneView:
-    """What the oracle looks at when it plans one action."""
+    """What the oracle looks at when it plans one action.
 
-    def __init__(self, env: "Environment") -> None:
-        self.env, self.physics = env, env.physics
-        self.stated_goals = env.task.grs.stated if env.task is not None else ()
-        self._items = {item.id: item for item in env.objects}
-        self._models = {number: env.shapes(number) for number in self._items}
-        self.prisms: list[Prism] = env.outlines()
+    Args:
+        table: as it stands.
+        stated: every goal of the episode, met or not, with its words.
+        open_goals: those that are not met yet.
+
+    Attributes:
+        arm: the robot.
+        bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
+        places: where every object stood when the scene had settled, by id.
+        ties: what keeps objects together.
+        prisms: of every object's colliders.
+    """
+
+    def __init__(self, table: Tabletop, stated: Sequence[tuple[Goal, str]], open_goals: Sequence[Goal]) -> None:
+        self._table, self.physics = table, table.physics
+        self.arm, self.bounds, self.places, self.ties = table.arm, table.bounds, table.places, table.ties
+        self.stated_goals, self.open_goals = stated, open_goals
+        self._items = {item.id: item for item in table.objects}
+        self._models = {number: table.shapes(number) for number in self._items}
+        self.prisms: list[Prism] = table.outlines()
         self._supposed: dict[int, Prism] = {}
 
     def supposing(self, poses: Mapping[int, Pose]) -> "SceneView":
@@ -72,7 +84,7 @@ class SceneView:
 
     def tilt_at_start(self, number: int) -> float:
         """That angle when the scene had settled, before anything acted."""
-        start = self.env.places.get(number)
+        start = self.places.get(number)
         return 0.0 if start is None else tilt_of(start)
 
     def model(self, number: int) -> ObjectModel:
@@ -81,19 +93,19 @@ class SceneView:
 
     def volume(self, number: int) -> Volume:
         """Its collision volume."""
-        return self.env.volume(number)
+        return self._table.volume(number)
 
     def is_free(self, number: int) -> bool:
         """Whether it can be moved."""
-        return self.env.is_free(number)
+        return self._table.is_free(number)
 
     def hollow(self, number: int) -> bool:
         """Whether things can be put into it."""
-        return self.env.library.asset(self.name(number)).hollow
+        return self._table.library.asset(self.name(number)).hollow
 
     def outline(self, number: int) -> Prism:
         """One prism around the whole object."""
-        return self._supposed[number] if number in self._supposed else self.env.outline(number)
+        return self._supposed[number] if number in self._supposed else self._table.outline(number)
 
     def parts(self, number: int) -> list[Prism]:
         """The prisms of one object's colliders."""

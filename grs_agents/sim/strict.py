@@ -17,21 +17,19 @@ An object that later goals speak of too is judged there. Other objects that were
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.sim.geometry import footprint, inside_margin
 from grs_agents.sim.goals import Goal
+from grs_agents.sim.ledger import ScoredTask
 from grs_agents.sim.relation_rules import shortfalls
 from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.support import around, marks_under, rests, supporters, toppled
+from grs_agents.sim.tabletop import Tabletop
 from grs_agents.sim.volumes import share_inside
-
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
-    from grs_agents.sim.task import Task
 
 _HEIGHT: Final = 0.015
 """Farthest from the height that a target says, metres, whatever ``pos_eps`` is; less than half the least of levels."""
@@ -51,17 +49,17 @@ class StrictScorer:
 
     Args:
         task: its goals are scored.
-        env: the reset environment.
+        table: with the objects, after a reset.
         places: where every object stood when the scene had settled.
     """
 
-    def __init__(self, task: "Task", env: "Environment", places: Mapping[int, Pose]) -> None:
-        self.task, self.env = task, env
-        self._outlines = {number: footprint(env.shapes(number), pose) for number, pose in places.items()}
+    def __init__(self, task: ScoredTask, table: Tabletop, places: Mapping[int, Pose]) -> None:
+        self.task, self.table = task, table
+        self._outlines = {number: footprint(table.shapes(number), pose) for number, pose in places.items()}
 
     def score(self) -> StrictScore:
         """The score of the scene as it stands now."""
-        view = SceneView(self.env)
+        view = SceneView(self.table, self.task.grs.stated, self.task.goals)
         notes: dict[int, str] = {}
         value, shares = 0.0, list[float]()
         final: dict[int, float] = {}

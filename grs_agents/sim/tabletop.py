@@ -12,7 +12,7 @@ from grs_agents.library import Library, ObjectModel
 from grs_agents.sim import allowance, geometry, templates, world
 from grs_agents.sim.arm import Arm
 from grs_agents.sim.colors import rgba
-from grs_agents.sim.episode import NoFreeSpaceError, SimulationError
+from grs_agents.sim.episode import NoFreeSpaceError, Recorder, SimulationError
 from grs_agents.sim.goals import as_pose
 from grs_agents.sim.instance import InstanceObject, InstanceTie
 from grs_agents.sim.physics import Physics
@@ -42,10 +42,20 @@ class Tabletop:
         library: 3D assets.
         budget: simulated steps that its worlds may use together.
         arm: the robot behind it.
+        seed: of ``rng``; None for the process's default.
+
+    Attributes:
+        bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
+        recorder: of the current episode.
+        places: where every object stood when the scene had settled, by id.
     """
 
-    def __init__(self, library: Library, budget: allowance.Budget, arm: Arm) -> None:
+    def __init__(self, library: Library, budget: allowance.Budget, arm: Arm, seed: int | None = None) -> None:
         self.library, self.budget, self.arm = library, budget, arm
+        self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
+        self.recorder = Recorder()
+        self.places: dict[int, Pose] = {}
+        self.seed(seed)
         self.timestep = world.TIMESTEP
         self.tool: world.Tool = "suction"
         self.background = templates.default_background()
@@ -59,6 +69,12 @@ class Tabletop:
         self._stale, self._vertices = False, 0
         self._world: tuple[object, world.World] | None = None
         self._rested: _Rested | None = None
+
+    def seed(self, seed: int | None = None) -> int:
+        """Seed ``rng``, which places objects at random; returns the seed used."""
+        self.seed_used = templates.default_seed() if seed is None else int(seed)
+        self.rng = np.random.default_rng(self.seed_used)
+        return self.seed_used
 
     def clear(self) -> None:
         """Take everything off the table; the arm goes home."""

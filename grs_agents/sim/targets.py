@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -10,15 +10,13 @@ from grs_agents.base import Pose
 from grs_agents.sim import utils
 from grs_agents.sim.geometry import Prism, rest_heights
 from grs_agents.sim.goals import Goal, Zone
+from grs_agents.sim.ledger import ScoredTask
 from grs_agents.sim.placement import Region, Spot, find_spot, turned
 from grs_agents.sim.pose_target import pose_target
 from grs_agents.sim.reach import Blocked, Suits, Target, wrap
 from grs_agents.sim.relation_target import RelationPlanner
 from grs_agents.sim.scene_view import SceneView
 from grs_agents.sim.zone_target import members_of, pack, why_not
-
-if TYPE_CHECKING:
-    from grs_agents.sim.task import Task
 
 _CLIMB: Final = 0.012
 """What is put aside comes to rest no more than this above where it was: never on top of its neighbours, metres."""
@@ -39,7 +37,7 @@ class Planner:
         self._plans: dict[Zone, dict[int, Planned]] = {}
         self._relations = RelationPlanner()
 
-    def target(self, goal: Goal, row: int, task: "Task", view: SceneView, lift: float) -> Target:
+    def target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
         """Where the object of one row of a goal should go, or why nowhere.
 
         Args:
@@ -59,7 +57,7 @@ class Planner:
         """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
         return self._relations.rows(goal, view)
 
-    def _zone_target(self, goal: Goal, row: int, task: "Task", view: SceneView, lift: float) -> Target:
+    def _zone_target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
         number, reasons = goal.objs[row], list[Target]()
         for zone in goal.params:
             planned = self._plans.get(zone, {}).get(number)
@@ -86,12 +84,12 @@ def _still_good(planned: Planned, number: int, view: SceneView, lift: float) -> 
     shape = turned(view.outline(number), np.asarray(pose[0][:2]), spot.turn)
     offset = np.array([spot.center])
     height = rest_heights(shape, view.others(number), offset, 0.001)
-    return bool(abs(height[0] - spot.height) < 0.01 and Suits(lift, view.env.arm)(offset, height)[0])
+    return bool(abs(height[0] - spot.height) < 0.01 and Suits(lift, view.arm)(offset, height)[0])
 
 
 def aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float) -> Spot | None:
     """A spot out of the way, near where the object is: within what it stands in if there is room, else on the table."""
-    bounds = view.env.bounds
+    bounds = view.bounds
     table = Region(
         (float(bounds[0].mean()), float(bounds[1].mean())),
         (float(np.ptp(bounds[0])), float(np.ptp(bounds[1]))), 0.0,
@@ -105,9 +103,7 @@ def aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float)
     turns = [0.0, np.pi / 2, np.pi / 4]
     for region, gap in (*((region, 0.003) for region in regions), (table, 0.03), (table, 0.01)):
         obstacles = [*view.others(number), *reserved] if region is not table else solid
-        spot = find_spot(
-            body, center, turns, region, obstacles, gap, Suits(lift, view.env.arm), spread=True, near=center
-        )
+        spot = find_spot(body, center, turns, region, obstacles, gap, Suits(lift, view.arm), spread=True, near=center)
         if spot is not None and spot.height <= max(body.low, 0.0) + _CLIMB:
             return spot
     return None
@@ -121,8 +117,7 @@ def _within(outline: Prism) -> Region:
 def _goal_areas(view: SceneView, number: int) -> list[Prism]:
     """Where unmet pose goals want other objects, kept free."""
     found: list[Prism] = []
-    goals = view.env.task.goals if view.env.task is not None else []
-    for goal in goals:
+    for goal in view.open_goals:
         for other in goal.objs if goal.metric == "pose" else ():
             center = np.asarray(view.pose(other)[0][:2])
             for target in goal.targ_poses if other != number else ():

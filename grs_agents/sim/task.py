@@ -1,24 +1,23 @@
 """The class that simulation programs derive from."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
 from grs_agents.sim import ends, placement, scoring, templates
+from grs_agents.sim.environment import Environment
 from grs_agents.sim.episode import NoFreeSpaceError
 from grs_agents.sim.geometry import Prism, prisms
 from grs_agents.sim.goals import Goal, doubts, make_goal, named
 from grs_agents.sim.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.kitting import kitting_objects
 from grs_agents.sim.ledger import Ledger
+from grs_agents.sim.oracle import Oracle
+from grs_agents.sim.push_oracle import PushOracle
 from grs_agents.sim.task_kit import TaskKit
-
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
-    from grs_agents.sim.oracle import Oracle
 
 FloatArray = npt.NDArray[np.float64]
 _PATIENCE = 200
@@ -91,7 +90,7 @@ class Task(TaskKit):
         if "piles" in self.lang_template:
             self.ee, self.primitive = ends.Spatula, ends.push
 
-    def reset(self, env: "Environment") -> None:
+    def reset(self, env: Environment) -> None:
         """Clear the goals. A program's own ``reset`` calls ``super().reset(env)``, then adds objects and goals."""
         self.grs.begin(env)
         self.goals, self.lang_goals, self.progress = [], [], 0.0
@@ -158,7 +157,7 @@ class Task(TaskKit):
         return name
 
     def get_random_pose(
-        self, env: "Environment", obj_size: Sequence[float]
+        self, env: Environment, obj_size: Sequence[float]
     ) -> tuple[list[float], Quat] | tuple[None, None]:
         """A free pose on the table, in reach of the arm, for an object of ``obj_size`` (x, y, z) metres.
 
@@ -185,7 +184,7 @@ class Task(TaskKit):
         return None, None
 
     def make_kitting_objects(
-        self, env: "Environment", targets: Sequence[Any], obj_shapes: Sequence[int], n_objects: int, colors: Any
+        self, env: Environment, targets: Sequence[Any], obj_shapes: Sequence[int], n_objects: int, colors: Any
     ) -> tuple[list[tuple[int, tuple[float, None]]], list[npt.NDArray[np.float64]]]:
         """Put ``n_objects`` kitting shapes at free places: ``(objects, matches)`` for ``add_goal``.
 
@@ -230,15 +229,12 @@ class Task(TaskKit):
         """The current goal in words, or ``task_completed_desc``."""
         return self.lang_goals[0] if self.lang_goals else self.task_completed_desc
 
-    def oracle(self, env: "Environment") -> "Oracle":
+    def oracle(self, env: Environment) -> Oracle:
         """An agent that solves the task: ``agent.act(obs, info)`` gives the next action, or None when it stops."""
-        from grs_agents.sim.oracle import Oracle
-        from grs_agents.sim.push_oracle import PushOracle
-
-        return PushOracle(self, env) if ends.pushes(self) else Oracle(self, env)
+        return PushOracle(self, env) if ends.pushes(self.ee, self.primitive) else Oracle(self, env)
 
 
-def _standing(env: "Environment") -> list[Prism]:
+def _standing(env: Environment) -> list[Prism]:
     """One outline for each object, marks on the table included, since nothing should start on a target; and what is
     around the robot."""
     around = [] if env.background is None else prisms(env.library.model(env.background), _ORIGIN)

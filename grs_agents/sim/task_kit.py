@@ -2,19 +2,17 @@
 
 from collections.abc import Sequence
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
 from grs_agents.sim import rope, templates, top_down, utils
+from grs_agents.sim.environment import Environment
 from grs_agents.sim.episode import SimulationError
 from grs_agents.sim.goals import as_pose
-
-if TYPE_CHECKING:
-    from grs_agents.sim.environment import Environment
-    from grs_agents.sim.ledger import Ledger
+from grs_agents.sim.ledger import Ledger
 
 FloatArray = npt.NDArray[np.float64]
 _GRAIN: Final = "block/small.urdf"
@@ -28,7 +26,7 @@ _CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
 class TaskKit:
     """What a task can call besides ``add_object`` and ``add_goal``."""
 
-    grs: "Ledger"
+    grs: Ledger
 
     def __init__(self) -> None:
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
@@ -55,7 +53,7 @@ class TaskKit:
         return self.rng.uniform((min_x, min_y, min_z), (max_x, max_y, max_z))
 
     def get_true_image(
-        self, env: "Environment"
+        self, env: Environment
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
         """Colour (H, W, 3), height (H, W; m) and object id (H, W; 0 = none) of the workspace seen from above.
 
@@ -63,7 +61,7 @@ class TaskKit:
         """
         return top_down.maps(env.objects, env.library, self.bounds, self.pix_size)
 
-    def add_corner_anchor_for_pose(self, env: "Environment", pose: Any) -> int:
+    def add_corner_anchor_for_pose(self, env: Environment, pose: Any) -> int:
         """Mark a pose on the table with an L of two thin lines that nothing touches; returns its id."""
         placed = as_pose(pose if len(pose) == 2 else (pose, utils.IDENTITY), "add_corner_anchor_for_pose")
         corner = templates.fill(env.library, "corner/corner-template.urdf", _CORNER)
@@ -80,7 +78,7 @@ class TaskKit:
         library = env.library if env is not None else templates.default_library()
         return templates.asset_name(path, library) in library
 
-    def make_piles(self, env: "Environment", block_color: Any = None, *_: Any, **__: Any) -> list[int]:
+    def make_piles(self, env: Environment, block_color: Any = None, *_: Any, **__: Any) -> list[int]:
         """Strew ``num_blocks`` cubes of 1 cm over a patch of 20 cm in the middle of the table; returns their ids.
 
         Raises:
@@ -101,7 +99,7 @@ class TaskKit:
         return found
 
     def make_ropes(
-        self, env: "Environment", corners: Any, radius: float = 0.005, n_parts: int = 20, color_name: str = "red",
+        self, env: Environment, corners: Any, radius: float = 0.005, n_parts: int = 20, color_name: str = "red",
         *_: Any, **__: Any,
     ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], npt.NDArray[np.float64]]:  # fmt: skip
         """Lay a rope of beads on a free place of the table, in a gentle curve.

@@ -53,7 +53,6 @@ class Workcell(Tabletop):
     """A table, the arm behind it, three cameras around it."""
 
     record_cfg: Any = None
-    bounds: FloatArray
     _recording: "tuple[str, Recording] | None" = None
 
     @property

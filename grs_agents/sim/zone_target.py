@@ -1,7 +1,7 @@
 """Where the oracle puts the objects that ``zone`` goals speak of: packed together, clear of what is there."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -10,12 +10,10 @@ from grs_agents.sim import utils
 from grs_agents.sim.episode import Stop
 from grs_agents.sim.geometry import Prism, gaps, inside_margin
 from grs_agents.sim.goals import Zone
+from grs_agents.sim.ledger import ScoredTask
 from grs_agents.sim.placement import Region, Spot, find_spot, turned
 from grs_agents.sim.reach import TALLEST_STACK, Blocked, FloatArray, Suits, Target, at, reach_note, wrap
 from grs_agents.sim.scene_view import SceneView
-
-if TYPE_CHECKING:
-    from grs_agents.sim.task import Task
 
 GAPS: Final = (0.025, 0.012, 0.006, 0.003)
 """Free space asked for between neighbours in a zone, metres: as generous as fits."""
@@ -27,7 +25,7 @@ def region_of(zone: Zone) -> Region:
     return Region((position[0], position[1]), (size[0], size[1]), utils.yaw_of(rotation))
 
 
-def members_of(zone: Zone, task: "Task") -> list[int]:
+def members_of(zone: Zone, task: ScoredTask) -> list[int]:
     """Objects that goals still want in a zone, and are not there yet."""
     found: list[int] = []
     for goal in task.goals:
@@ -71,7 +69,7 @@ def _pack_once(region: Region, order: Sequence[int], view: SceneView, lift: floa
                                   and prism.owner != number)]  # fmt: skip
         alone = len(order) == 1
         spot = find_spot(
-            body, center, turns_for(number, region, view), inner, standing, gap, Suits(lift, view.env.arm), spread=alone
+            body, center, turns_for(number, region, view), inner, standing, gap, Suits(lift, view.arm), spread=alone
         )
         if spot is None:
             continue
@@ -99,11 +97,9 @@ def why_not(zone: Zone, number: int, members: Sequence[int], view: SceneView, li
         return Stop(
             "target_too_small", f"target zone {size} is too small for {name} ({width:.2f} x {depth:.2f} m)", (name,)
         )
-    if find_spot(body, center, turns, region, fixed, 0.001, Suits(lift, view.env.arm)) is None:
+    if find_spot(body, center, turns, region, fixed, 0.001, Suits(lift, view.arm)) is None:
         tip = (region.center[0], region.center[1], lift)
-        return Stop(
-            "unreachable", f"target zone of {name} at {at(zone[0][0])} {reach_note(tip, view.env.arm)}", (name,)
-        )
+        return Stop("unreachable", f"target zone of {name} at {at(zone[0][0])} {reach_note(tip, view.arm)}", (name,))
     return _taken(region, number, members, view, lift, size)
 
 
@@ -119,7 +115,7 @@ def _taken(region: Region, number: int, members: Sequence[int], view: SceneView,
     for other in foreign or wide:
         return Blocked(other, (Prism(region.outline, 0.0, 1.0, number),))
     spot = find_spot(
-        body, center, turns_for(number, region, view), region, view.others(number), 0.002, Suits(lift, view.env.arm),
+        body, center, turns_for(number, region, view), region, view.others(number), 0.002, Suits(lift, view.arm),
         spread=True, stack=True,
     )  # fmt: skip
     if spot is not None and spot.height + body.high - body.low < TALLEST_STACK:
