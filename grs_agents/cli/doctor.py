@@ -16,7 +16,7 @@ from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions
 from grs_agents.run.isolation import open_sandbox
-from grs_agents.sandbox import REMEDIES, Backend, Choice, Limits, SandboxError, candidates
+from grs_agents.sandbox import REMEDIES, Choice, Limits, SandboxError, candidates
 from grs_agents.toolkit import ToolContext, load_tool
 
 GL_BACKENDS = {"egl": "libegl1", "osmesa": "libosmesa6"}
@@ -62,10 +62,9 @@ def diagnose(as_json: bool) -> int:
 
 def _sandboxes() -> list[Diagnosis]:
     """What ``sandbox = "auto"`` comes to, then each backend of this system: attacked, and given an endless program."""
-    container: tuple[Backend, ...] = ("docker",) if sys.platform == "linux" else ()
-    asked = (*candidates("auto"), *container)
+    asked = candidates("auto")
     found = {backend: _sandbox(backend) for backend in asked}
-    best = next((one for backend, one in found.items() if one.state == "works" and backend != "docker"), None)
+    best = next((one for one in found.values() if one.state == "works"), None)
     if best is not None:
         return [Diagnosis("sandbox", "works", f"auto takes {best.detail.split(':')[0]}"), *found.values()]
     remedy = f"{' or '.join(REMEDIES[backend] for backend in asked)}, or accept the risk with {UNSAFE}"

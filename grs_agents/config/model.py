@@ -142,9 +142,7 @@ class Config(Frozen):
         robot: the arm behind the table: ``ur5e``, ``panda`` or the path of an MJCF file (``.xml``) of one's own.
         max_fixes: code and test fixes together.
         sandbox: what separates generated code from the machine: ``bubblewrap``, ``landlock``, ``sandbox-exec`` (macOS),
-            ``docker``, or ``auto`` for the strongest that holds, Docker aside. ``none`` can only be asked for with
-            ``--unsafe-no-sandbox``.
-        docker_image: what ``docker`` makes its containers from; any small Linux image that is on this machine.
+            or ``auto`` for the strongest that holds. ``none`` can only be asked for with ``--unsafe-no-sandbox``.
         workers: how many sandbox calls may run at once.
         reply_retries: how often a reply that does not parse is asked for again, with the error.
         models: chat model by role.
@@ -155,8 +153,7 @@ class Config(Frozen):
     seed: int = Field(default=0, ge=0, lt=2**31)
     robot: str = Field(default="ur5e", max_length=4096)
     max_fixes: int = Field(default=10, ge=0, le=1000)
-    sandbox: Literal["auto", "bubblewrap", "landlock", "docker", "sandbox-exec", "none"] = "auto"
-    docker_image: str = Field(default="debian:stable-slim", max_length=500, pattern=r"^[A-Za-z0-9][\w.:/@-]*$")
+    sandbox: Literal["auto", "bubblewrap", "landlock", "sandbox-exec", "none"] = "auto"
     workers: int = Field(default=2, ge=1, le=64)
     reply_retries: int = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})

@@ -16,5 +16,4 @@ def open_sandbox(config: Config) -> Sandbox:
         backend=config.sandbox,
         workers=config.workers,
         limits=Limits(**config.limits.model_dump()),
-        image=config.docker_image,
     )

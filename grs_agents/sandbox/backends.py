@@ -6,12 +6,11 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-Backend = Literal["bubblewrap", "landlock", "docker", "sandbox-exec", "none"]
-Choice = Literal["auto", "bubblewrap", "landlock", "docker", "sandbox-exec", "none"]
+Backend = Literal["bubblewrap", "landlock", "sandbox-exec", "none"]
+Choice = Literal["auto", "bubblewrap", "landlock", "sandbox-exec", "none"]
 LAYERS: dict[Backend, str] = {
     "bubblewrap": "bubblewrap+landlock+seccomp",
     "landlock": "landlock+seccomp",
-    "docker": "docker+landlock+seccomp",
     "sandbox-exec": "sandbox-exec",
     "none": "none",
 }
@@ -19,12 +18,10 @@ LAYERS: dict[Backend, str] = {
 REMEDIES: dict[str, str] = {
     "bubblewrap": "install bubblewrap 0.8 or later (Debian: apt-get install bubblewrap)",
     "landlock": "use Linux 5.13 or later with Landlock enabled (lsm=landlock,... on the kernel's command line)",
-    "docker": "install Docker on this machine (https://docs.docker.com/engine/install)",
     "sandbox-exec": "use macOS, which comes with sandbox-exec",
 }
-PROGRAMS: dict[str, str] = {"bubblewrap": "bwrap", "docker": "docker", "sandbox-exec": "sandbox-exec"}
+PROGRAMS: dict[str, str] = {"bubblewrap": "bwrap", "sandbox-exec": "sandbox-exec"}
 """What must be on the PATH."""
-DEFAULT_IMAGE = "debian:stable-slim"
 SCRATCH = Path("/scratch")
 """Where scratch folders lie in a file system of their own."""
 
@@ -43,7 +40,7 @@ def absent(backend: Backend) -> list[tuple[str, str]]:
     reasons: list[tuple[str, str]] = []
     if (program := PROGRAMS.get(backend)) and shutil.which(program) is None:
         reasons.append((f"there is no {program} on the PATH", REMEDIES[backend]))
-    if backend in ("bubblewrap", "landlock", "docker"):
+    if backend in ("bubblewrap", "landlock"):
         if sys.platform != "linux":
             return [(f"it needs Linux, this is {sys.platform}", "use Linux")]
         from grs_agents.sandbox import hardening  # here, since Windows lacks modules that it imports

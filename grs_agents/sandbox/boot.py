@@ -14,31 +14,23 @@ _CODE = (
 )
 
 
-def command(module: Literal["zygote", "worker"], address: str, settings: Settings) -> list[str]:
+def command(module: Literal["zygote", "worker"], channel: int, settings: Settings) -> list[str]:
     """The command line that runs ``main`` of ``module``.
 
     Args:
         module: which process to start.
-        address: the number of an inherited socket, or the path of a socket to connect to.
+        channel: the number of an inherited socket, whose other end whoever starts the process holds.
         settings: how it serves.
     """
     folder = str(content.package_root().parent)
     code = _CODE.format(module)
-    return [sys.executable, "-s", "-P", "-B", "-c", code, folder, address, settings.model_dump_json()]
+    return [sys.executable, "-s", "-P", "-B", "-c", code, folder, str(channel), settings.model_dump_json()]
 
 
 def begin() -> tuple[socket.socket, Settings]:
-    """In the new process: the socket to whoever started it, and the settings; its environment holds nothing else.
-
-    Raises:
-        OSError: nobody listens at the address any more.
-    """
-    address, text = sys.argv[1:]
+    """In the new process: the socket to whoever started it, and the settings; its environment holds nothing else."""
+    channel, text = sys.argv[1:]
     sys.argv = ["sandbox"]
-    for name in os.environ.keys() - ENVIRONMENT.keys():  # what a container or bubblewrap added
+    for name in os.environ.keys() - ENVIRONMENT.keys():  # what bubblewrap added
         del os.environ[name]
-    if address.isdecimal():
-        return socket.socket(fileno=int(address)), Settings.model_validate_json(text)
-    host = socket.socket(socket.AF_UNIX)
-    host.connect(address)
-    return host, Settings.model_validate_json(text)
+    return socket.socket(fileno=int(channel)), Settings.model_validate_json(text)

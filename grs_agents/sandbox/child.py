@@ -129,7 +129,7 @@ def _confine(limits: Limits, settings: Settings, rules: int | None) -> None:
         memory_mib=limits.memory_mib,
         file_mib=limits.scratch_mib,
         descriptors=_DESCRIPTORS,
-        threads=limits.threads + settings.threads_elsewhere,
+        threads=limits.threads,
     )
     if not settings.layers:
         limit(allowance, alone=False)

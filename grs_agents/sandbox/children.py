@@ -95,7 +95,7 @@ class Spawned:
 
     def _spawn(self, slot: int) -> _Idle:
         ours, theirs = socket.socketpair()
-        command = boot.command("worker", str(theirs.fileno()), self._settings)
+        command = boot.command("worker", theirs.fileno(), self._settings)
         try:
             process = subprocess.Popen(
                 [*self._settings.single_use[slot], *command], stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),)

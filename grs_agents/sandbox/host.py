@@ -10,7 +10,7 @@ from typing import Any
 
 from grs_agents import content
 from grs_agents.sandbox import allowlist, probe, wire
-from grs_agents.sandbox.backends import DEFAULT_IMAGE, LAYERS, REMEDIES, Backend, Choice, absent, candidates
+from grs_agents.sandbox.backends import LAYERS, REMEDIES, Backend, Choice, absent, candidates
 from grs_agents.sandbox.call import CallResult, Limits
 from grs_agents.sandbox.exchange import exchange
 from grs_agents.sandbox.process import DOCTOR, Plan, SandboxError, Zygote
@@ -28,7 +28,6 @@ class Sandbox:
         workers: how many calls may run at once; more wait for their turn.
         limits: what a call may cost unless it says otherwise. The size of scratch folders is fixed by these.
         readable: files and folders that workers may read, beside what they need to run.
-        image: that containers are made from; their programs and libraries are this machine's.
 
     Safe to share between threads. Use it as a context manager, or ``close`` it.
     """
@@ -42,13 +41,11 @@ class Sandbox:
         workers: int = 1,
         limits: Limits | None = None,
         readable: Sequence[Path] = (),
-        image: str = DEFAULT_IMAGE,
     ) -> None:
         self._preload, self._tools = tuple(preload), tuple(tools)
         self._limits = limits or Limits()
         self._workers = workers
         self._readable = tuple(readable)
-        self._image = image
         self._choice: Choice = backend
         self._candidates = list(candidates(backend))
         self._failures: dict[Backend, SandboxError] = {}
@@ -162,7 +159,7 @@ class Sandbox:
                 why, remedies = zip(*reasons, strict=True)
                 self._give_up(backend, SandboxError("; ".join(why), ", and ".join(dict.fromkeys(remedies))))
                 continue
-            plan = Plan(self._preload, self._tools, self._limits, self._workers, self._readable, self._image)
+            plan = Plan(self._preload, self._tools, self._limits, self._workers, self._readable)
             zygote = Zygote(backend, plan)
             weakref.finalize(self, zygote.close)
             return zygote

@@ -5,15 +5,13 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from uuid import uuid4
 
 from grs_agents.errors import GrsError
-from grs_agents.sandbox import allowlist, backends, boot, bubblewrap, docker, orders, seatbelt
+from grs_agents.sandbox import allowlist, backends, boot, bubblewrap, orders, seatbelt
 from grs_agents.sandbox.backends import Backend
 from grs_agents.sandbox.call import Limits
 from grs_agents.sandbox.scratch import Scratch
@@ -23,9 +21,6 @@ START_SECONDS = 60.0
 END_SECONDS = 15.0
 DOCTOR = "see `grs doctor`"
 """The remedy where only a look at the whole machine can tell more."""
-_LOOK_SECONDS = 0.1
-_EVERY_THREAD = 1 << 16
-"""More than a user has: where others' threads count but cannot be seen, the container's own limit binds."""
 
 
 class SandboxError(GrsError):
@@ -41,7 +36,6 @@ class Plan:
         limits: what a call may hold; scratch folders have this size.
         slots: how many calls may run at once.
         readable: files and folders that workers may read beside those they need to run.
-        image: of the container, if there is one.
     """
 
     preload: tuple[str, ...]
@@ -49,7 +43,6 @@ class Plan:
     limits: Limits
     slots: int
     readable: tuple[Path, ...]
-    image: str
 
 
 class Zygote:
@@ -71,20 +64,13 @@ class Zygote:
         self.backend: Backend = backend
         self.calls, self.lost = 0, False
         self.readable = allowlist.outermost((*allowlist.runtime_paths(), *plan.readable))
-        self._image = plan.image
         self._ready = False
         self._scratch = Scratch()
-        self._container = f"grs-{uuid4().hex}" if backend == "docker" else ""
         self._host, theirs = socket.socketpair()
-        self._listener: socket.socket | None = None
-        address, passed = str(theirs.fileno()), (theirs.fileno(),)
         try:
-            if self._container:
-                self._listener = self._listen()
-                address, passed = str(self._socket), ()
-            self._process = self._start(plan, address, passed)
+            self._process = self._start(plan, theirs.fileno())
         except OSError as error:
-            self._close_sockets()
+            self._host.close()
             self._scratch.remove()
             raise SandboxError(f"cannot start {sys.executable}: {error}", "free processes or memory") from error
         finally:
@@ -92,33 +78,29 @@ class Zygote:
 
     @property
     def pid(self) -> int:
-        """The process that was started, which is bubblewrap's or Docker's client where there is one."""
+        """The process that was started, which is bubblewrap's where there is one."""
         return self._process.pid
-
-    @property
-    def _socket(self) -> Path:
-        return self._scratch.path / "socket" / "zygote"
 
     @property
     def _log(self) -> Path:
         return self._scratch.path / "log"
 
-    def _start(self, plan: Plan, address: str, passed: Sequence[int]) -> "subprocess.Popen[bytes]":
+    def _start(self, plan: Plan, channel: int) -> "subprocess.Popen[bytes]":
         settings = self._settings(plan)
         with self._log.open("wb") as log:
             return subprocess.Popen(
-                [*self._wrapping(plan, settings), *boot.command("zygote", address, settings)],
+                [*self._wrapping(plan, settings), *boot.command("zygote", channel, settings)],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
                 cwd="/",
-                env=None if self._container else ENVIRONMENT,  # Docker's client reads where its engine is
-                pass_fds=passed,
+                env=ENVIRONMENT,
+                pass_fds=(channel,),
                 start_new_session=True,
             )
 
     def _settings(self, plan: Plan) -> Settings:
-        sized = self.backend in ("bubblewrap", "docker")
+        sized = self.backend == "bubblewrap"
         folders = [self._scratch.path / str(slot) for slot in range(plan.slots)]
         for folder in folders:
             folder.mkdir(mode=0o700)
@@ -136,27 +118,15 @@ class Zygote:
             slots=plan.slots,
             scratch_is_sized=sized,
             scratch_bytes=plan.limits.scratch_mib << 20,
-            threads_elsewhere=_EVERY_THREAD if self._container else 0,
             single_use=tuple(single_use),
         )
 
     def _wrapping(self, plan: Plan, settings: Settings) -> list[str]:
         """What to put before the zygote's command."""
+        if self.backend != "bubblewrap":
+            return []
         scratch = [settings.scratch / str(slot) for slot in range(plan.slots)]
-        if self.backend == "bubblewrap":
-            return bubblewrap.wrap(self.readable, scratch, settings.scratch_bytes)
-        if self.backend == "docker":
-            mounts = (*self.readable, self._socket.parent)
-            return docker.wrap(self._container, plan.image, mounts, scratch, plan.limits)
-        return []
-
-    def _listen(self) -> socket.socket:
-        self._socket.parent.mkdir(mode=0o700)
-        listener = socket.socket(socket.AF_UNIX)
-        listener.bind(str(self._socket))
-        listener.listen(1)
-        listener.settimeout(_LOOK_SECONDS)
-        return listener
+        return bubblewrap.wrap(self.readable, scratch, settings.scratch_bytes)
 
     def await_ready(self) -> None:
         """Wait until its imports are done.
@@ -167,24 +137,12 @@ class Zygote:
         if self._ready:
             return
         with suppress(OSError):
-            self._accept(time.monotonic() + START_SECONDS)
             self._host.settimeout(START_SECONDS)
             self._ready = self._host.recv(len(orders.READY)) == orders.READY
         if not self._ready:
             log = self._log.read_text("utf-8", "replace").strip()
-            why, remedy = docker.explain(log, self._image) if self._container else ("", "")
-            why = why or (log.splitlines() or ["it does not say why"])[-1]
-            raise SandboxError(f"the sandbox did not start: {why}", remedy or DOCTOR)
-
-    def _accept(self, deadline: float) -> None:
-        """Where the zygote connects to this process: wait for it, for as long as there is hope."""
-        while self._listener is not None and self._process.poll() is None and time.monotonic() < deadline:
-            with suppress(TimeoutError):
-                connection, _ = self._listener.accept()
-                self._host.close()
-                self._host = connection
-                self._listener.close()
-                self._listener = None
+            why = (log.splitlines() or ["it does not say why"])[-1]
+            raise SandboxError(f"the sandbox did not start: {why}", DOCTOR)
 
     def order(self, slot: int, limits: Limits, descriptors: Sequence[int]) -> bool:
         """Have a call served with ``descriptors`` (frames, trace, output, control); False if the zygote is dead."""
@@ -197,8 +155,6 @@ class Zygote:
     def kill(self) -> None:
         """End it at once, whatever state it is in. Safe to repeat."""
         if self._process.returncode is None:
-            if self._container:
-                docker.kill(self._container)
             for kill in (os.killpg, os.kill):
                 try:
                     kill(self._process.pid, signal.SIGKILL)
@@ -209,15 +165,10 @@ class Zygote:
         """Let it end its children and itself; nothing of it is left afterwards. Safe to repeat."""
         if self._host.fileno() == -1:
             return
-        self._close_sockets()
+        self._host.close()
         try:
             self._process.wait(END_SECONDS)
         except subprocess.TimeoutExpired:
             self.kill()
             self._process.wait()
         self._scratch.remove()
-
-    def _close_sockets(self) -> None:
-        self._host.close()
-        if self._listener is not None:
-            self._listener.close()

@@ -30,8 +30,6 @@ class Settings(Frozen):
         slots: how many calls may run at once.
         scratch_is_sized: whether each of these is a file system of its own, of ``scratch_bytes``.
         scratch_bytes: the size of such a file system.
-        threads_elsewhere: how many threads of this user there may be that a child cannot see; where they count, its
-            limit on threads is raised by them.
         single_use: empty where children are forked. Otherwise each call has a process that was started for it alone,
             ahead of time: for each slot, what to put before the command of its processes.
     """
@@ -45,5 +43,4 @@ class Settings(Frozen):
     slots: int = 1
     scratch_is_sized: bool = False
     scratch_bytes: int = 0
-    threads_elsewhere: int = 0
     single_use: tuple[tuple[str, ...], ...] = ()

@@ -1,7 +1,6 @@
-"""Containers and single-use workers, as far as stand-ins for ``docker`` and ``sandbox-exec`` can show."""
+"""Single-use workers, as far as a stand-in for ``sandbox-exec`` can show, and what each backend needs."""
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +15,6 @@ import grs_agents
 from grs_agents.config import Config
 from grs_agents.sandbox import CallResult, Choice, Limits, Sandbox, SandboxError, TestReport, hardening
 from grs_agents.sandbox.settings import ENVIRONMENT
-from tests.sandbox import docker_standin
 from tests.sandbox.processes import ends
 from tests.sandbox.test_host import HOST, OUTCOMES
 
@@ -24,30 +22,22 @@ Execute = Callable[..., CallResult]
 
 SHOWN = ("masked signals", "stopped", "thread storm", "many files", "memory", "descriptor flood", "segfault")
 SHOWN += ("close all pipes",)
-PATH = os.environ["PATH"]
 SANDBOX_EXEC = '#!/bin/sh\n[ "$1" = -p ] || exit 64\nshift 2\nexec "$@"\n'
 
 
 @pytest.fixture(scope="module")
-def _stand_ins(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    folder = tmp_path_factory.mktemp("bin")
-    (folder / "docker").write_text(f"#!{sys.executable}\n{Path(docker_standin.__file__).read_text()}")
-    (folder / "sandbox-exec").write_text(SANDBOX_EXEC)
-    for program in folder.iterdir():
-        program.chmod(0o755)
+def _stand_in(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    program = tmp_path_factory.mktemp("bin") / "sandbox-exec"
+    program.write_text(SANDBOX_EXEC)
+    program.chmod(0o755)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PATH", str(folder), prepend=os.pathsep)
-        yield folder
-
-
-@pytest.fixture(scope="module", params=["docker", "sandbox-exec"])
-def backend(request: pytest.FixtureRequest, _stand_ins: Path) -> Choice:
-    return request.param
+        patch.setenv("PATH", str(program.parent), prepend=os.pathsep)
+        yield
 
 
 @pytest.fixture(scope="module")
-def sandbox(backend: Choice) -> Iterator[Sandbox]:
-    with Sandbox(backend=backend, workers=2) as shared:
+def sandbox(_stand_in: None) -> Iterator[Sandbox]:
+    with Sandbox(backend="sandbox-exec", workers=2) as shared:
         yield shared
 
 
@@ -60,11 +50,11 @@ def test_attack_is_an_outcome(name: str, execute: Execute) -> None:
     assert result.error
 
 
-def test_value_output_and_cost(execute: Execute, backend: Choice) -> None:
+def test_value_output_and_cost(execute: Execute) -> None:
     result = execute("print('hello'); value = {'x': 1}")
     assert (result.outcome, result.value, result.output) == ("ok", {"x": 1}, "hello\n")
     assert 0 < result.cpu_seconds < 0.2, "the imports are not the call's"
-    assert backend in result.backend
+    assert result.backend == "sandbox-exec"
     assert not result.retried
 
 
@@ -75,7 +65,7 @@ def test_cpu_limit_and_timeout_say_where(execute: Execute) -> None:
     assert (result.outcome, "line 2 in spin" in result.stack) == ("timeout", True)
 
 
-def test_nothing_of_host_or_image_is_in_the_environment(execute: Execute, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_of_the_host_is_in_the_environment(execute: Execute, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENAI_API_KEY", "secret")
     result = execute("import os; value = dict(os.environ)")
     assert result.value is not None
@@ -103,32 +93,27 @@ def test_a_test_program(check: Callable[..., TestReport]) -> None:
     assert [case.outcome for case in report.cases] == ["passed", "exited"]
 
 
-def test_what_was_killed_between_calls_is_replaced(execute: Execute, sandbox: Sandbox, backend: Choice) -> None:
+def test_what_was_killed_between_calls_is_replaced(execute: Execute, sandbox: Sandbox) -> None:
     execute("")
     assert sandbox._zygote is not None
-    if backend == "docker":
-        sandbox._zygote.kill()
-    else:
-        os.killpg(sandbox._zygote.pid, signal.SIGKILL)
+    os.killpg(sandbox._zygote.pid, signal.SIGKILL)
     result = execute("value = {'n': 1}")
     assert result.value == {"n": 1}
     assert result.retried
 
 
-def test_nothing_is_left_after_closing(backend: Choice, _stand_ins: Path) -> None:
-    before = set(_stand_ins.glob("containers/*"))
-    with Sandbox(backend=backend) as sandbox:
+def test_nothing_is_left_after_closing(_stand_in: None) -> None:
+    with Sandbox(backend="sandbox-exec") as sandbox:
         sandbox.call("execute", {"code": "while True: pass"}, Limits(wall_seconds=0.5))
         assert sandbox._zygote is not None
         pids = descendants(sandbox._zygote.pid)
         assert len(pids) >= 2
     assert all(ends(pid) for pid in pids)
-    assert set(_stand_ins.glob("containers/*")) == before
 
 
 @pytest.mark.parametrize("code", ["while True: pass", "import time; time.sleep(1000)"])
-def test_everything_dies_with_its_host(code: str, backend: Choice, tool_folder: Path) -> None:
-    program = HOST.replace("Sandbox()", f"Sandbox(backend={backend!r})").replace("while True: pass", code)
+def test_everything_dies_with_its_host(code: str, _stand_in: None, tool_folder: Path) -> None:
+    program = HOST.replace("Sandbox()", "Sandbox(backend='sandbox-exec')").replace("while True: pass", code)
     host = subprocess.Popen(
         [sys.executable, "-c", program, str(tool_folder)],
         env={**os.environ, "PYTHONPATH": str(Path(grs_agents.__file__).parent.parent)},
@@ -143,16 +128,7 @@ def test_everything_dies_with_its_host(code: str, backend: Choice, tool_folder: 
     assert all(ends(pid) for pid in pids), "the sandbox outlived its host"
 
 
-def test_killing_the_client_kills_the_container(_stand_ins: Path) -> None:
-    with Sandbox(backend="docker") as sandbox:
-        sandbox.call("execute", {"code": ""})
-        assert sandbox._zygote is not None
-        pids = descendants(sandbox._zygote.pid)
-        sandbox._zygote.kill()
-        assert all(ends(pid) for pid in pids)
-
-
-def test_single_use_worker_that_cannot_start_is_our_error(_stand_ins: Path) -> None:
+def test_single_use_worker_that_cannot_start_is_our_error(_stand_in: None) -> None:
     with (
         Sandbox(preload=("no_such_module",), backend="sandbox-exec") as broken,
         pytest.raises(SandboxError, match="No module named 'no_such_module'"),
@@ -160,21 +136,10 @@ def test_single_use_worker_that_cannot_start_is_our_error(_stand_ins: Path) -> N
         broken.call("execute", {"code": ""})
 
 
-def test_image_that_was_not_pulled(_stand_ins: Path) -> None:
-    with Sandbox(backend="docker", image="nothing:1") as sandbox, pytest.raises(SandboxError) as refusal:
-        sandbox.call("execute", {"code": ""})
-    assert "No such image: nothing:1" in refusal.value.message
-    assert "docker pull nothing:1" in refusal.value.remedy
-
-
 def test_refusal_lists_each_reason_and_how_to_get_what_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with Sandbox(backend="docker") as sandbox, pytest.raises(SandboxError) as refusal:
-        sandbox.call("execute", {"code": ""})
-    assert "there is no docker on the PATH" in refusal.value.message
-    assert "docs.docker.com/engine/install" in refusal.value.remedy
     monkeypatch.setattr(hardening, "missing", lambda: {"landlock": "the kernel was started without it"})
     with Sandbox() as sandbox, pytest.raises(SandboxError) as refusal:
         sandbox.call("execute", {"code": ""})
@@ -189,12 +154,6 @@ def test_refusal_lists_each_reason_and_how_to_get_what_is_missing(
 
 def test_configuration_offers_every_backend() -> None:
     assert get_args(Config.model_fields["sandbox"].annotation) == get_args(Choice)
-
-
-@pytest.mark.parametrize("image", ["", "--privileged", "a b", "a\nb"])
-def test_an_image_is_a_name_and_no_option(image: str) -> None:
-    with pytest.raises(ValueError, match="docker_image"):
-        Config(docker_image=image)
 
 
 ELSEWHERE = """
@@ -220,15 +179,6 @@ def test_the_room_can_be_entered_on_other_systems(platform: str) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert f"it needs Linux, this is {platform}" in done.stdout
-
-
-@pytest.mark.skipif(shutil.which("docker") is None, reason="there is no docker on the PATH")
-def test_the_real_client_knows_every_option(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("PATH", PATH)
-    monkeypatch.setenv("DOCKER_HOST", f"unix://{tmp_path}/no-engine")
-    with Sandbox(backend="docker") as sandbox, pytest.raises(SandboxError, match=r"(?i)connect") as refusal:
-        sandbox.call("execute", {"code": ""})
-    assert "start the engine" in refusal.value.remedy
 
 
 def descendants(pid: int) -> list[int]:
