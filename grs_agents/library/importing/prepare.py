@@ -1,4 +1,4 @@
-"""One item of a source, from its file to a mended, weighed and decomposed thing in metres with z up."""
+"""One item of a source, from its file to a repaired, weighed and decomposed thing in metres with z up."""
 
 import math
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from grs_agents.library.importing.described import read_described
 from grs_agents.library.importing.inside import Folder
 from grs_agents.library.importing.meshes import read_mesh
 from grs_agents.library.importing.one_mesh import one_mesh
-from grs_agents.library.importing.repair import Mended, area, mend, volume
+from grs_agents.library.importing.repair import RepairedMesh, area, repair_mesh, volume
 from grs_agents.library.importing.rest import bounds, rest
 from grs_agents.library.importing.simplify import with_fewer_faces
 from grs_agents.library.importing.types import (
@@ -60,7 +60,7 @@ class Prepared:
         category: a plain noun.
         description: one sentence.
         hollow: things go into it.
-        notes: what was guessed, found and mended.
+        notes: what was guessed, found and repaired.
     """
 
     solid: Solid
@@ -94,17 +94,17 @@ def prepare(folder: Folder, item: Item, options: ImportOptions, shipped: tuple[A
         raise RefusedError(f"{item.file} shows nothing", "add a visual")
     solid = one_mesh(reading.parts, options.texture)
     solid, scale, turn = _upright(solid, reading, options)
-    mended = mend(solid)
-    notes = [*reading.notes, *mended.notes]
-    colliders, told = _colliders(mended, reading, scale, turn, options)
+    repaired = repair_mesh(solid)
+    notes = [*reading.notes, *repaired.notes]
+    colliders, told = _colliders(repaired, reading, scale, turn, options)
     notes += told
-    solid, colliders = _centred(mended.solid, colliders)
+    solid, colliders = _centred(repaired.solid, colliders)
     extent = np.ptp(solid.vertices, axis=0)
     size: Vec3 = (round(float(extent[0]), 5), round(float(extent[1]), 5), round(float(extent[2]), 5))
     if not _SIZES[0] <= max(size) <= _SIZES[1]:
         raise RefusedError(f"it is {max(size):.3g} m long, outside {_SIZES[0]} to {_SIZES[1]} m", "give its --unit")
     category = reading.category or category_of(item.name)
-    solid_volume = volume(solid.vertices, solid.faces) if mended.watertight else sum(map(_volume, colliders))
+    solid_volume = volume(solid.vertices, solid.faces) if repaired.watertight else sum(map(_volume, colliders))
     physics = _physics(reading, category, solid_volume)
     standing = rest(colliders, physics.mass.value, physics.friction.value)
     if not standing.stable:
@@ -192,12 +192,12 @@ def _steadier(vertices: Floats, reading: Reading) -> Up:
 
 
 def _colliders(
-    mended: Mended, reading: Reading, scale: float, turn: Floats, options: ImportOptions
+    repaired: RepairedMesh, reading: Reading, scale: float, turn: Floats, options: ImportOptions
 ) -> tuple[list[Collider], list[str]]:
     """What touches: what the source says, else the convex parts of what is seen."""
-    solid = mended.solid
+    solid = repaired.solid
     if reading.colliders is None:
-        parts, notes = convex_parts(solid.vertices, solid.faces, mended.watertight, options.parts)
+        parts, notes = convex_parts(solid.vertices, solid.faces, repaired.watertight, options.parts)
         return list(parts), notes
     if scale != 1.0 or not np.allclose(turn, np.eye(3)):
         raise RefusedError("what collides is not in the frame of what is seen", "give both in metres with z up")
