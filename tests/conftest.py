@@ -1,4 +1,4 @@
-"""What several test folders share: the sample scene, a small one, and real captures."""
+"""What several test folders share: the sample scene and a small one."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,8 +10,7 @@ from grs_agents import content
 from grs_agents.library import Library
 from grs_agents.synth import Recipe, synthesise
 
-REPOSITORY = Path(__file__).parents[1]
-REAL_SCENES = REPOSITORY.parent / "shared" / "scenes"
+pytest_plugins = ("tests.needs",)
 
 settings.register_profile("grs", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("grs")  # how fast an example is drawn tells of the machine's load, not of the code
@@ -30,14 +29,6 @@ def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recipe = Recipe(seed=3, objects=3, distractors=0, tilt=50.0, sensor="time_of_flight", width=320, height=240)
     synthesise(recipe, Library()).write(folder)
     return folder
-
-
-@pytest.fixture(scope="session")
-def real_scenes() -> Path:
-    """Real captures beside the repository; tests that need them skip where they are absent."""
-    if not REAL_SCENES.is_dir():
-        pytest.skip("no folder of real captures beside the repository")
-    return REAL_SCENES
 
 
 @pytest.fixture(autouse=True)

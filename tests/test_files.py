@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes, write_json, write_text
+from tests.needs import needs
 
 
 def test_missing_folders_are_made(tmp_path: Path) -> None:
@@ -44,7 +45,7 @@ def test_a_file_where_a_folder_should_be_is_an_input_error(tmp_path: Path) -> No
         write_bytes(tmp_path / "x" / "y", b"new")
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full to stand in for a full disk")
+@needs("/dev/full")
 def test_a_full_disk_is_an_input_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def write_to_full(self: Path, data: bytes) -> int:
         descriptor = os.open("/dev/full", os.O_WRONLY)

@@ -1,7 +1,6 @@
 """The graphs behind LangGraph's own server."""
 
 import contextlib
-import importlib.util
 import json
 import os
 import signal
@@ -19,6 +18,7 @@ from grs_agents import content, serving
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.run import read_record
 from grs_agents.trace import read_events
+from tests.needs import needs
 from tests.views.looking import free_port
 
 ROOT = Path(__file__).parents[1]
@@ -100,9 +100,7 @@ def langgraph_dev(folder: Path) -> Iterator[str]:
         process.wait(30)
 
 
-@pytest.mark.skipif(
-    importlib.util.find_spec("langgraph_api") is None, reason='no LangGraph server: pip install "langgraph-cli[inmem]"'
-)
+@needs("langgraph_api")
 def test_langgraph_dev_serves_a_scene(tmp_path: Path, sample_scene: Path) -> None:
     body: dict[str, Any] = {"assistant_id": "scene", "input": {"scene_path": str(sample_scene)}}
     with langgraph_dev(tmp_path) as address:

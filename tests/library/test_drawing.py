@@ -8,16 +8,15 @@ from grs_agents.library import Library
 from grs_agents.library import drawing as room
 from grs_agents.library.drawing import PLAIN, drawn
 from grs_agents.library.views import asset_views, ring_directions
+from tests.needs import needs
 
 NAMES = ("HOPE/Milk.urdf", "bowl/bowl.urdf", "block/red_block.urdf")
 
 
+@needs("egl")
 def test_both_renderers_show_the_same() -> None:
     library, directions = Library(), ring_directions(3)
-    try:
-        found = drawn(library, NAMES, directions, size=96, renderer="gl")
-    except ConfigError as error:
-        pytest.skip(error.message)
+    found = drawn(library, NAMES, directions, size=96, renderer="gl")
     assert found.renderer in ("EGL", "OSMesa", "OpenGL")
     for name, views in zip(NAMES, found.views, strict=True):
         assert isinstance(views, tuple)

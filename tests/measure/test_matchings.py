@@ -10,8 +10,6 @@ from grs_agents.measure.experiment import Work, orders_of
 from grs_agents.measure.match_types import matching_file, scores
 from grs_agents.measure.matchings import match_orders, run_matchings
 
-pytest.importorskip("scipy")
-
 
 def test_orders_are_for_each_method_model_and_run(sample_scene: Path) -> None:
     scenes = orders_of([str(sample_scene)], Work(""), 1)

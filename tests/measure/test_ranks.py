@@ -7,8 +7,6 @@ from hypothesis import strategies as st
 
 from grs_agents.measure.ranks import interval, kruskal_wallis, scheirer_ray_hare
 
-pytest.importorskip("scipy")
-
 
 def test_groups_apart_differ() -> None:
     found = kruskal_wallis({"one": [1, 2, 3, 4, 5], "other": [6, 7, 8, 9, 10]}, "method")

@@ -7,8 +7,6 @@ import pytest
 from grs_agents.errors import GrsError
 from grs_agents.measure.retrieval import measured, targets
 
-pytest.importorskip("faiss")
-
 
 def test_an_index_is_built_and_probed(tmp_path: Path) -> None:
     figures = measured(tmp_path / "index", 3000, 20, 0)

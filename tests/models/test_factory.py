@@ -32,7 +32,6 @@ def test_a_provider_without_a_model_name() -> None:
 
 
 def test_a_missing_key_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("langchain_openai")
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     with pytest.raises(ConfigError, match="OPENAI_API_KEY"):
         chat_model(ModelConfig(model="openai:any"), seed=0)
@@ -48,7 +47,6 @@ def test_a_missing_package_is_named_with_its_extra(provider: str, monkeypatch: p
 
 
 def test_the_key_comes_from_the_named_variable(server: tuple[Scripted, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("langchain_openai")
     script, url = server
     script.complete()
     monkeypatch.setenv("MY_KEY", "secret-of-mine")
@@ -61,7 +59,6 @@ def test_the_key_comes_from_the_named_variable(server: tuple[Scripted, str], mon
 
 
 def test_a_server_on_this_machine_needs_no_key(server: tuple[Scripted, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("langchain_openai")
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     script, url = server
     script.complete()

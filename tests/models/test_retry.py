@@ -10,7 +10,6 @@ from grs_agents.errors import GrsError
 from grs_agents.models import ReplyProblem, Retries, chat_model, invoke
 from tests.models.conftest import Scripted
 
-pytest.importorskip("langchain_openai")
 FAILURE = {"error": {"message": "told so", "type": "api_error", "code": None}}
 
 

@@ -15,7 +15,6 @@ ON = ("--set", "background.on=true", "--json")
 @pytest.fixture
 def photographed(tmp_path: Path) -> Path:
     """The folder of the room's photo."""
-    pytest.importorskip("skimage")
     frame, _, _ = room.photo(room.camera(width=640, height=480), 0.001)
     return room.write(frame, tmp_path / "room")
 

@@ -7,6 +7,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.sandbox import CallResult, Limits, Sandbox, TestReport, TestRun, run_tests
+from tests.needs import needs
 
 EXECUTE = """
 def inside(request):
@@ -17,6 +18,7 @@ def inside(request):
 PLAIN_TESTS = """
 from grs_agents.sandbox import run_tests_inside as inside
 """
+BACKENDS = [pytest.param("bubblewrap", marks=needs("bwrap")), pytest.param("landlock", marks=needs("landlock"))]
 SMALL = Limits(wall_seconds=60, cpu_seconds=10, memory_mib=128, scratch_mib=1, output_mib=1, threads=16)
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from grs_agents.sandbox import kernel
+from tests.needs import needs
 
-pytestmark = pytest.mark.skipif(kernel.machine() is None, reason="system calls are known for 64-bit Linux alone")
+pytestmark = needs("64-bit linux")
 
 
 def test_a_call_answers_as_python_does() -> None:
@@ -37,7 +38,7 @@ def test_other_machines_are_not_known(system: str, word: int, monkeypatch: pytes
     assert failed.value.errno == errno.ENOSYS
 
 
-@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="no /proc here")
+@needs("/proc/self")
 def test_a_small_file_of_the_kernel_is_read_and_written() -> None:
     with Path("/proc/self/comm").open(encoding="ascii") as comm:
         name = comm.read()

@@ -14,7 +14,8 @@ import pytest
 
 import grs_agents
 from grs_agents.sandbox import Limits, Sandbox, exchange, process
-from grs_agents.sandbox.backends import Choice, absent
+from grs_agents.sandbox.backends import Choice
+from tests.sandbox.conftest import BACKENDS
 from tests.sandbox.processes import ends
 
 NAME = "grs-lifetime"
@@ -30,10 +31,8 @@ Sandbox(backend=sys.argv[2]).call("execute", {"code": sys.argv[3]})
 """
 
 
-@pytest.fixture(params=["bubblewrap", "landlock"])
+@pytest.fixture(params=BACKENDS)
 def backend(request: pytest.FixtureRequest) -> Choice:
-    if why := absent(request.param):
-        pytest.skip(why)
     return request.param
 
 

@@ -2,17 +2,15 @@
 
 import ctypes
 import os
-import sys
 from pathlib import Path
 
 import pytest
 
 from grs_agents.sandbox import kernel, privileges
+from tests.needs import needs
 from tests.sandbox.confined import USERS, become, forked
 
-pytestmark = pytest.mark.skipif(kernel.machine() is None, reason="capabilities are known for 64-bit Linux alone")
-
-as_root = pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="needs root")
+pytestmark = needs("64-bit linux")
 
 
 def status() -> dict[str, str]:
@@ -30,7 +28,7 @@ def test_no_capability_is_left(user: str) -> None:
     assert forked(drop).value == [0, 0, 0, 0]
 
 
-@as_root
+@needs("root")
 def test_none_can_be_gained_by_a_program() -> None:
     def drop() -> int:
         privileges.drop_bounding_set()
@@ -40,7 +38,7 @@ def test_none_can_be_gained_by_a_program() -> None:
     assert forked(drop).value == 0
 
 
-@as_root
+@needs("root")
 def test_root_without_capabilities_is_bound_by_permission_bits(tmp_path: Path) -> None:
     hidden = tmp_path / "hidden"
     hidden.write_text("x")
@@ -66,7 +64,7 @@ def test_no_new_privileges_and_not_dumpable(user: str) -> None:
     assert forked(give_up).value == [0, 1]
 
 
-@as_root
+@needs("root")
 def test_root_is_counted_apart_yet_opens_its_files(tmp_path: Path) -> None:
     own = tmp_path / "own"
     own.write_text("x")

@@ -9,13 +9,12 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-
-from grs_agents.sandbox import kernel, privileges, resources
+from grs_agents.sandbox import privileges, resources
 from grs_agents.sandbox.resources import Allowance
+from tests.needs import needs
 from tests.sandbox.confined import USERS, Got, become, forked
 
-pytestmark = pytest.mark.skipif(kernel.machine() is None, reason="the limits are those of Linux")
+pytestmark = needs("64-bit linux")
 
 SMALL = Allowance(cpu_seconds=0.1, memory_mib=128, file_mib=1, descriptors=400, threads=8)
 
@@ -73,7 +72,7 @@ def start_threads() -> int:
     return len(threads)
 
 
-@pytest.mark.skipif(USERS[0] != "root", reason="needs root, which can be counted as a user of its own")
+@needs("root")
 def test_threads_of_root_are_counted() -> None:
     assert limited(start_threads, "root").value == [True, 8]
 
@@ -84,7 +83,7 @@ def test_threads_of_a_user_are_bounded() -> None:
     assert 8 <= got.value[1] < 4000
 
 
-@pytest.mark.skipif(USERS[0] != "root", reason="needs root")
+@needs("root")
 def test_root_that_stays_root_has_no_limit_on_threads_and_is_told_so() -> None:
     assert forked(lambda: resources.limit(SMALL, alone=False)).value is False
 

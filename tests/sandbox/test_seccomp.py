@@ -19,11 +19,9 @@ import pytest
 from grs_agents.sandbox import kernel, seccomp
 from grs_agents.sandbox.bpf import assemble, encode
 from grs_agents.sandbox.syscalls import NUMBERS
+from tests.needs import needs
 from tests.sandbox import classic_bpf
 from tests.sandbox.confined import Got, forked, without_new_privileges
-
-needs_seccomp = pytest.mark.skipif(bool(seccomp.why_not()), reason=f"no seccomp: {seccomp.why_not()}")
-needs_x86_64 = pytest.mark.skipif(kernel.machine() != "x86_64", reason="runs code of x86-64")
 
 PID = 4242
 ARCHITECTURES = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
@@ -154,7 +152,7 @@ def filtered(check: Callable[[], object]) -> Got:
     return without_new_privileges(lambda: seccomp.install(7), check)
 
 
-@needs_seccomp
+@needs("seccomp")
 def test_the_kernel_answers_as_the_model_does() -> None:
     machine = kernel.machine()
     assert machine is not None
@@ -238,13 +236,13 @@ HARMFUL: dict[str, Callable[[], object]] = {
 }
 
 
-@needs_seccomp
+@needs("seccomp")
 @pytest.mark.parametrize("name", HARMFUL)
 def test_harm_is_a_permission_error(name: str) -> None:
     assert filtered(HARMFUL[name]).error == "PermissionError"
 
 
-@needs_seccomp
+@needs("seccomp")
 def test_a_process_may_kill_itself_and_read_its_own_limits() -> None:
     assert filtered(lambda: resource.prlimit(0, resource.RLIMIT_CPU)).value is not None
     assert filtered(lambda: resource.prlimit(os.getpid(), resource.RLIMIT_CPU)).value is not None
@@ -252,7 +250,7 @@ def test_a_process_may_kill_itself_and_read_its_own_limits() -> None:
     assert filtered(lambda: signal.raise_signal(signal.SIGTERM)).signal == signal.SIGTERM
 
 
-@needs_seccomp
+@needs("seccomp")
 def test_every_thread_is_filtered_and_starts_others() -> None:
     go, results = threading.Event(), list[str]()
 
@@ -277,13 +275,12 @@ def test_every_thread_is_filtered_and_starts_others() -> None:
     assert without_new_privileges(lambda: None, check).value == ["denied", "denied"]
 
 
-@needs_seccomp
+@needs("seccomp")
 def test_more_filters_only_take_away() -> None:
     assert filtered(lambda: seccomp.install(7)).error == "PermissionError"
 
 
-@needs_seccomp
-@needs_x86_64
+@needs("seccomp", "x86_64")
 @pytest.mark.parametrize(
     "code",
     [
@@ -301,7 +298,7 @@ def test_code_for_another_machine_is_killed(code: bytes) -> None:
     assert filtered(run).signal == signal.SIGSYS
 
 
-@needs_seccomp
+@needs("seccomp")
 def test_a_filter_without_giving_up_privileges_is_refused_to_users() -> None:
     def install() -> None:
         if os.geteuid() == 0:

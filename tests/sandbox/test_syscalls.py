@@ -7,6 +7,7 @@ import pytest
 
 from grs_agents.sandbox.seccomp import ALLOWED, DENIED
 from grs_agents.sandbox.syscalls import NUMBERS
+from tests.needs import needs
 
 X86_64_HEADER = Path("/usr/include/x86_64-linux-gnu/asm/unistd_64.h")
 GENERIC_HEADER = Path("/usr/include/asm-generic/unistd.h")
@@ -19,12 +20,11 @@ OF_32_BITS = re.compile(r"_time64$|64_64$|^(fcntl64|statfs64|fstatfs64|truncate6
 
 
 def in_header(header: Path) -> dict[str, int]:
-    if not header.exists():
-        pytest.skip(f"no kernel headers: {header}")
     found = re.findall(r"#define\s+__NR(?:3264)?_(\w+)\s+(\d+)", header.read_text())
     return {OTHER_NAMES.get(name, name): int(number) for name, number in found}
 
 
+@needs(str(X86_64_HEADER))
 def test_x86_64_agrees_with_the_kernel_headers() -> None:
     expected = in_header(X86_64_HEADER)
     known = NUMBERS["x86_64"]
@@ -32,6 +32,7 @@ def test_x86_64_agrees_with_the_kernel_headers() -> None:
     assert {name: known.get(name) for name in expected if expected[name] <= 470} == expected
 
 
+@needs(str(GENERIC_HEADER))
 def test_aarch64_agrees_with_the_kernel_headers() -> None:
     expected = {name: number for name, number in in_header(GENERIC_HEADER).items() if not OF_32_BITS.search(name)}
     known = NUMBERS["aarch64"]

@@ -42,7 +42,6 @@ def to_boxes(points: Floats, boxes: Floats) -> Floats:
 
 def made(yaw: float, noise: float, arm: Floats = NO_ARM, voxel: float = 0.015) -> tuple[Background, Floats]:
     """The background of the room, and a sample (N, 3) of the true points of it that the photo shows."""
-    pytest.importorskip("skimage")
     frame, points, owner = room.photo(room.camera(yaw, 480, 360), noise)
     table = find_table(frame, np.random.default_rng(0))
     around = [aabb(*room.BOXES[number]) for number in room.THINGS]
@@ -59,7 +58,6 @@ def aabb(low: Floats, high: Floats) -> Aabb:
 
 @pytest.mark.parametrize(("yaw", "noise"), [(0.0, 0.0), (0.4, 0.002)])
 def test_the_surface_is_near_what_is_seen(yaw: float, noise: float) -> None:
-    pytest.importorskip("skimage")
     found, true = made(yaw, noise)
     surface = to_triangles(true, found.mesh.vertices[found.mesh.faces])
     assert (surface <= NEAR).mean() >= 0.9

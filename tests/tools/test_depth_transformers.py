@@ -1,6 +1,7 @@
 """Depth by a model of the user's own: a stand-in for transformers, and the real one where it is installed."""
 
 import contextlib
+import importlib
 import json
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from grs_agents import content
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.toolkit import ToolContext
+from tests.needs import needs
 
 RGB = np.random.default_rng(0).integers(0, 255, (40, 60, 3)).astype(np.uint8)
 
@@ -157,10 +159,10 @@ def test_a_folder_that_holds_no_model_is_refused(tmp_path: Path, context: ToolCo
         ask(None, context)
 
 
+@needs("torch", "transformers")
 def test_a_real_model_is_loaded_and_asked(tmp_path: Path, context: ToolContext) -> None:
     """A Depth Anything of a few thousand random weights."""
-    pytest.importorskip("torch")
-    transformers = pytest.importorskip("transformers")
+    transformers = importlib.import_module("transformers")
     stages = ["stage1", "stage2", "stage3", "stage4"]
     backbone = transformers.Dinov2Config(
         image_size=56,

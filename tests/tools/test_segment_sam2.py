@@ -1,6 +1,7 @@
 """Segmentation by a SAM 2 of the user's own: what is refused without it, and a tiny real one where transformers is."""
 
 import contextlib
+import importlib
 import json
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ from grs_agents import content
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.scene import find_table
 from grs_agents.toolkit import ToolContext
+from tests.needs import require
 from tests.scene.conftest import THINGS, render
 
 FRAME = render(THINGS, calibrated=True).frame
@@ -126,8 +128,8 @@ def tiny(transformers: Any, sure: bool) -> Any:
 
 @pytest.fixture
 def real() -> Any:
-    torch = pytest.importorskip("torch", reason="torch, of the extra sam2, is not installed")
-    transformers = pytest.importorskip("transformers", reason="transformers, of the extra sam2, is not installed")
+    require("torch", "transformers")
+    torch, transformers = importlib.import_module("torch"), importlib.import_module("transformers")
     torch.manual_seed(0)
     return transformers
 

@@ -3,7 +3,6 @@
 import base64
 import contextlib
 import json
-import shutil
 import subprocess
 import tempfile
 import time
@@ -14,12 +13,9 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 from tests.views.looking import free_port
 
-DRIVER = shutil.which("chromedriver")
-needs_chromium = pytest.mark.skipif(DRIVER is None, reason="no Chromium to drive: install chromium-driver")
 # Rerun draws with WebGL, here in software; the rest keeps Chromium from looking for its maker's servers.
 _ARGUMENTS = (
     "--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
@@ -35,7 +31,7 @@ def browser() -> Iterator[Callable[..., Any]]:
     """A browser with one empty page; call it with a method, what is below the session's path, and a body."""
     port = free_port()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        process = subprocess.Popen([str(DRIVER), f"--port={port}"], stdout=subprocess.DEVNULL)
+        process = subprocess.Popen(["chromedriver", f"--port={port}"], stdout=subprocess.DEVNULL)
         root = f"http://127.0.0.1:{port}"
         try:
             _wait_until(lambda: _ask("GET", f"{root}/status")["ready"])

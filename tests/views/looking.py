@@ -11,16 +11,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
-import pytest
 from rerun.experimental import ViewerClient
 
 from grs_agents.views.viewer import rerun_program, viewer_environment
 
-VULKAN_DRIVERS = [Path(root) / "vulkan" / "icd.d" for root in ("/usr/share", "/etc", "/usr/local/share")]
-needs_vulkan = pytest.mark.skipif(
-    not any(list(folder.glob("*.json")) for folder in VULKAN_DRIVERS if folder.is_dir()),
-    reason="no Vulkan driver: install mesa-vulkan-drivers",
-)
 PATIENCE = 90.0
 Image = npt.NDArray[np.uint8]
 

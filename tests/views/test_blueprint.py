@@ -9,7 +9,8 @@ import numpy as np
 from grs_agents.library import Library
 from grs_agents.trace import NodeStarted, Rollout, read_events
 from grs_agents.views.rerun_view import compare, rebuild
-from tests.views.looking import headless, needs_vulkan, picture
+from tests.needs import needs
+from tests.views.looking import headless, picture
 
 
 def moment(folder: Path, wanted: Callable[[Any], bool]) -> float:
@@ -24,7 +25,7 @@ def moment(folder: Path, wanted: Callable[[Any], bool]) -> float:
     raise AssertionError("no such event")
 
 
-@needs_vulkan
+@needs("vulkan")
 def test_a_headless_viewer_draws_the_run(script: Callable[[], Any], library: Library) -> None:
     run = script()
     run.before_fix()
@@ -44,7 +45,7 @@ def test_a_headless_viewer_draws_the_run(script: Callable[[], Any], library: Lib
     assert (np.abs(first.astype(int) - later).max(axis=2) > 40).mean() > 0.02
 
 
-@needs_vulkan
+@needs("vulkan")
 def test_two_runs_stand_side_by_side(script: Callable[[], Any], library: Library, tmp_path: Path) -> None:
     run = script()
     run.before_fix()

@@ -18,7 +18,8 @@ from grs_agents.views.lines import line
 from grs_agents.views.paths import Paths
 from grs_agents.views.rerun_view import RerunView, rebuild
 from grs_agents.views.viewer import rerun_program, viewer_environment
-from tests.views.looking import connected, needs_vulkan, picture, viewer
+from tests.needs import needs
+from tests.views.looking import connected, picture, viewer
 
 Rows = list[tuple[int, Any]]
 
@@ -191,7 +192,7 @@ os.kill(os.getpid(), signal.SIGKILL)
     check_whole(tmp_path / "trace.rrd", events)
 
 
-@needs_vulkan
+@needs("vulkan")
 def test_a_viewer_shows_the_run_while_it_goes_on(script: Callable[[], Any], library: Library) -> None:
     run = script()
     with viewer() as url:

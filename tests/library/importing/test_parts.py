@@ -59,7 +59,6 @@ def test_without_a_decomposer_a_bowl_collides_as_its_hull_and_says_so(monkeypatc
 
 
 def test_a_decomposed_bowl_has_room_inside() -> None:
-    pytest.importorskip("coacd")
     bowl = models.bowl()
     parts, _ = convex_parts(np.asarray(bowl.vertices), np.asarray(bowl.faces), True, 16)
     assert 4 <= len(parts) <= 16
@@ -89,7 +88,6 @@ def test_parts_become_one_mesh_that_looks_the_same() -> None:
 
 
 def test_a_simplified_mesh_keeps_its_size_and_its_colours() -> None:
-    pytest.importorskip("fast_simplification")
     ball = trimesh.creation.icosphere(4, 0.05)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
     height = vertices[faces].mean(axis=1)[:, 2]

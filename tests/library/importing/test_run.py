@@ -142,7 +142,6 @@ def test_known_layouts_are_read_as_what_they_are(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("meter", "up"), [("0.01", "Y_UP"), ("0.001", "Z_UP"), ("1", "X_UP")])
 def test_a_dae_says_its_unit_and_what_is_up(tmp_path: Path, meter: str, up: str) -> None:
-    pytest.importorskip("collada")
     size = {"X_UP": (0.2, 0.06, 0.08), "Y_UP": (0.06, 0.2, 0.08), "Z_UP": (0.06, 0.08, 0.2)}[up]
     x, y, z = (extent / float(meter) for extent in size)
     models.write_dae(tmp_path / "source" / "tower.dae", (x, y, z), meter, up)
@@ -155,8 +154,6 @@ def test_a_dae_says_its_unit_and_what_is_up(tmp_path: Path, meter: str, up: str)
 
 
 def test_with_the_real_packages_a_fine_bowl_is_made_simpler_and_stays_hollow(tmp_path: Path) -> None:
-    pytest.importorskip("coacd")
-    pytest.importorskip("fast_simplification")
     (tmp_path / "source").mkdir()
     bowl = models.bowl()
     bowl.subdivide_to_size(0.02).export(tmp_path / "source" / "bowl.ply")

@@ -1,6 +1,5 @@
 """Every attack is made on every backend that this machine has; the outside world is looked at after each."""
 
-import platform
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -13,13 +12,14 @@ import pytest
 
 from grs_agents import content
 from grs_agents.sandbox import CallResult, Limits, Sandbox
-from grs_agents.sandbox.backends import Choice, absent
+from grs_agents.sandbox.backends import Choice
+from tests.needs import require
 from tests.sandbox.attacks import kit
 from tests.sandbox.attacks.world import Canaries
+from tests.sandbox.conftest import BACKENDS
 
 collect_ignore_glob = [] if sys.platform == "linux" else ["test_*.py"]
 """They speak to the kernel by numbers that are Linux's alone."""
-BACKENDS: tuple[Choice, ...] = ("bubblewrap", "landlock")
 BOUNDS = Limits(wall_seconds=20, cpu_seconds=10, memory_mib=256, scratch_mib=64, output_mib=1, threads=16)
 KIT = "tests.sandbox.attacks.kit"
 PROLOGUE = f"""
@@ -82,8 +82,6 @@ def canaries(tmp_path_factory: pytest.TempPathFactory, temporary_folder: Path, t
 @pytest.fixture(scope="package", params=BACKENDS)
 def door(request: pytest.FixtureRequest, canaries: Canaries, tool_folder: Path) -> Iterator[Door]:
     """A sandbox of each backend, started where the canaries are around."""
-    if why := absent(request.param):
-        pytest.skip(why)
     with Sandbox(preload=("grs_agents.sim",), backend=request.param, limits=BOUNDS) as sandbox:
         ready = Door(request.param, sandbox, [])
         with pytest.MonkeyPatch.context() as patch:  # started now, so that a test sees only what it opened itself
@@ -111,8 +109,8 @@ def make(door: Door, watched: Canaries) -> Make:
 
     def attack(program: ModuleType, name: str, case: str | None) -> str:
         facts: kit.Attack = getattr(program, name)
-        if facts.machine not in (None, platform.machine()):
-            pytest.skip(f"machine code for {facts.machine}")
+        if facts.machine is not None:
+            require(facts.machine)
         if facts.promised_by not in (None, door.backend):
             pytest.skip(f"{facts.promised_by} alone promises it")
         sources = {
