@@ -1,12 +1,13 @@
 """An asset that is seen from one side is found where it stands."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from grs_agents.base import Quat
-from grs_agents.library import Library
+from grs_agents.library import Library, write_proxy
 from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
 from grs_agents.scene import UprightBox, register
 from grs_agents.scene.frame import Mask
@@ -61,6 +62,17 @@ def test_another_asset_is_no_fit() -> None:
     right = register(milk, LIBRARY, box_around(milk, turn), frame, table, mask)
     wrong = register("HOPE/Tuna.urdf", LIBRARY, box_around(milk, turn), frame, table, mask)
     assert wrong.residual > 3 * right.residual
+
+
+def test_a_taller_can_is_not_sunk_into_the_table_to_fit_a_lower_one(tmp_path: Path) -> None:
+    for name, height in (("low", 0.05), ("tall", 0.07)):
+        write_proxy(tmp_path, name, "cylinder", (0.08, 0.08, height), (0.5, 0.5, 0.5), f"a {name} can")
+    library = LIBRARY.overlay(tmp_path)
+    frame, table, mask = photo_of([Thing("proxy/low.urdf", ((0.5, 0.0, 0.025), (0.0, 0.0, 0.0, 1.0)))], library)
+    box = UprightBox(center=(0.504, 0.003, 0.025), size=(0.08, 0.08, 0.05), yaw=0.0)
+    low, tall = (register(f"proxy/{name}.urdf", library, box, frame, table, mask) for name in ("low", "tall"))
+    assert tall.position[2] - tall.size[2] / 2 > -0.01
+    assert tall.cost > low.cost + 0.008
 
 
 def _resting(asset: str, turn: Quat) -> tuple[float, float, float]:
