@@ -1,0 +1,72 @@
+"""A chat model that gives prepared replies, and an `Agents` whose every role it serves."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from langchain_core.callbacks import CallbackManagerForLLMRun
+from langchain_core.language_models.chat_models import BaseChatModel
+from langchain_core.messages import AIMessage, BaseMessage
+from langchain_core.outputs import ChatGeneration, ChatResult
+from pydantic import Field
+
+from grs_agents.agents import Agents
+from grs_agents.config import Config
+from grs_agents.trace import EventLog
+
+
+class ScriptedModel(BaseChatModel):
+    """Gives its replies one by one, and raises those that are exceptions.
+
+    Attributes:
+        replies: those not given yet, each an `AIMessage` or an exception.
+        asked: the messages of each call, oldest call first.
+    """
+
+    replies: list[Any]
+    asked: list[list[BaseMessage]] = Field(default_factory=list[list[BaseMessage]])
+
+    @property
+    def _llm_type(self) -> str:
+        return "scripted"
+
+    def _generate(
+        self,
+        messages: list[BaseMessage],
+        stop: list[str] | None = None,
+        run_manager: CallbackManagerForLLMRun | None = None,
+        **kwargs: Any,
+    ) -> ChatResult:
+        self.asked.append(list(messages))
+        reply = self.replies.pop(0)
+        if isinstance(reply, Exception):
+            raise reply
+        return ChatResult(generations=[ChatGeneration(message=reply)])
+
+
+@dataclass
+class ScriptedAgents(Agents):
+    """Agents of which every role is served by `script`."""
+
+    script: ScriptedModel = field(default_factory=lambda: ScriptedModel(replies=[]))
+
+    def model(self, role: str) -> BaseChatModel:
+        """The scripted model."""
+        return self.script
+
+
+def say(text: str, finish: str = "stop") -> AIMessage:
+    """A whole reply of 11 input and 5 output tokens."""
+    usage = {"input_tokens": 11, "output_tokens": 5, "total_tokens": 16}
+    return AIMessage.model_validate(
+        {"content": text, "usage_metadata": usage, "response_metadata": {"finish_reason": finish}}
+    )
+
+
+def scripted(
+    folder: Path, replies: Iterable[str | AIMessage | Exception], config: Config | None = None
+) -> ScriptedAgents:
+    """Agents that log to ``folder`` and get ``replies``; a text is a whole reply."""
+    script = ScriptedModel(replies=[say(reply) if isinstance(reply, str) else reply for reply in replies])
+    return ScriptedAgents(config or Config(), EventLog(folder / "events.jsonl"), folder, script=script)
