@@ -1,0 +1,121 @@
+"""Three blocks on a table, a task with two of them, and the two programs of that task."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import cv2
+import numpy as np
+import pytest
+from langchain_core.messages import AIMessage
+
+from grs_agents.config import AuditConfig, Config
+from grs_agents.nodes import Services
+from grs_agents.policies import load_policy
+from grs_agents.sandbox import Sandbox
+from grs_agents.state import RunState
+from tests.scripted import scripted
+
+Blocks = dict[str, tuple[float, float]]
+BLOCKS: Blocks = {"red": (0.45, -0.2), "blue": (0.4, 0.1), "green": (0.55, 0.3)}
+TASK = {
+    "task-name": "move-two-blocks",
+    "task-description": "move the red and the blue block",
+    "assets-used": ["block/red_block.urdf", "block/blue_block.urdf"],
+}
+SIMULATION = """\
+import numpy as np
+from grs_agents.sim import Task
+
+
+class MoveTwoBlocks(Task):
+    def __init__(self):
+        super().__init__()
+        self.max_steps = 6
+        self.lang_template = "move the red and the blue block"
+        self.task_completed_desc = "done moving blocks."
+        self.additional_reset()
+
+    def reset(self, env):
+        super().reset(env)
+        flat = (0, 0, 0, 1)
+        for color, start, target in (("red", (0.45, -0.2), (0.5, -0.1)), ("blue", (0.4, 0.1), (0.6, 0.0))):
+            block = env.add_object(f"block/{color}_block.urdf", ((*start, 0.02), flat))
+            self.add_goal([block], np.ones((1, 1)), [((*target, 0.02), flat)], False, False, "pose", None, 0.5,
+                          [np.pi / 2], self.lang_template)
+"""
+TESTS = """\
+import unittest
+from grs_agents.sim import Environment
+from task_code import MoveTwoBlocks
+
+
+class TestMoveTwoBlocks(unittest.TestCase):
+    def test_there_are_two_goals(self):
+        task = MoveTwoBlocks()
+        env = Environment("assets", disp=False, shared_memory=False, hz=480, record_cfg=[])
+        env.set_task(task)
+        env.reset()
+        self.assertEqual(len(task.goals), 2)
+"""
+Make = Callable[..., Services]
+
+
+def block(color: str, number: int) -> dict[str, Any]:
+    """One block of the scene, as `scene.json` tells it."""
+    x, y = BLOCKS[color]
+    return {
+        "id": number,
+        "name": f"{color}_block_1",
+        "asset": f"block/{color}_block.urdf",
+        "matched": True,
+        "description": f"a {color} block",
+        "category": "block",
+        "color": color,
+        "box": {"low": (x - 0.02, y - 0.02, 0.0), "high": (x + 0.02, y + 0.02, 0.04)},
+        "position": (x, y, 0.02),
+        "orientation": (0.0, 0.0, 0.0, 1.0),
+        "size": (0.04, 0.04, 0.04),
+        "reachable": True,
+        "evidence": "",
+        "mask": "",
+        "crop": "",
+    }
+
+
+@pytest.fixture
+def state(tmp_path: Path) -> RunState:
+    """What the state holds once the photo was understood, with a task and the two programs of it."""
+    (tmp_path / "scene").mkdir()
+    cv2.imwrite(str(tmp_path / "scene" / "annotated.png"), np.full((24, 32, 3), 90, np.uint8))
+    frame = {"T_robot_cam": np.eye(4).tolist(), "origin": "calibrated", "residual": 0.0, "inliers": 1.0}
+    image = "scene/annotated.png"
+    scene = {"source": "s", "image": image, "frame": frame}
+    scene["objects"] = [block(color, number) for number, color in enumerate(BLOCKS, 1)]
+    programs = {"simulation": SIMULATION, "simulation_version": 1, "tests": TESTS, "tests_version": 1}
+    begin = {"scene_path": "s", "max_fixes": 2, "fixes": 0, "history": [], "image": image, "scene": scene}
+    return cast(RunState, {**begin, "task": TASK, **programs})
+
+
+@pytest.fixture(scope="session")
+def sandbox() -> Iterator[Sandbox]:
+    """One sandbox for the nodes, with the simulation imported ahead of time."""
+    with Sandbox(preload=("grs_agents.sim",)) as running:
+        yield running
+
+
+@pytest.fixture
+def make_services(tmp_path: Path, sandbox: Sandbox) -> Make:
+    """Makes the services of a run in ``tmp_path`` whose models give the replies, and whose audit solves one seed."""
+
+    def make(*replies: str | AIMessage | Exception, policy: str = "llm", **settings: Any) -> Services:
+        config = Config(policy=policy, audit=AuditConfig(seeds=1), **settings)
+        agents = scripted(tmp_path, replies, config)
+        return Services(config, agents.log, agents, load_policy(policy), sandbox, tmp_path)
+
+    return make
+
+
+def fenced(text: str, language: str = "python") -> str:
+    """A reply that holds a program."""
+    return f"Here it is.\n```{language}\n{text}\n```"
