@@ -8,12 +8,15 @@ import cv2
 import numpy as np
 import pytest
 from langchain_core.messages import AIMessage
+from langgraph.runtime import Runtime
 
 from grs_agents.config import AuditConfig, Config
 from grs_agents.nodes import Services
+from grs_agents.nodes.services import Node
 from grs_agents.policies import load_policy
 from grs_agents.sandbox import Sandbox
 from grs_agents.state import RunState
+from grs_agents.trace import read_events
 from tests.scripted import scripted
 
 Blocks = dict[str, tuple[float, float]]
@@ -119,3 +122,18 @@ def make_services(tmp_path: Path, sandbox: Sandbox) -> Make:
 def fenced(text: str, language: str = "python") -> str:
     """A reply that holds a program."""
     return f"Here it is.\n```{language}\n{text}\n```"
+
+
+def with_(state: RunState, **changes: Any) -> RunState:
+    """The state with other fields; those that become ``...`` are left out."""
+    return cast(RunState, {key: value for key, value in {**state, **changes}.items() if value is not ...})
+
+
+def run(node: Node, state: RunState, services: Services) -> dict[str, Any]:
+    """One visit of a node."""
+    return node(state, runtime=Runtime(context=services))
+
+
+def kinds(services: Services, kind: str) -> list[Any]:
+    """The events of one kind in the log."""
+    return [event for event in read_events(services.log.path) if event.kind == kind]

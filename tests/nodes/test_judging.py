@@ -1,16 +1,15 @@
 """The judging nodes run what was written, say whose fault it is, audit, and keep to the fixes that are allowed."""
 
 import json
-from typing import Any, cast
+from typing import Any
 
 import pytest
-from langgraph.runtime import Runtime
 
 from grs_agents import content, nodes
 from grs_agents.nodes import Services
 from grs_agents.state import RunState
 from grs_agents.trace import NodeEnded, read_events
-from tests.nodes.conftest import SIMULATION, TASK, TESTS, Make, fenced
+from tests.nodes.conftest import SIMULATION, TASK, TESTS, Make, fenced, kinds, run, with_
 
 RAISES = SIMULATION.replace("super().reset(env)", "raise RuntimeError('no such luck')")
 OTHER_TASK = {**TASK, "assets-used": [*TASK["assets-used"], "block/green_block.urdf"]}
@@ -25,21 +24,6 @@ def audited(accepted: bool) -> dict[str, Any]:
     """An audit with one finding."""
     finding = {"check": "solved", "passed": accepted, "detail": "strict score 0.20"}
     return {"accepted": accepted, "findings": [finding], "changes": [], "rollouts": [], "rewards": []}
-
-
-def with_(state: RunState, **changes: Any) -> RunState:
-    """The state with other fields."""
-    return cast(RunState, {**state, **changes})
-
-
-def run(node: nodes.services.Node, state: RunState, services: Services) -> dict[str, Any]:
-    """One visit of a node."""
-    return node(state, runtime=Runtime(context=services))
-
-
-def kinds(services: Services, kind: str) -> list[Any]:
-    """The events of one kind."""
-    return [event for event in read_events(services.log.path) if event.kind == kind]
 
 
 def test_a_program_that_keeps_its_tests_goes_to_the_audit(state: RunState, make_services: Make) -> None:
