@@ -16,6 +16,12 @@ settings.register_profile("grs", deadline=None, derandomize=True, suppress_healt
 settings.load_profile("grs")  # how fast an example is drawn tells of the machine's load, not of the code
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--hostile-programs", type=int, default=25, help="programs that attack the host's readers, six messages each"
+    )
+
+
 @pytest.fixture(scope="session")
 def sample_scene() -> Path:
     """The scene that ships with GRS."""

@@ -15,6 +15,7 @@ from grs_agents.sandbox.call import CallOutcome
 from grs_agents.sandbox.settings import EXPLAIN
 
 _KEPT_OUTPUT = 64 << 10
+_KEPT_ERROR = 8000
 EXPLAIN_SECONDS = 1.0
 
 Ending = tuple[CallOutcome, dict[str, Any] | None, str]
@@ -119,7 +120,7 @@ class Streams:
         if kind == "result" and isinstance(value, dict):
             return "ok", cast(dict[str, Any], value), ""
         if kind == "error" and frame.get("outcome") in ("error", "memory_limit"):
-            return cast(CallOutcome, frame["outcome"]), None, str(frame.get("error", ""))
+            return cast(CallOutcome, frame["outcome"]), None, str(frame.get("error", ""))[-_KEPT_ERROR:]
         return "error", None, f"the worker sent an unknown frame: {str(frame)[:200]}"
 
     def _take_exit(self) -> None:

@@ -1,11 +1,12 @@
 """The host's side of a test run: which tests there must be, what became of each, and the verdict."""
 
+import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from grs_agents.base import Frozen
 from grs_agents.sandbox.call import EXITED, CallResult, Limits
@@ -32,6 +33,8 @@ _TRACES: dict[CaseOutcome, re.Pattern[str]] = {
     "forged": re.compile(r"\b(channel|wire|progress|write)\b"),
 }
 _BOUNDS = {"message": 1000, "traceback": 8000, "output": 4000}
+_MAX_EPISODE = 256 << 10
+"""Characters of an episode as JSON: ten times what one with 200 objects takes."""
 
 
 class TestRun(Frozen):
@@ -165,7 +168,7 @@ def _load_failure(each: EachResult, sources: dict[str, str]) -> TestReport | Non
     return TestReport(
         outcome=_ending(call),
         message=f"before any test: {_last_line(call.error)}",
-        traceback=at.text if at else call.error,
+        traceback=at.text if at else call.error[-8000:],
         raised_in=at.raised_in if at else _culprit(call, sources),
     )
 
@@ -202,7 +205,9 @@ def _ended(item: str, expected: ExpectedTests, each: EachResult) -> TestCase:
     }
     try:
         case = TestCase(id=item, **fields)
-    except (ValidationError, TypeError):
+        if len(json.dumps(case.episode)) > _MAX_EPISODE:
+            raise ValueError("the episode is too long")
+    except (ValueError, TypeError):  # pydantic's are ValueErrors
         return TestCase(id=item, outcome="forged", message="its result was malformed", raised_in="tests")
     line = each.ended[item].get("line")
     if case.outcome == "tampered":

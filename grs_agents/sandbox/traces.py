@@ -16,7 +16,8 @@ _PROGRAMS = (SIMULATION_FILE, TESTS_FILE)
 RaisedIn = Literal["simulation", "tests", "library"]
 _MACHINERY = (str(Path(__file__).parent), str(Path(traceback.__file__).parent / "unittest"))
 _Frame = TypeVar("_Frame")
-_FRAME = re.compile(r'^ {2}File "(?P<file>[^"]*)", line (?P<line>\d+) in (?P<function>.*)$')
+_FRAME = re.compile(r'^ {2}File "(?P<file>[^"]*)", line (?P<line>[0-9]{1,9}) in (?P<function>.{0,200})$')
+"""The program can write to the pipe of the dump too: what is not within these bounds is no frame."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ def describe(error: BaseException) -> Trace:
 
 def from_stack(stack: str, sources: Mapping[str, str], message: str) -> Trace | None:
     """A ``faulthandler`` dump as a traceback with its source lines; None if no generated code was running."""
+    code = {file: source.splitlines() for file, source in sources.items()}
     for section in re.split(r"\n\s*\n", stack):
         frames = [match for line in section.splitlines() if (match := _FRAME.match(line))]
         frames.reverse()
@@ -65,8 +67,8 @@ def from_stack(stack: str, sources: Mapping[str, str], message: str) -> Trace | 
         lines = ["Traceback (most recent call last):"]
         for frame in frames:
             lines.append(f'  File "{frame["file"]}", line {frame["line"]}, in {frame["function"]}')
-            source = sources.get(frame["file"], "").splitlines()[int(frame["line"]) - 1 : int(frame["line"])]
-            lines.extend(f"    {line.strip()}" for line in source)
+            number = int(frame["line"])
+            lines.extend(f"    {line.strip()}" for line in code.get(frame["file"], [])[max(number - 1, 0) : number])
         files = [frame["file"] for frame in frames]
         functions = tuple(frame["function"] for frame in frames)
         return Trace(message, "\n".join([*lines, message])[-8000:], _innermost(files), functions)

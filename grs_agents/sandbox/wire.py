@@ -7,6 +7,7 @@ number and body. So bytes that something else in the worker writes to the pipe e
 import hmac
 import json
 import math
+import re
 import secrets
 import struct
 from collections.abc import Iterator, Mapping
@@ -18,6 +19,13 @@ _SEAL = struct.Struct("!Q16s")
 _ENCODER = json.JSONEncoder(allow_nan=False, ensure_ascii=False)
 MAX_BODY = 256 << 20
 """Bytes of the longest frame, the largest output limit there is."""
+MAX_MARKS = 500_000
+"""Brackets and commas in all frames of one call. Each stands for up to 240 bytes of Python (a member of an object):
+this many are 120 MB."""
+MAX_DEPTH = 64
+"""Levels of nesting in a frame. JSON takes 1,000, pydantic and the checkpoint's format give up at 255 and 512."""
+_STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"', re.DOTALL)
+_NO_MARK = re.compile(rb"[^][{},]+")
 
 
 class FrameError(ValueError):
@@ -53,8 +61,20 @@ def decode(body: bytes) -> dict[str, Any]:
     """The object in the body of one frame.
 
     Raises:
-        FrameError: not UTF-8, not JSON, not an object, or with numbers or text that JSON cannot carry on.
+        FrameError: not UTF-8, not JSON, not an object, nested too deeply, or with numbers or text that no later
+            file can hold.
     """
+    return _decode(body, marks(body))
+
+
+def marks(body: bytes) -> bytes:
+    """The brackets and commas of a JSON text, those in its strings left out: they tell its size before it is parsed."""
+    return _NO_MARK.sub(b"", _STRING.sub(b"", body))
+
+
+def _decode(body: bytes, shape: bytes) -> dict[str, Any]:
+    if _depth(shape) > MAX_DEPTH:
+        raise FrameError(f"not plain JSON: nested more than {MAX_DEPTH} levels deep")
     try:
         text = body.decode("utf-8")
         frame = _DECODER.decode(text)
@@ -67,13 +87,22 @@ def decode(body: bytes) -> dict[str, Any]:
     return cast(dict[str, Any], frame)
 
 
+def _depth(shape: bytes) -> int:
+    depth = deepest = 0
+    for mark in shape.replace(b",", b""):
+        depth += 1 if mark in b"[{" else -1
+        deepest = max(deepest, depth)
+    return deepest
+
+
 class FrameReader:
-    """Cuts a stream of bytes into frames."""
+    """Cuts a stream of bytes into frames, with at most ``MAX_MARKS`` brackets and commas in all of them."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
         self._key: bytes | None = None
         self._number = 0
+        self._marks = 0
 
     def require(self, key: bytes) -> None:
         """Take only frames sealed with ``key`` from now on, numbered from 0."""
@@ -101,7 +130,12 @@ class FrameReader:
                 break
             body = bytes(self._buffer[_HEADER.size : end])
             del self._buffer[:end]
-            yield decode(self._opened(body))
+            body = self._opened(body)
+            shape = marks(body)
+            self._marks += len(shape)
+            if self._marks > MAX_MARKS:
+                raise FrameError(f"the frames of a call hold more than {MAX_MARKS} brackets and commas")
+            yield _decode(body, shape)
 
     def _opened(self, body: bytes) -> bytes:
         """The body of a frame, its seal checked and taken off."""
@@ -124,6 +158,13 @@ def _tag(key: bytes, number: int, body: bytes) -> bytes:
     return blake2b(number.to_bytes(8, "big") + body, digest_size=16, key=key).digest()
 
 
+def _whole(text: str) -> int:
+    value = int(text)
+    if not -(1 << 63) <= value < 1 << 63:
+        raise ValueError(f"{text[:40]} does not fit in 64 bits")
+    return value
+
+
 def _refuse(name: str) -> float:
     raise ValueError(f"{name} is not JSON")
 
@@ -135,4 +176,4 @@ def _finite(text: str) -> float:
     return value
 
 
-_DECODER = json.JSONDecoder(parse_constant=_refuse, parse_float=_finite)
+_DECODER = json.JSONDecoder(parse_constant=_refuse, parse_float=_finite, parse_int=_whole)

@@ -414,3 +414,22 @@ def test_long_texts_are_cut(check: Check) -> None:
     assert len(case.output) == 4000
     assert len(case.message) == 1000
     assert len(case.traceback) <= 8000
+
+
+@pytest.mark.parametrize("number", ["9" * 5000, "0", "9" * 9])
+def test_a_dump_that_the_program_wrote_itself_is_read_with_suspicion(number: str, check: Check) -> None:
+    dump = f'  File "task_code.py", line {number} in reset\n  File "test_task_code.py", line 1 in x\n'
+    report = check(HEAD + f"    def test_a(self): os.write(4, {dump.encode()!r}); os._exit(1)\n")
+    assert outcomes(report) == {"test_a": "exited"}
+
+
+@pytest.mark.parametrize("episode", ["10**30", "json.loads('[' * 300 + ']' * 300)", "'x' * 300_000"])
+def test_an_episode_that_no_later_file_can_hold_is_refused(episode: str, check: Check) -> None:
+    forged = (
+        f"dict(item='TestX.test_a', phase='end', outcome='passed', assertions=1, line=4, episode={{'x': {episode}}})"
+    )
+    body = f"    def test_a(self): import json; from grs_agents.sandbox import progress; progress({forged})\n"
+    report = check(HEAD + body)
+    assert not report.ok
+    assert report.cases[0].outcome in ("crashed", "forged", "duplicate"), report
+    assert report.cases[0].episode is None

@@ -34,11 +34,35 @@ def test_any_bytes_are_a_frame_or_a_frame_error(data: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    "body", ["NaN", '{"x": Infinity}', '{"x": 1e999}', '{"x": "\\ud800"}', "[" * 100_000, "[]", ""]
+    "body",
+    [
+        "NaN",
+        '{"x": Infinity}',
+        '{"x": 1e999}',
+        '{"x": "\\ud800"}',
+        "[" * 100_000,
+        "[]",
+        "",
+        '{"x": 9223372036854775808}',
+        '{"x": ' + "9" * 5000 + "}",
+        '{"x":' * 65 + "1" + "}" * 65,
+    ],
 )
 def test_what_json_cannot_carry_on_is_refused(body: str) -> None:
     with pytest.raises(FrameError):
         decode(body.encode())
+
+
+def test_brackets_and_commas_in_strings_count_for_nothing() -> None:
+    frame = {"x": '[{,"\\' * 200_000}
+    assert FrameReader().feed(encode(frame)) == [frame]
+
+
+def test_the_brackets_and_commas_of_a_call_are_bounded_over_all_its_frames() -> None:
+    reader, frame = FrameReader(), encode({"x": [[]] * 100_000})
+    reader.feed(frame)
+    with pytest.raises(FrameError, match="more than 500000"):
+        reader.feed(frame)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), object(), {1, 2}])
