@@ -1,4 +1,8 @@
-"""Turn a generated simulation program into task instances, one for each seed: typed data instead of code."""
+"""Turn a generated simulation program into task instances, one for each seed: typed data instead of code.
+
+Each instance is drawn twice, in two processes, and counts only if both are equal. So it belongs to the program and the
+seed, not to the moment: a program can still hand out any instance it likes, but always the same one.
+"""
 
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal, get_args
@@ -8,14 +12,14 @@ from pydantic import Field, ValidationError
 from grs_agents import sandbox
 from grs_agents.base import Frozen
 from grs_agents.sandbox import CallResult, EachResult, Limits, Trace
-from grs_agents.sim import InstanceError, TaskInstance, first_fault, read_instance
+from grs_agents.sim import InstanceError, TaskInstance, first_fault, names_task, read_instance
 from grs_agents.toolkit import ToolContext, open_library, readable
 
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 FailureOutcome = Literal[
     "timeout", "crashed", "memory", "not_run", "invalid", "error",
     "no_free_space", "unreachable", "target_occupied", "target_too_small", "nothing_to_do", "simulated_step_limit",
-    "object_limit", "vertex_limit", "output_limit", "scratch_limit", "thread_limit", "forged",
+    "object_limit", "vertex_limit", "output_limit", "scratch_limit", "thread_limit", "forged", "not_repeatable",
 ]  # fmt: skip
 _STOPPED: dict[str, FailureOutcome] = {
     "timeout": "timeout", "cpu_limit": "timeout", "memory_limit": "memory", "output_limit": "output_limit",
@@ -47,7 +51,8 @@ class Failure(Frozen):
     Attributes:
         seed: the seed.
         outcome: ``invalid`` is an instance that breaks its schema, ``forged`` one that did not come from the
-            harness or came twice; the rest as the simulation types it.
+            harness or came twice, ``not_repeatable`` one that differs when it is drawn again; the rest as the
+            simulation types it.
         message: one line.
         traceback: of the program, without the machinery.
     """
@@ -76,13 +81,40 @@ class Result(Frozen):
 
 def run(request: Request, context: ToolContext) -> Result:
     """Run the program in the sandbox and check what it yields; whatever it does is in the result."""
+    failures = _unsound(request)
+    if failures:
+        return Result(instances=(), failures=failures, seconds=0.0, backend=context.sandbox.backend)
+    drawn, first = _draw_all(tuple(dict.fromkeys(request.seeds)), request, context)
+    calls = first.calls
+    if kept := tuple(seed for seed, one in drawn.items() if isinstance(one, TaskInstance)):
+        again, second = _draw_all(kept, request, context)
+        calls += second.calls
+        drawn |= {seed: _same(drawn[seed], again[seed]) for seed in kept}
+    return Result(
+        instances=tuple(one.model_dump(mode="json") for one in drawn.values() if isinstance(one, TaskInstance)),
+        failures=tuple(one for one in drawn.values() if isinstance(one, Failure)),
+        seconds=sum(call.seconds for call in calls),
+        backend=first.last.backend,
+    )
+
+
+def _unsound(request: Request) -> tuple[Failure, ...]:
+    """Why the source need not run at all, for each seed; empty if it is Python with a task in it."""
     try:
-        sandbox.parse(request.simulation, sandbox.SIMULATION_FILE)
+        tree = sandbox.parse(request.simulation, sandbox.SIMULATION_FILE)
     except SyntaxError as error:
         trace = sandbox.describe(error)
-        failures = tuple(Failure(seed=seed, outcome="error", **_shown(trace)) for seed in request.seeds)
-        return Result(instances=(), failures=failures, seconds=0.0, backend=context.sandbox.backend)
-    seeds = tuple(dict.fromkeys(request.seeds))
+        return tuple(Failure(seed=seed, outcome="error", **_shown(trace)) for seed in request.seeds)
+    if names_task(tree):
+        return ()
+    message = "the program defines no class that derives from Task: write `class Name(Task):`"
+    return tuple(Failure(seed=seed, outcome="error", message=message) for seed in request.seeds)
+
+
+def _draw_all(
+    seeds: Sequence[int], request: Request, context: ToolContext
+) -> tuple[dict[int, TaskInstance | Failure], EachResult]:
+    """Draw each seed once, in a process that ran nothing before."""
     each = sandbox.call_each(
         context.sandbox,
         "instantiate",
@@ -92,13 +124,21 @@ def run(request: Request, context: ToolContext) -> Result:
         hopeless=lambda call: True,  # what hangs in reset for one seed hangs for all
         readable=readable(request.library_roots, request.robot),
     )
-    drawn = [_draw(seed, each, request.simulation, context.limits) for seed in seeds]
-    return Result(
-        instances=tuple(one.model_dump(mode="json") for one in drawn if isinstance(one, TaskInstance)),
-        failures=tuple(one for one in drawn if isinstance(one, Failure)),
-        seconds=sum(call.seconds for call in each.calls),
-        backend=each.last.backend,
+    return {seed: _draw(seed, each, request.simulation, context.limits) for seed in seeds}, each
+
+
+def _same(first: TaskInstance | Failure, second: TaskInstance | Failure) -> TaskInstance | Failure:
+    """The instance that was drawn twice, or why it does not count."""
+    if isinstance(first, Failure) or first == second:
+        return first
+    if isinstance(second, Failure):
+        return second.model_copy(update={"message": f"drawn again: {second.message}"[:1000]})
+    differing = [name for name in TaskInstance.model_fields if getattr(first, name) != getattr(second, name)]
+    message = (
+        f"drawn again in a fresh process, the instance differs in: {', '.join(differing)}; "
+        "draw from numpy.random, random or the environment alone, which are seeded"
     )
+    return Failure(seed=first.seed, outcome="not_repeatable", message=message)
 
 
 def inside(request: dict[str, Any]) -> dict[str, Any]:

@@ -32,7 +32,7 @@ def audit(
     """Judge a task from what trusted code measured.
 
     Args:
-        instances: the validated task instances, one for each seed that gave one.
+        instances: the validated task instances, one for each seed that gave one and gave it twice.
         failures: one line for each seed that gave none, or whose rollout failed.
         rollouts: the trusted oracle's runs of the instances.
         config: the bounds.
@@ -58,6 +58,15 @@ def audit(
         changes=tuple(changes(instances, scene)) if scene is not None else (),
         rollouts=tuple(rollouts),
         rewards=tuple(rollout.episode.reward for rollout in rollouts),
+        about=_about(instances),
+    )
+
+
+def _about(instances: Sequence[TaskInstance]) -> str:
+    seeds = ", ".join(str(instance.seed) for instance in instances) or "none"
+    return (
+        f"The verdict is about the task instances, of the seeds {seeds}; two processes drew each of them alike. "
+        "It is not about the program, which may draw anything for other seeds."
     )
 
 

@@ -45,6 +45,7 @@ class AuditReport(Frozen):
         changes: every position not taken from the photo.
         rollouts: the trusted oracle's episode for each seed.
         rewards: the reward of each rollout.
+        about: what the verdict is about, one sentence or two.
     """
 
     accepted: bool
@@ -52,6 +53,7 @@ class AuditReport(Frozen):
     changes: tuple[Change, ...]
     rollouts: tuple[Rollout, ...]
     rewards: tuple[float, ...]
+    about: str = ""
 
     def text(self) -> str:
         """What the router and the code fixer read."""

@@ -52,3 +52,4 @@ def _print(report: TestReport | None, audit: AuditReport, accepted: bool) -> Non
     for warning in dict.fromkeys(warning for rollout in audit.rollouts for warning in rollout.warnings):
         table.add_row(*map(Text, ("warning", "", warning)))
     console.print(table)
+    console.print(Text(audit.about))

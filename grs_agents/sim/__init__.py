@@ -27,7 +27,7 @@ from grs_agents.sim.instance import (
 )  # fmt: skip
 from grs_agents.sim.kinematics import NEAREST, REACH
 from grs_agents.sim.oracle import Oracle
-from grs_agents.sim.program import task_class
+from grs_agents.sim.program import names_task, task_class
 from grs_agents.sim.reading import InstanceError, first_fault, read_instance
 from grs_agents.sim.reference import api_reference
 from grs_agents.sim.relations import Relation, aligned, in_zone, inside, near, on, stacked, upright
@@ -40,6 +40,6 @@ __all__ = [
     "InstanceRelation", "InstanceTask", "InstanceTie", "InstanceZone", "NoFreeSpaceError", "ObjectLimitError",
     "Oracle", "Outcome", "Relation", "Rollout", "SimulationBudgetError", "SimulationError", "Task", "TaskInstance",
     "UnsupportedError", "VertexLimitError", "aligned", "api_reference", "begin_test", "clear_episodes", "configure",
-    "first_fault", "in_zone", "inside", "instantiate", "last_episode", "near", "on", "p", "reached",
-    "reached_limit", "read_instance", "rollout", "solve", "stacked", "task_class", "upright", "utils",
+    "first_fault", "in_zone", "inside", "instantiate", "last_episode", "names_task", "near", "on", "p",
+    "reached", "reached_limit", "read_instance", "rollout", "solve", "stacked", "task_class", "upright", "utils",
 ]  # fmt: skip

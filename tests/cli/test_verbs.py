@@ -2,10 +2,12 @@
 
 import json
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from grs_agents import content
+from grs_agents.sim import instantiate, task_class
 from tests.cli.command import grs
 
 PROGRAM = '''
@@ -97,8 +99,8 @@ def test_check_rejects_a_program_whose_tests_fail(tmp_path: Path, program: Path)
     "source",
     [
         "def broken(:",
-        "while True: pass",
-        "import os; os._exit(0)",
+        "while True: pass\n" + PROGRAM,
+        "import os; os._exit(0)\n" + PROGRAM,
         "x = 1",
         PROGRAM.replace("super().reset(env)", "raise RuntimeError"),
         PROGRAM.replace('"block/red_block.urdf"', '"block/red_blok.urdf"'),
@@ -111,6 +113,32 @@ def test_check_rejects_what_gives_no_instance(tmp_path: Path, source: str) -> No
     assert done.returncode == 1, done.stderr
     findings = {item["check"]: item["passed"] for item in json.loads(done.stdout)["audit"]["findings"]}
     assert findings["instantiated"] is False and findings["solved"] is False
+
+
+FORGER = """
+import json
+from grs_agents.sandbox import progress
+for seed in range(3):
+    text = json.dumps({{**{instance!r}, "seed": seed}})
+    progress({{"item": str(seed), "phase": "start"}})
+    progress({{"item": str(seed), "phase": "end", "instance": text}})
+"""
+
+
+def test_check_rejects_a_program_without_a_task_that_writes_instances_itself(tmp_path: Path, program: Path) -> None:
+    module = ModuleType("task_code")
+    exec(program.read_text(), module.__dict__)
+    instance = instantiate(task_class(module)(), 0).model_dump(mode="json")
+    (tmp_path / "forger.py").write_text(FORGER.format(instance=instance))
+    done = grs("check", "forger.py", "--json", folder=tmp_path)
+    found = json.loads(done.stdout)
+    assert (done.returncode, found["status"]) == (1, "rejected")
+    assert "class Name(Task)" in found["audit"]["findings"][0]["detail"]
+
+
+def test_check_says_that_the_verdict_is_about_the_instances(tmp_path: Path, program: Path) -> None:
+    done = grs("check", str(program), "--seeds", "1", folder=tmp_path)
+    assert "is about the task instances" in " ".join(done.stdout.split())
 
 
 def test_check_takes_the_seeds_of_the_configuration(tmp_path: Path, program: Path) -> None:

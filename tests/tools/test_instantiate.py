@@ -24,13 +24,14 @@ def test_instances_are_valid_repeatable_and_solvable(context: ToolContext, simul
     assert rollout(instances[0], context.library).episode.reward == pytest.approx(1.0)
 
 
+TASK = "\nfrom grs_agents.sim import Task\nclass T(Task): pass"
 FAILURES = {
     "does not parse": ("def", "error"),
     "no task": ("x = 1", "error"),
-    "raises": ("raise ValueError('no')", "error"),
-    "exits": ("import os; os._exit(0)", "crashed"),
-    "hangs": ("while True: pass", "timeout"),
-    "eats memory": ("x = []\nwhile True: x.append(bytearray(1 << 20))", "memory"),
+    "raises": ("raise ValueError('no')" + TASK, "error"),
+    "exits": ("import os; os._exit(0)" + TASK, "crashed"),
+    "hangs": ("while True: pass" + TASK, "timeout"),
+    "eats memory": ("x = []\nwhile True: x.append(bytearray(1 << 20))" + TASK, "memory"),
 }
 
 
@@ -60,6 +61,60 @@ def test_each_seed_fails_for_its_own_reason(context: ToolContext, simulation: st
     }  # fmt: skip
     assert "raise ValueError('seed one')" in result.failures[0].traceback
     assert "while env.seed_used == 6" in result.failures[4].traceback
+
+
+WITHOUT_TASK = """
+import json
+from grs_agents.sandbox import progress
+INSTANCE = {instance!r}
+for seed in ("0", "1", "2"):
+    progress({{"item": seed, "phase": "start"}})
+    text = json.dumps({{**INSTANCE, "seed": int(seed)}})
+    progress({{"item": seed, "phase": "end", "instance": text}})
+"""
+
+
+def test_a_program_without_a_task_gives_no_instance_whatever_it_writes(context: ToolContext, simulation: str) -> None:
+    (instance,) = draw(context, simulation, (0,)).instances
+    result = draw(context, WITHOUT_TASK.format(instance=instance))
+    assert not result.instances
+    assert {failure.outcome for failure in result.failures} == {"error"}
+    assert all("class Name(Task)" in failure.message for failure in result.failures)
+
+
+TASKS = {
+    "named by its module": "from grs_agents import sim\nclass T(sim.Task):",
+    "under another name": "from cliport.tasks.task import Task as Base\nclass T(Base):",
+    "through another class": "from grs_agents.sim import Task\nclass A(Task): pass\nclass T(A):",
+    "where an import fails": "try:\n    import missing\nexcept ImportError:\n    from cliport.tasks import Task\n"
+    "if True:\n    class T(Task):",
+    "named Task itself": "from grs_agents.sim import Task\nclass Task(Task):",
+}
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_task_is_found_however_it_is_written(name: str, context: ToolContext) -> None:
+    result = draw(context, TASKS[name] + "\n        def reset(self, env): raise ValueError('it ran')\n", (0,))
+    assert [failure.message for failure in result.failures] == ["ValueError: it ran"]
+
+
+UNSTEADY = {
+    "the time": "import time; now = time.time()",
+    "the system's chance": "import os; now = int.from_bytes(os.urandom(4), 'big')",
+    "a generator of its own": "from numpy.random import default_rng; now = default_rng().uniform(0, 1e6)",
+}
+
+
+@pytest.mark.parametrize("name", UNSTEADY)
+def test_an_instance_that_differs_when_it_is_drawn_again_does_not_count(
+    name: str, context: ToolContext, simulation: str
+) -> None:
+    unsteady = f"        {UNSTEADY[name]}\n"
+    moved = "        env.add_object('block/green_block.urdf', ((0.4, -0.3 + now % 97 / 970, 0.02), (0, 0, 0, 1)))\n"
+    result = draw(context, simulation + unsteady + moved, (0, 1))
+    assert not result.instances
+    assert [failure.outcome for failure in result.failures] == ["not_repeatable"] * 2
+    assert all("differs in: objects" in failure.message for failure in result.failures)
 
 
 CAUGHT = {
