@@ -9,7 +9,6 @@ from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.scene import SceneDescription
 from grs_agents.sim import Rollout, TaskInstance
-from grs_agents.sim.rollout import IDLE_SECONDS
 from grs_agents.sim.world import TIMESTEP
 
 IDLE = 0.5
@@ -94,8 +93,9 @@ def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
 def _not_idle(rollouts: Sequence[Rollout]) -> Finding:
     rewards = [rollout.idle_reward for rollout in rollouts]
     shown = ", ".join(f"{reward:.2f}" for reward in rewards) or "none"
-    detail = f"doing nothing for {IDLE_SECONDS} s earns {shown} (1 where the scene stays in motion); "
-    detail += f"must stay below {IDLE}"
+    seconds = max((rollout.idle_seconds for rollout in rollouts), default=0.0)
+    detail = f"doing nothing for as long as an episode may last ({seconds:.0f} s) earns {shown} "
+    detail += f"(1 where the scene stays in motion); must stay below {IDLE}"
     return Finding(check="not_idle", passed=bool(rewards) and max(rewards) < IDLE, detail=detail)
 
 

@@ -19,7 +19,8 @@ from grs_agents.sim.recording import Recording
 from grs_agents.sim.relations import Relation
 from grs_agents.sim.task import Task
 
-IDLE_SECONDS: Final = 2.0
+LEAST_IDLE: Final = 2.0
+"""Simulated seconds: what falls into place by itself must be seen even if the robot stopped at once."""
 _UNREST: Final = 0.05
 """Speed (m/s) of what is not at rest, and may come to where a goal wants it without any robot."""
 _MOVED: Final = 0.02
@@ -32,8 +33,10 @@ class Rollout(Frozen):
     Attributes:
         seed: of the instance.
         episode: how it ended.
-        idle_reward: what all goals together, in any order, are worth after doing nothing for 2 simulated seconds;
-            1 if the scene has not come to rest by then.
+        idle_reward: what all goals together, in any order, are worth after doing nothing for ``idle_seconds``; 1 if
+            the scene has not come to rest by then.
+        idle_seconds: simulated time that all actions the task allows take at the oracle's pace, so that no episode of
+            the oracle is longer; at least 2 s.
         moved: asset names of the objects that the robot picked or pushed and that end more than 2 cm or 15 degrees
             from where they were.
         initial, final: pose of each object by id, after settling and at the end.
@@ -45,6 +48,7 @@ class Rollout(Frozen):
     seed: int
     episode: Episode
     idle_reward: float
+    idle_seconds: float = LEAST_IDLE
     moved: tuple[str, ...]
     initial: dict[int, Pose]
     final: dict[int, Pose]
@@ -162,8 +166,8 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
     task = InstanceTask(instance)
     env = Environment(task=task, library=library, seed=instance.seed)
     env.timestep = instance.timestep
-    idle_reward = _idle_reward(env, task)
     initial: dict[int, Pose] = {}
+    begin = 0.0
     reachable: tuple[int, ...] = ()
     recorder: Recording | None = None
     try:
@@ -171,16 +175,17 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
         initial = _poses(env, task)
         reachable = _reachable(env, task)
         recorder = Recording(env.physics, task.ids) if recording is not None else None
+        begin = float(env.physics.data.time)
         solve(env, task)
     except GrsError as error:
         env.recorder.stop = stop_of(error)
     final = _poses(env, task) if initial else {}
     if recorder is not None and recording is not None:
         recorder.save(recording)
-    return Rollout(
+    done = Rollout(
         seed=instance.seed,
         episode=env.episode,
-        idle_reward=idle_reward,
+        idle_reward=1.0,
         moved=_moved(env, task, initial, final),
         initial=initial,
         final=final,
@@ -188,6 +193,11 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
         recording=str(recording) if recorder is not None else None,
         warnings=tuple(dict.fromkeys((*instance.warnings, *env.warnings))),
     )
+    if not initial:  # what could not be set up is not measured, and must not count as left to do
+        return done
+    pace = (float(env.physics.data.time) - begin) / max(1, done.episode.steps)
+    seconds = max(pace * instance.max_steps, LEAST_IDLE)
+    return done.model_copy(update={"idle_reward": _idle_reward(env, task, seconds), "idle_seconds": seconds})
 
 
 def solve(env: Environment, task: Task) -> None:
@@ -200,12 +210,12 @@ def solve(env: Environment, task: Task) -> None:
         _, _, done, _ = env.step(action)
 
 
-def _idle_reward(env: Environment, task: Task) -> float:
+def _idle_reward(env: Environment, task: Task, seconds: float) -> float:
     try:
         env.reset()
-        env.step_simulation(int(IDLE_SECONDS / env.timestep))
+        env.step_simulation(int(seconds / env.timestep))
     except GrsError:
-        return 1.0  # what could not be measured must not count as left to do
+        return 1.0  # as above
     if env.physics.speed() > _UNREST:
         return 1.0
     # The published reward stops at the first goal that is open, though later ones may hold already.

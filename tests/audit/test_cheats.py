@@ -1,5 +1,6 @@
 """Programs that want to be accepted without a task being solved, through the real runtime and the real oracle."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from grs_agents.audit import AuditReport, audit
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
-from grs_agents.sim import Environment, InstanceTie, Task, TaskInstance, instantiate, rollout
+from grs_agents.sim import Environment, InstanceTie, Task, TaskInstance, instantiate, near, rollout
 
 Start = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 RED, BLUE, GREEN = (f"block/{color}_block.urdf" for color in ("red", "blue", "green"))
@@ -87,6 +88,22 @@ def swings_into_place(task: Trial, env: Environment) -> None:
     fair(task, env)
 
 
+def creeps_into_place(task: Trial, env: Environment) -> None:
+    """A block on a slope just steep enough to creep: it comes near another one after 3 s."""
+    angle = math.radians(31)
+    x, z, tilt = math.sin(angle), math.cos(angle), (0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2))
+    slope = task.fill_template("box/box-template.urdf", {"DIM": (0.35, 0.12, 0.02)})
+    env.add_object(slope, ((0.5, 0.3, 0.12), tilt), "fixed")
+
+    def block(along: float, kind: str) -> int:
+        return env.add_object(GREEN, ((0.5 + 0.03 * x + along * z, 0.3, 0.12 + 0.03 * z - along * x), tilt), kind)
+
+    task.want(env.add_object(RED, A), 0.5, -0.1, 0.01)
+    task.want(env.add_object(BLUE, B), 0.6, 0.0, 0.01)
+    nearby = near(block(-0.08, "rigid"), block(0.06, "fixed"), 0.02)
+    task.add_goal(nearby, step_max_reward=0.98, language_goal="near the other one")
+
+
 def falls_off_the_table(task: Trial, env: Environment) -> None:
     env.add_object(BLUE, ((0.4, 1.9, 0.5), FLAT))
     env.add_object(GREEN, C)
@@ -118,6 +135,7 @@ def test_a_fair_program_is_accepted() -> None:
         (met_before_it_begins, "not_idle"),
         (later_goals_met_before_it_begins, "not_idle"),
         (swings_into_place, "not_idle"),
+        (creeps_into_place, "not_idle"),
         (picked_and_put_back, "moved"),
         (falls_off_the_table, "moved"),
         (falls_off_the_table, "on_table"),
