@@ -96,13 +96,13 @@ def replay_run(folder: Path, beside: Path | None, web: bool) -> int:
 
 def _viewed(recording: Path, web: bool) -> int:
     """Wait for the viewer of ``recording`` to be closed."""
-    from grs_agents.views import WebAddress, open_viewer
+    from grs_agents.views import WebAddress, viewing
 
     address = WebAddress.free() if web else None
-    process = open_viewer(recording, address)
-    if address:
-        print(f"open {address.url}", flush=True)
-    return process.wait()
+    with viewing(recording, address) as process:
+        if address:
+            print(f"open {address.url}", flush=True)
+        return process.wait()
 
 
 def _recording(folder: Path, temporary: Path) -> Path:

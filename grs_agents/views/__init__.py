@@ -8,7 +8,7 @@ from grs_agents.views.step_text import failed_step, find_step, sections, visible
 from grs_agents.views.steps import Step, Steps, steps
 from grs_agents.views.terminal import Progress, summary_table
 from grs_agents.views.tree import step_record, steps_tree
-from grs_agents.views.viewer import WebAddress, live_viewer, open_viewer, viewer_command
+from grs_agents.views.viewer import WebAddress, live_viewer, viewer_command, viewing
 
 __all__ = [
     "Progress",
@@ -18,12 +18,12 @@ __all__ = [
     "failed_step",
     "find_step",
     "live_viewer",
-    "open_viewer",
     "sections",
     "step_record",
     "steps",
     "steps_tree",
     "summary_table",
     "viewer_command",
+    "viewing",
     "visible",
 ]

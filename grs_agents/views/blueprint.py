@@ -26,7 +26,8 @@ def comparison(runs: Sequence[tuple[str, str, tuple[str, ...]]]) -> rrb.Blueprin
 def _blueprint(content: rrb.Container) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
-        rrb.TimePanel(state="collapsed", timeline="replay", play_state="paused"),
+        # At its latest moment every pane shows something; at the first one all are empty.
+        rrb.TimePanel(state="collapsed", timeline="replay", play_state="following"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         auto_views=False,

@@ -15,16 +15,20 @@ from grs_agents.trace import (
 )
 from grs_agents.views.glyphs import cell, document, fenced
 
+_HINT = (
+    "Go back to the start on the time line below and press play: a second is one step, then the rollouts in real time. "
+    "The tabs above show each stage."
+)
+
 
 def started(event: RunStarted) -> str:
     """What the run is, before any decision."""
-    hint = "Press play below: a second is one step, then the rollouts in real time. The tabs above show each stage."
-    return document(f"### Run {event.run_id}\n\nGraph **{event.graph}**, seed {event.seed}.\n\n{hint}\n")
+    return document(f"### Run {event.run_id}\n\nGraph **{event.graph}**, seed {event.seed}.\n\n{_HINT}\n")
 
 
 def ended(event: RunEnded) -> str:
-    """The verdict on the run."""
-    return document(f"### {event.status}\n\n{event.reason}")
+    """The verdict on the run, and how to see its film: the viewer opens here."""
+    return document(f"### {event.status}\n\n{event.reason}\n\n{_HINT}\n")
 
 
 def decision(event: Decision) -> str:

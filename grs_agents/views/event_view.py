@@ -162,7 +162,7 @@ class EventView:
         if picture and picture != self._picture:
             log_picture(recording, Paths.IMAGE, self._folder / picture)
         elif self._picture and not picture:
-            recording.log(Paths.IMAGE, rr.Clear(recursive=False))
+            recording.log(Paths.IMAGE, rr.EncodedImage.cleared())  # the viewer goes on to show an image after Clear
         self._picture = picture
 
     def _rollout(self, recording: Recording, event: Rollout) -> None:

@@ -198,10 +198,11 @@ def watch(shot: Shot) -> int:
         The exit status of the window's process.
 
     Raises:
-        GrsError: there is no display, or the window cannot be opened.
+        InputError: there is no display.
+        GrsError: the window cannot be opened.
     """
     if not has_display():
-        raise GrsError("no display to open MuJoCo's window on", "write a film instead: --out film.mp4")
+        raise InputError("no display to open MuJoCo's window on", "write a film instead: --out film.mp4")
     with tempfile.TemporaryFile() as said, _worker("", said.fileno()) as process:
         process.communicate(_order(shot, (), window=True))
         said.seek(0)

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
@@ -72,7 +72,7 @@ class WebAddress:
 def viewer_command(path: Path, web: WebAddress | None = None) -> list[str]:
     """The command that shows the recording of a run folder (or file), in a window or in the browser.
 
-    In the browser it takes the recording from its standard input, see `open_viewer`.
+    In the browser it takes the recording from its standard input, see `viewing`.
 
     Raises:
         InputError: there is no recording.
@@ -102,10 +102,11 @@ def live_viewer() -> tuple[subprocess.Popen[bytes], str]:
     """Open an empty viewer in a window, and return its process and the address to send a recording to.
 
     Raises:
-        GrsError: no display, no viewer, or the viewer ended at once.
+        InputError: there is no display.
+        GrsError: no viewer, or it ended at once.
     """
     if not has_display():
-        raise GrsError("no display to open the viewer on", "leave --view out, and open the run later: grs replay RUN")
+        raise InputError("no display to open the viewer on", "leave --view out, and open the run later: grs replay RUN")
     port = _free_port()
     command = [str(rerun_program()), "--bind", LOOPBACK, "--port", str(port), "--expect-data-soon"]
     return _started(command), f"rerun+http://{LOOPBACK}:{port}/proxy"
@@ -117,25 +118,40 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def open_viewer(path: Path, web: WebAddress | None = None) -> subprocess.Popen[bytes]:
-    """Open the recording of a run folder (or file) and return the viewer's process.
+@contextlib.contextmanager
+def viewing(path: Path, web: WebAddress | None = None) -> Generator[subprocess.Popen[bytes]]:
+    """Open the recording of a run folder (or file); the viewer's process ends with the context, whatever ends that.
 
     Args:
         path: the run folder or an ``.rrd`` file.
         web: in the browser instead of a window, there; needs no display on this machine.
 
     Raises:
-        InputError: there is no recording.
-        GrsError: no display, no viewer, or the viewer ended at once; the remedy says what to do instead.
+        InputError: there is no recording, or no display; the remedy says what to do instead.
+        GrsError: no viewer, or it ended at once.
     """
     command = viewer_command(path, web)
     if web is None and not has_display():
         files = shlex.join(file.name for file in recordings(path))
-        raise GrsError(
+        raise InputError(
             "no display to open the viewer on",
             f"add --web, or copy {files} to a machine with a screen and run there: rerun {files}",
         )
-    return _started(command, recordings(path) if web else ())
+    process = _started(command, recordings(path) if web else ())
+    try:
+        yield process
+    finally:
+        _end(process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a process that may have ended by itself."""
+    process.terminate()
+    try:
+        process.wait(_SETTLED)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def _started(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[bytes]:
@@ -147,7 +163,7 @@ def _started(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[b
     Raises:
         GrsError: it did.
     """
-    with tempfile.TemporaryFile() as output:
+    with tempfile.TemporaryFile() as output, contextlib.ExitStack() as interrupted:
         process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE if fed else subprocess.DEVNULL,
@@ -155,10 +171,12 @@ def _started(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[b
             stderr=output,
             env=viewer_environment(),
         )
+        interrupted.callback(_end, process)
         Thread(target=_feed, args=(process, fed), daemon=True).start()
         try:
             process.wait(_SETTLED)
         except subprocess.TimeoutExpired:
+            interrupted.pop_all()
             return process
         output.seek(0)
         said = output.read().decode("utf-8", "replace").strip().splitlines()

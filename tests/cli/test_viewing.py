@@ -3,10 +3,12 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import numpy.typing as npt
@@ -77,6 +79,39 @@ def test_share_holds_neither_key_nor_home(run: Path, monkeypatch: pytest.MonkeyP
     assert {"run/trace.rrd", "run/report.html", "run/events.jsonl"} <= set(content)
     assert not any(KEY.encode() in data or b"/home/ada" in data for data in content.values())
     assert b"~/photo" in content["run/run.json"]
+
+
+def test_a_terminated_replay_leaves_no_server_running(run: Path) -> None:
+    command = [sys.executable, "-m", "grs_agents", "replay", str(run), "--web"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            page = urlsplit(process.stdout.readline().removeprefix("open ").strip())
+            assert page.port and listens(page.port)
+            process.terminate()
+            assert process.wait(60) != 0
+        finally:
+            process.kill()
+    assert not listens(page.port)
+
+
+def listens(port: int) -> bool:
+    """Whether a server of this machine answers at ``port``."""
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere there is always a display")
+@pytest.mark.parametrize(("verb", "remedy"), [("play", "--out film.mp4"), ("replay", "--web")])
+def test_without_a_display_the_user_is_told_what_to_do(
+    run: Path, monkeypatch: pytest.MonkeyPatch, verb: str, remedy: str
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    done = grs(verb, "run", folder=run.parent)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("grs: no display") and remedy in done.stderr and done.stderr.count("\n") == 1
 
 
 @needs("browser")

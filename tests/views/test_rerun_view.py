@@ -12,7 +12,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from grs_agents.library import Library
-from grs_agents.trace import Decision, Event, NodeStarted, ProgramVersion, Reply, Rollout, read_events
+from grs_agents.trace import Decision, Event, NodeStarted, ProgramVersion, Prompt, Reply, Rollout, read_events
 from grs_agents.trace import TestsRun as Tested
 from grs_agents.views.lines import line
 from grs_agents.views.paths import Paths
@@ -22,17 +22,23 @@ from tests.needs import needs
 from tests.views.looking import connected, picture, viewer
 
 Rows = list[tuple[int, Any]]
+FOLLOWING = 3
+"""Rerun's number for a time line that stands at its latest moment."""
 
 
 def column(path: Path, entity: str, component: str) -> Rows:
     """Event number and value of every row of a component, in order; static rows left out."""
+    return [(event, value[0]) for event, value in every_row(path, entity, component) if value]
+
+
+def every_row(path: Path, entity: str, component: str) -> Rows:
+    """The same with the rows that take the component away, whose value is empty; a value is a list."""
     rows: Rows = []
     for chunk in RrdReader(path).stream().filter(content=entity).to_chunks():
         batch = chunk.to_record_batch()
         if component in batch.schema.names and "event" in batch.schema.names:
             values = batch.column(component).to_pylist()
-            pairs = zip(batch.column("event").to_pylist(), values, strict=True)
-            rows.extend((event, value[0]) for event, value in pairs if value)
+            rows.extend(zip(batch.column("event").to_pylist(), values, strict=True))
     return sorted(rows, key=lambda row: row[0])
 
 
@@ -151,6 +157,30 @@ def test_a_recording_is_rebuilt_from_the_events_alone(script: Callable[[], Any],
     assert path == run.folder / "trace.rrd"
     check_whole(path, read_events(run.log.path))
     verify(path)
+
+
+def test_a_call_without_a_picture_shows_none(script: Callable[[], Any], library: Library) -> None:
+    run = script()
+    run.before_fix()
+    run.after_fix()
+    asked = of(read_events(run.log.path), Prompt)
+    changes = every_row(rebuild(run.folder, library), Paths.IMAGE, "EncodedImage:blob")
+    assert {bool(prompt.images) for prompt in asked} == {True, False}
+    for prompt in asked:
+        latest = [value for number, value in changes if number <= prompt.sequence][-1]
+        assert bool(latest) == bool(prompt.images), prompt.role
+
+
+def test_the_viewer_opens_at_the_end(script: Callable[[], Any], library: Library) -> None:
+    run = script()
+    run.before_fix()
+    run.after_fix()
+    reader = RrdReader(rebuild(run.folder, library))
+    panel = reader.stream(store=reader.blueprints()[0]).filter(content="/time_panel").to_chunks()
+    batches = [chunk.to_record_batch() for chunk in panel]
+    name = "TimePanelBlueprint:play_state"
+    states = [batch.column(name).to_pylist() for batch in batches if name in batch.schema.names]
+    assert states == [[[FOLLOWING]]]
 
 
 def test_a_missing_file_costs_one_warning_and_nothing_else(watched: Callable[[], tuple[Any, RerunView]]) -> None:

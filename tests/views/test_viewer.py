@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.errors import GrsError, InputError
-from grs_agents.views import WebAddress, open_viewer, viewer_command
+from grs_agents.errors import InputError
+from grs_agents.views import WebAddress, viewer_command, viewing
 from grs_agents.views.viewer import WEB_PORT, has_display, recordings, viewer_environment
 from tests.needs import needs
 
@@ -45,7 +45,7 @@ def test_a_folder_without_a_recording_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no recording"):
         recordings(tmp_path)
     with pytest.raises(InputError, match="no recording"):
-        open_viewer(tmp_path / "trace.rrd")
+        viewer_command(tmp_path / "trace.rrd")
 
 
 @needs("64-bit linux")  # elsewhere there is always a display
@@ -53,8 +53,8 @@ def test_without_a_display_the_error_says_what_to_do(tmp_path: Path, monkeypatch
     (tmp_path / "trace.rrd").touch()
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(GrsError, match=r"no display.*--web.*rerun trace.rrd"):
-        open_viewer(tmp_path)
+    with pytest.raises(InputError, match=r"no display.*--web.*rerun trace.rrd"), viewing(tmp_path):
+        pass
 
 
 def test_a_display_is_x11_wayland_or_another_system() -> None:
