@@ -87,6 +87,13 @@ def paths(kind: Kind, name: str) -> list[Path]:
     return found
 
 
+def scenes() -> dict[str, Path]:
+    """The sample scenes by name, first match wins."""
+    folders = [root / "assets" / "scenes" for root in reversed(roots())]
+    entries = [entry for folder in folders if folder.is_dir() for entry in sorted(folder.iterdir()) if entry.is_dir()]
+    return {entry.name: entry for entry in entries}
+
+
 def load_module(kind: Kind, name: str) -> ModuleType:
     """Import the content file ``name`` once; a second call returns the same module.
 

@@ -36,7 +36,8 @@ app.add_typer(assets_app)
 Scene = Annotated[
     Path,
     typer.Argument(
-        help="A folder (photo, depth or point cloud, camera.json), bop:ROOT/SPLIT/SCENE/IMAGE, .npz or photo."
+        help="A folder (photo, depth or point cloud, camera.json), bop:ROOT/SPLIT/SCENE/IMAGE, .npz or photo; "
+        "or a sample scene by its name, such as groceries."
     ),
 ]
 Seeds = Annotated[
@@ -104,8 +105,13 @@ def scene(
 
 @app.command()
 def check(
-    simulation: Annotated[Path, typer.Argument(help="A simulation program: a Python file with a Task subclass.")],
+    simulation: Annotated[
+        Path, typer.Argument(help="A simulation program: a Python file with a Task subclass; or a run folder.")
+    ],
     tests: Annotated[Path | None, typer.Option("--tests", help="Its unittest file.", metavar="TESTS.py")] = None,
+    assets: Annotated[
+        Path | None, typer.Option("--assets", help="A run folder whose own assets it may use.", metavar="RUN")
+    ] = None,
     seeds: Seeds = None,
     config: ConfigFile = None,
     settings: Settings = None,
@@ -113,11 +119,11 @@ def check(
     unsafe: Unsafe = False,
 ) -> None:
     """Check a simulation program of your own through sandbox, tests, oracle and audit. Exit status as for run."""
-    from grs_agents.cli.checking import check_program
+    from grs_agents.cli.checking import Program, check_program
 
     extra = [] if seeds is None else [f"audit.seeds={seeds}"]
-    chosen = effective(config, [*(settings or []), *extra], unsafe=unsafe).config
-    sys.exit(check_program(simulation, tests, chosen, json))
+    chosen = effective(config, [*(settings or []), *extra], unsafe=unsafe)
+    sys.exit(check_program(Program.of(simulation, tests, assets), chosen, json))
 
 
 viewing.add_to(app)
@@ -153,9 +159,12 @@ def show_config(config: ConfigFile = None, settings: Settings = None, seed: Seed
     list_config(effective(config, settings, seed), json)
 
 
-@app.command("eval", context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+_PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "allow_interspersed_args": False}
+
+
+@app.command("eval", context_settings=_PASS_ON)
 def evaluate(
     context: typer.Context, name: Annotated[str, typer.Argument(help="An experiment's name; see grs list.")]
 ) -> None:
-    """Run an experiment; what follows its name is passed on to it (try --help)."""
+    """Run an experiment; what follows its name is passed on to it, --help included: grs eval NAME --help."""
     sys.exit(content.load_module("evals", name).main(context.args))

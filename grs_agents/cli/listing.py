@@ -25,8 +25,7 @@ def list_content(as_json: bool) -> None:
         if kind != "assets"
     }
     found["assets"] = {asset.name: asset.description for asset in Library().assets()}
-    scenes = content.path("assets", "scenes")
-    found["scenes"] = {str(folder): "sample scene" for folder in sorted(scenes.iterdir()) if folder.is_dir()}
+    found["scenes"] = {name: "a sample scene: grs run " + name for name in content.scenes()}
     found["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
     found["policies"].update({entry.name: entry.value for entry in entry_points(group="grs_agents.policies")})
     if as_json:

@@ -16,7 +16,7 @@ from grs_agents.config import Config
 from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Library
 from grs_agents.run import Order, RunRecord, UnexpectedError, execute
-from grs_agents.scene import SceneDescription, read_description
+from grs_agents.scene import SceneDescription, read_description, scene_called
 from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
 
 
@@ -42,7 +42,7 @@ def run_graph(
     Returns:
         The exit status.
     """
-    order = Order(command, scene, config, out, resume)
+    order = Order(command, scene_called(scene), config, out, resume)
     ended = execute(order, partial(follow, watching=watching or Watching()))
     if as_json:
         print(ended.record.model_dump_json(indent=2))

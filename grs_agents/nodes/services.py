@@ -53,6 +53,7 @@ class Services:
         sandbox: where generated code runs.
         folder: the run folder.
         visits: how often each node was entered.
+        assets: the folder of the run's own assets; ``assets`` in ``folder`` by default.
     """
 
     config: Config
@@ -62,6 +63,7 @@ class Services:
     sandbox: Sandbox
     folder: Path
     visits: Counter[str] = field(default_factory=Counter[str])
+    assets: Path | None = None
     _laid: dict[frozenset[Stamp], Library] = field(
         default_factory=dict[frozenset[Stamp], Library], init=False, repr=False, compare=False
     )
@@ -70,7 +72,7 @@ class Services:
     @property
     def library(self) -> Library:
         """The shipped assets with the run's own proxies laid over; read anew only when a proxy has changed."""
-        proxies = self.folder / "assets"
+        proxies = self.assets or self.folder / "assets"
         if not proxies.is_dir():
             return self._shipped
         stamps = frozenset(_stamps(proxies))

@@ -1,7 +1,9 @@
 """Find a policy by name, dotted path or entry point."""
 
+import sys
 from importlib import import_module
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any, cast
 
 from grs_agents.errors import ConfigError, UnknownNameError
@@ -37,5 +39,9 @@ def load_policy(name: str) -> Policy:
 
 
 def _named(path: str) -> Any:
+    """What ``module:name`` names; the module may lie in the current folder, where Python's own path ends."""
     module, _, attribute = path.partition(":")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
     return getattr(import_module(module), attribute)

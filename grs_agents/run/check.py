@@ -12,6 +12,7 @@ from grs_agents.nodes.instances import measure
 from grs_agents.policies import load_policy
 from grs_agents.run.isolation import open_sandbox
 from grs_agents.sandbox import TestReport
+from grs_agents.scene import read_description
 from grs_agents.trace import EventLog
 
 
@@ -24,12 +25,14 @@ class CheckOrder:
         tests: its tests, if there are any.
         config: bounds, seeds and limits.
         folder: where instances and recordings are written.
+        run: a run whose own assets the program may use, and whose background is put around it.
     """
 
     simulation: Path
     tests: Path | None
     config: Config
     folder: Path
+    run: Path | None = None
 
 
 def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
@@ -47,6 +50,7 @@ def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
             policy=load_policy(order.config.policy),
             sandbox=sandbox,
             folder=order.folder,
+            assets=order.run.resolve() / "assets" if order.run else None,
         )
         report: TestReport | None = None
         if tests is not None:
@@ -59,8 +63,14 @@ def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
                 robot=services.robot,
                 seed=order.config.seed,
             ).report
-        measured = measure(simulation, services)
+        measured = measure(simulation, services, _background(order.run))
     return report, audit(measured.instances, measured.failures, measured.rollouts, order.config.audit, services.library)
+
+
+def _background(run: Path | None) -> str | None:
+    """The library name of what is around the objects of a run's photo, if it was reconstructed."""
+    scene = run / "scene.json" if run else None
+    return read_description(scene).background if scene and scene.is_file() else None
 
 
 def _read(file: Path) -> str:

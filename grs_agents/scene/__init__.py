@@ -17,6 +17,7 @@ from grs_agents.scene.reading import (
     read_camera,
     read_masks,
     read_scene,
+    scene_called,
     scene_name,
 )
 from grs_agents.scene.registration import Registered, cost_of, register
@@ -94,6 +95,7 @@ __all__ = [
     "relations",
     "save_candidates",
     "save_frame",
+    "scene_called",
     "scene_name",
     "segment",
     "segment_proposed",

@@ -1,12 +1,16 @@
 """The verbs that look: each works from the command line and says what it promises."""
 
 import json
+import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 from grs_agents import content
+from grs_agents.config import Config
+from grs_agents.library import write_proxy
+from grs_agents.run import RunRecord
 from grs_agents.sim import instantiate, task_class
 from tests.cli.command import grs
 
@@ -165,6 +169,50 @@ def test_check_says_what_was_assumed(tmp_path: Path) -> None:
     (rollout,) = json.loads(done.stdout)["audit"]["rollouts"]
     assert any("takes its defaults" in warning for warning in rollout["warnings"])
     assert "warning" in grs("check", "program.py", "--seeds", "1", folder=tmp_path).stdout
+
+
+def test_check_knows_the_assets_of_a_run(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    name = write_proxy(run / "assets", "crate_1", "box", (0.05, 0.05, 0.05), (0.8, 0.1, 0.1), "a crate").name
+    RunRecord(
+        id="run", status="accepted", command="run", source="a", graph="grs", versions={}, seeds=(5,),
+        config=Config(seed=5).model_dump(mode="json"),
+    ).write(run)  # fmt: skip
+    (run / "simulation.py").write_text(PROGRAM.replace("block/red_block.urdf", name))
+    (run / "test_simulation.py").write_text(TESTS.format(name="task_code", bound=0.99))
+    (tmp_path / "mine.py").write_text((run / "simulation.py").read_text())
+    whole = grs("check", "run", "--seeds", "1", "--json", folder=tmp_path)
+    assert whole.returncode == 0, whole.stdout
+    found = json.loads(whole.stdout)
+    assert found["tests"]["outcome"] == "passed" and found["audit"]["rollouts"][0]["seed"] == 5
+    assert grs("check", "mine.py", "--seeds", "1", "--assets", "run", folder=tmp_path).returncode == 0
+    alone = grs("check", "mine.py", "--seeds", "1", folder=tmp_path)
+    assert alone.returncode == 1 and "crate_1" in alone.stdout
+    assert grs("check", "mine.py", "--assets", ".", folder=tmp_path).returncode == 2
+
+
+def test_a_policy_lies_in_the_current_folder(tmp_path: Path, program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    (tmp_path / "policy_of_mine.py").write_text("class Mine:\n    def decide(self, context): ...\n")
+    options = ["--seeds", "1", "--set", "policy=policy_of_mine:Mine"]
+    assert grs("check", str(program), *options, folder=tmp_path).returncode == 0
+
+
+def test_a_sample_scene_is_found_by_its_name(tmp_path: Path) -> None:
+    assert "groceries" in json.loads(grs("list", "--json", folder=tmp_path).stdout)["scenes"]
+    done = grs("scene", "groceries", "--out", "run", "--set", "tools.match=match_text", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["counts"]["candidates"] > 5
+    (tmp_path / "groceries").mkdir()
+    own = grs("scene", "groceries", folder=tmp_path)
+    assert own.returncode == 2 and "groceries/rgb.png" in own.stderr
+    assert "groceries" in grs("scene", "grocery", folder=tmp_path).stderr
+
+
+def test_an_experiment_shows_its_own_options(tmp_path: Path) -> None:
+    done = grs("eval", "seeds", "--help", folder=tmp_path)
+    assert done.returncode == 0 and "usage: grs eval seeds" in done.stdout and "--workers" in done.stdout
+    assert "eval [OPTIONS]" in grs("eval", "--help", folder=tmp_path).stdout
 
 
 def test_check_wants_a_file(tmp_path: Path) -> None:

@@ -3,6 +3,15 @@
 from grs_agents.scene.reading.camera import read_camera
 from grs_agents.scene.reading.masks import read_masks
 from grs_agents.scene.reading.photo import DepthEstimate, Estimator
-from grs_agents.scene.reading.source import check_source, read_scene, scene_name
+from grs_agents.scene.reading.source import check_source, read_scene, scene_called, scene_name
 
-__all__ = ["DepthEstimate", "Estimator", "check_source", "read_camera", "read_masks", "read_scene", "scene_name"]
+__all__ = [
+    "DepthEstimate",
+    "Estimator",
+    "check_source",
+    "read_camera",
+    "read_masks",
+    "read_scene",
+    "scene_called",
+    "scene_name",
+]

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from grs_agents import content
 from grs_agents.errors import InputError
 from grs_agents.scene.frame import RGBDFrame
 from grs_agents.scene.reading import cloud
@@ -34,11 +35,16 @@ def check_source(source: Path) -> None:
         bop_image(source)
     elif not is_folder(source):
         if not exists(source):
-            raise InputError(f"scene {source} does not exist", REMEDY)
+            raise InputError(f"scene {source} does not exist", f"{REMEDY}; samples: {', '.join(content.scenes())}")
         if source.suffix.lower() in cloud.SUFFIXES:
             raise InputError(f"{source} is a cloud alone", "put it into a folder with rgb.png and camera.json")
         if source.suffix.lower() not in (".npz", *SUFFIXES):
             raise InputError(f"{source} is no scene", REMEDY)
+
+
+def scene_called(source: Path) -> Path:
+    """The scene that a user names: what lies there, else the sample scene of that name."""
+    return source if is_bop(source) or exists(source) else content.scenes().get(str(source), source)
 
 
 def scene_name(source: Path) -> str:
