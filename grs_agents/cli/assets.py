@@ -77,15 +77,11 @@ def show_assets(
     shipped: Shipped = False,
     out: Annotated[Path, typer.Option("--out", help="The picture to write.", metavar="FILE")] = Path("assets.png"),
     views: Annotated[int, typer.Option("--views", help="Pictures of each.", min=1, max=12)] = 3,
-    renderer: Annotated[
-        Literal["auto", "gl", "plain"],
-        typer.Option("--renderer", help="OpenGL where it works, OpenGL alone, or the z-buffer."),
-    ] = "auto",
 ) -> None:
     """Write a contact sheet: a picture of the assets from several sides."""
     from grs_agents.cli.importing import show_library
 
-    sys.exit(show_library(library, names or [], shipped, out, views, renderer))
+    sys.exit(show_library(library, names or [], shipped, out, views))
 
 
 @assets_app.command("verify")

@@ -13,7 +13,6 @@ from grs_agents import content
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes
 from grs_agents.library import Asset, Library
-from grs_agents.library.drawing import Renderer
 from grs_agents.library.importing.find import slug_of
 from grs_agents.library.importing.run import Importing
 from grs_agents.library.importing.source import opened
@@ -129,9 +128,7 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
     Console().print(table)
 
 
-def show_library(
-    library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int, renderer: Renderer = "auto"
-) -> int:
+def show_library(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:
     """Write a contact sheet; 1 where an asset cannot be drawn."""
     from grs_agents.library.importing.write import png_bytes
     from grs_agents.library.sheet import MOST, contact_sheet
@@ -140,10 +137,10 @@ def show_library(
     sheets = [assets[start : start + MOST] for start in range(0, len(assets), MOST)]
     broken: dict[str, str] = {}
     for number, part in enumerate(sheets):
-        picture, failed, drew = contact_sheet(known, part, views, renderer)
+        picture, failed = contact_sheet(known, part, views)
         path = out if len(sheets) == 1 else out.with_stem(f"{out.stem}-{number + 1}")
         write_bytes(path, png_bytes(picture))
-        print(f"{len(part)} assets in {path}, drawn with {drew}")
+        print(f"{len(part)} assets in {path}")
         broken |= failed
     for name, reason in broken.items():
         print(f"{name}: {reason}", file=sys.stderr)

@@ -8,9 +8,8 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset
-from grs_agents.library.drawing import Renderer, drawn
 from grs_agents.library.library import Library
-from grs_agents.library.views import AssetView, ring_directions
+from grs_agents.library.views import AssetView, asset_views, ring_directions
 
 Image = npt.NDArray[np.uint8]
 _SIDE: Final = 176
@@ -20,20 +19,16 @@ _COLUMNS: Final = 3
 MOST: Final = 240
 
 
-def contact_sheet(
-    library: Library, assets: Sequence[Asset], views: int = 3, renderer: Renderer = "auto"
-) -> tuple[Image, dict[str, str], str]:
-    """A picture (H, W, 3) with a cell of ``views`` pictures for each asset, what could not be drawn, and what drew it.
+def contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> tuple[Image, dict[str, str]]:
+    """A picture (H, W, 3) with a cell of ``views`` pictures for each asset, and what could not be drawn.
 
     Args:
         library: where the assets are.
         assets: at most 240.
         views: pictures of each, evenly around it.
-        renderer: as in `grs_agents.library.drawing.drawn`.
 
     Raises:
         InputError: there are none, or too many.
-        ConfigError: OpenGL alone may draw, and there is none.
     """
     if not 0 < len(assets) <= MOST:
         raise InputError(f"a sheet of {len(assets)} assets", f"name 1 to {MOST} of them")
@@ -45,18 +40,19 @@ def contact_sheet(
     sheet: Any = Pictures.new("RGB", (columns * width, rows * (_SIDE + _TEXT)), _PAPER)
     pen: Any = ImageDraw.Draw(sheet)
     font, broken = ImageFont.load_default(13), dict[str, str]()
-    found = drawn(library, [one.name for one in assets], ring_directions(views), size=_SIDE, renderer=renderer)
-    for number, (asset, pictures) in enumerate(zip(assets, found.views, strict=True)):
+    for number, asset in enumerate(assets):
         left, top = number % columns * width, number // columns * (_SIDE + _TEXT)
-        if isinstance(pictures, InputError):
-            broken[asset.name] = str(pictures)
+        try:
+            pictures = asset_views(library, asset.name, ring_directions(views), size=_SIDE)
+        except InputError as error:
+            broken[asset.name] = str(error)
             pen.text((left + 8, top + _SIDE // 2), "cannot be drawn", (200, 0, 0), font)
         else:
             for place, view in enumerate(pictures):
                 sheet.paste(Pictures.fromarray(on_paper(view)), (left + place * _SIDE, top))
         for line, (text, ink) in enumerate(((asset.name, _INK), (facts(asset), _FAINT), (asset.description, _FAINT))):
             pen.text((left + 8, top + _SIDE + 2 + 16 * line), _fitted(text, width - 16, font), ink, font)
-    return np.asarray(sheet, np.uint8), broken, found.renderer
+    return np.asarray(sheet, np.uint8), broken
 
 
 def facts(asset: Asset) -> str:

@@ -1,7 +1,7 @@
 """Pictures of an asset from given directions, drawn by a z-buffer with its textures: no GL, no randomness.
 
 The same asset gives the same picture on every machine, which a graphics driver would not promise: what assets are
-matched and described by is drawn so. For people `grs_agents.library.drawing` draws the same views with OpenGL.
+matched and described by is drawn so.
 """
 
 from collections.abc import Sequence
