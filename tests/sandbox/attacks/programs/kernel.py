@@ -152,10 +152,17 @@ def all_capabilities(world: World) -> str:
 
 @gets("nothing")
 def capabilities(world: World) -> list[int] | None:
-    """Every set of them is empty: what it may use, take up, hand on, and gain by a program."""
+    """Every set of them is empty: what it may use, take up and hand on."""
     header, sets = (ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)()
     check(libc.capget(header, sets))
-    return [*filter(None, sets), *(number for number in range(64) if libc.prctl(23, number, 0, 0, 0) == 1)] or None
+    return [*filter(None, sets)] or None
+
+
+@gets("nothing")
+def capabilities_of_a_program(world: World) -> list[int] | None:
+    """None can be gained by running one. Only who has capabilities can empty that set; see the next attack."""
+    left = [number for number in range(64) if libc.prctl(23, number, 0, 0, 0) == 1]
+    return left if world["bounded"] and left else None
 
 
 @gets("nothing")
