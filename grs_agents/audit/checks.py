@@ -8,7 +8,7 @@ from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.scene import SceneDescription
-from grs_agents.sim import Rollout, TaskInstance
+from grs_agents.sim import InstanceGoal, Rollout, TaskInstance
 from grs_agents.sim.world import TIMESTEP
 
 IDLE = 0.5
@@ -43,7 +43,7 @@ def audit(
         _instantiated(instances, failures, config),
         _solved(rollouts, config),
         _not_idle(rollouts),
-        _moved(rollouts, scene),
+        _moved(instances, rollouts, scene),
         _on_table(rollouts),
         _as_in_library(instances, library),
     ]
@@ -99,17 +99,26 @@ def _not_idle(rollouts: Sequence[Rollout]) -> Finding:
     return Finding(check="not_idle", passed=bool(rewards) and max(rewards) < IDLE, detail=detail)
 
 
-def _moved(rollouts: Sequence[Rollout], scene: SceneDescription | None) -> Finding:
+def _moved(instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], scene: SceneDescription | None) -> Finding:
+    """A task from a photo moves two of its objects, if two are in reach; others move two if their goals ask for two."""
     if scene is not None:
         seen = {thing.asset for thing in scene.objects}
         counts = [sum(name in seen for name in rollout.moved) for rollout in rollouts]
-        reachable = sum(thing.reachable for thing in scene.objects)
+        could = sum(thing.reachable for thing in scene.objects)
+        why = f"{could} are in reach"
     else:
         counts = [len(rollout.moved) for rollout in rollouts]
-        reachable = min((len(rollout.reachable) for rollout in rollouts), default=0)
-    needed = max(1, min(2, reachable))
-    detail = f"objects moved by the robot: {counts}; at least {needed} must be, {reachable} are in reach"
+        could = min((sum(map(_asked, instance.goals)) for instance in instances), default=0)
+        why = f"the goals ask for {could}"
+    needed = max(1, min(2, could))
+    detail = f"objects moved by the robot: {counts}; at least {needed} must be, {why}"
     return Finding(check="moved", passed=bool(counts) and min(counts) >= needed, detail=detail)
+
+
+def _asked(goal: InstanceGoal) -> int:
+    """How many objects have to move for a goal, wherever they start: not a stack's lowest nor the ends of a line."""
+    kind = goal.relation.kind if goal.relation is not None else ""
+    return len(goal.objects) - {"stacked": 1, "aligned": 2}.get(kind, 0)
 
 
 def _on_table(rollouts: Sequence[Rollout]) -> Finding:

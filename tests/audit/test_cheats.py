@@ -9,7 +9,7 @@ import pytest
 from grs_agents.audit import AuditReport, audit
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
-from grs_agents.sim import Environment, InstanceTie, Task, TaskInstance, instantiate, near, rollout
+from grs_agents.sim import Environment, InstanceTie, Task, TaskInstance, instantiate, near, rollout, stacked
 
 Start = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 RED, BLUE, GREEN = (f"block/{color}_block.urdf" for color in ("red", "blue", "green"))
@@ -106,8 +106,8 @@ def creeps_into_place(task: Trial, env: Environment) -> None:
 
 def falls_off_the_table(task: Trial, env: Environment) -> None:
     env.add_object(BLUE, ((0.4, 1.9, 0.5), FLAT))
-    env.add_object(GREEN, C)
-    task.want(env.add_object(RED, A), 0.5, 0.1, 1.0)
+    task.want(env.add_object(GREEN, C), C[0][0], C[0][1], 0.1)
+    task.want(env.add_object(RED, A), 0.5, 0.1, 0.9)
 
 
 def judge(setup: Setup, change: Callable[[TaskInstance], TaskInstance] = lambda one: one) -> AuditReport:
@@ -124,6 +124,25 @@ def failed(report: AuditReport) -> set[str]:
 def test_a_fair_program_is_accepted() -> None:
     report = judge(fair)
     assert report.accepted, report.text()
+
+
+def one_of_several(task: Trial, env: Environment) -> None:
+    """Only the red block is wanted; the others are there to be told from it."""
+    task.want(env.add_object(RED, A), 0.5, -0.1, 1.0)
+    env.add_object(BLUE, B)
+    env.add_object(GREEN, C)
+
+
+def a_stack_of_two(task: Trial, env: Environment) -> None:
+    lower, upper = env.add_object(BLUE, B), env.add_object(RED, A)
+    task.add_goal(stacked([lower, upper]), language_goal="put the red block on the blue block")
+
+
+@pytest.mark.parametrize("setup", [one_of_several, a_stack_of_two])
+def test_a_task_of_one_object_among_others_is_accepted(setup: Setup) -> None:
+    report = judge(setup)
+    assert report.accepted, report.text()
+    assert {len(one.moved) for one in report.rollouts} == {1}
 
 
 @pytest.mark.parametrize(
