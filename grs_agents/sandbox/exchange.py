@@ -11,6 +11,7 @@ from grs_agents.sandbox.backends import LAYERS
 from grs_agents.sandbox.call import CallResult, Limits
 from grs_agents.sandbox.process import DOCTOR, END_SECONDS, START_SECONDS, SandboxError, Zygote
 from grs_agents.sandbox.streams import Ending, Exit, Streams
+from grs_agents.sandbox.usage import ENTRY_BYTES
 
 
 def exchange(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -> CallResult | None:
@@ -118,6 +119,7 @@ def _broken_limit(outcome: str, limits: Limits) -> str:
         "cpu_limit": f"the CPU limit of {limits.cpu_seconds:g} s was reached",
         "memory_limit": f"the memory limit of {limits.memory_mib} MiB was reached",
         "output_limit": f"more than {limits.output_mib} MiB of output",
-        "scratch_limit": f"the scratch folder held more than {limits.scratch_mib} MiB (each entry counts 4 KiB)",
+        "scratch_limit": f"the scratch folder held more than {limits.scratch_mib} MiB "
+        f"(each entry counts {ENTRY_BYTES >> 10} KiB)",
         "thread_limit": f"more than {limits.threads} threads",
     }.get(outcome, "the tool failed")

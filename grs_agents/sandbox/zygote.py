@@ -22,6 +22,8 @@ from grs_agents.sandbox.scratch import empty_folder
 from grs_agents.sandbox.settings import EXPLAIN, Settings
 
 WATCH_SECONDS = 0.05
+_REST = 3
+"""Times as long as a look took until the next one: a quarter of one processor, and few folders more than the limit."""
 
 
 def main() -> None:
@@ -158,7 +160,7 @@ class _Zygote:
                 if running.stopped:
                     os.kill(running.pid, signal.SIGKILL)
         end = time.monotonic()
-        self._due = end + max(WATCH_SECONDS, 10 * (end - begin))
+        self._due = end + max(WATCH_SECONDS, _REST * (end - begin))
 
     def _holds_too_much(self, running: _Running) -> bool:
         most = running.limits.scratch_mib << 20

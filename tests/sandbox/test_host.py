@@ -137,15 +137,15 @@ def test_standard_input_is_empty(execute: Execute) -> None:
     assert execute("import sys; value = {'read': sys.stdin.read()}").value == {"read": ""}
 
 
-@pytest.mark.parametrize("depth", [2, 1100])
+@pytest.mark.parametrize("depth", [2, 900])
 def test_scratch_is_private_and_gone_afterwards(depth: int, execute: Execute) -> None:
     result = execute(
         "import os, stat\nhome = os.getcwd()\n"
         "os.symlink('/usr', 'link')\nopen('file', 'w').write('x')\n"
-        f"for _ in range({depth}): os.mkdir('d'); os.chdir('d')\n"
+        f"for _ in range({depth}): os.mkdir('directory'); os.chdir('directory')\n"
         "os.chdir(home); os.mkdir('closed', 0)\n"
         "value = {'home': home == os.environ['HOME']}",
-        scratch_mib=16,
+        scratch_mib=64,
     )
     assert result.value == {"home": True}
     found = execute("import os, stat; value = {'left': os.listdir(), 'mode': stat.S_IMODE(os.stat('.').st_mode)}")

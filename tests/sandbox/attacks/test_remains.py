@@ -65,3 +65,11 @@ def test_space_is_given_back(door: Door, watched: Canaries) -> None:
     fill = "for n in range(20): open(f'file{n}', 'wb').write(bytes(1 << 20))\nvalue = {'got': 'written'}"
     calls = [door.execute(fill) for _ in range(5)]
     assert [call.value for call in calls] == [{"got": "written"}] * 5, calls[-1].error
+
+
+def test_folders_nested_by_the_thousand_end_the_call_and_are_gone_in_the_next(door: Door, watched: Canaries) -> None:
+    nested = door.execute("import os\nfor _ in range(12_000): os.mkdir('d'); os.chdir('d')\nvalue = {'got': 1}")
+    assert nested.outcome == "scratch_limit"
+    assert "each entry counts 64 KiB" in nested.error
+    after = door.execute("import os; value = {'got': os.listdir('.')}")
+    assert (after.outcome, after.value, after.retried) == ("ok", {"got": []}, False)
