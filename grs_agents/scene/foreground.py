@@ -12,8 +12,12 @@ Depth = npt.NDArray[np.float32]
 TALLEST = 0.6
 """What rises higher above the table (m) is not an object on it."""
 LOWEST = 0.006
+SEEN_THROUGH = 0.1
+"""Two pieces of plane are one table unless so large a share of what lies between them shows something lower."""
+LOWER = 0.05
+"""What is so much (m) lower than the table top is seen beside it, not on it."""
 HIDDEN = 0.15
-"""Pieces of the table nearer than this (m) to each other are one table that objects hide between them."""
+"""Objects may stand this far (m) from the visible table, on its near part that is out of the picture."""
 CROSS = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
 
 
@@ -48,7 +52,7 @@ def foreground(points: Array, depth: Depth, eye: Array) -> Mask:
     height = points[..., 2]
     bound = tolerance(depth.astype(np.float64))
     flat = np.abs(height) < bound
-    hull = _table_hull(points, flat)
+    hull = _table_hull(points, flat, eye)
     if hull is None:
         return np.zeros(depth.shape, np.bool_)
     above = (height > np.maximum(bound, LOWEST)) & (height < TALLEST)
@@ -85,8 +89,12 @@ def _standing(above: Mask, inside: Mask, depth: Depth) -> Mask:
     return keep[blobs] | inside & (blobs == 0)
 
 
-def _table_hull(points: Array, flat: Mask) -> Array | None:
-    """(M, 2) corners of the visible table, over the gaps that objects make in it."""
+def _table_hull(points: Array, flat: Mask, eye: Array) -> Array | None:
+    """(M, 2) corners of the visible table, over the gaps that objects make in it.
+
+    The largest piece of plane is table, and so is every other piece, unless the camera sees something lower between
+    them: then that one is a chair, a shelf or a floor of the same height.
+    """
     labels = components(cv2.erode(flat.astype(np.uint8), np.ones((5, 5), np.uint8)), 50)
     if labels.max() == 0:
         return None
@@ -95,9 +103,25 @@ def _table_hull(points: Array, flat: Mask) -> Array | None:
     order = [int(label) for label in np.argsort(-areas)[:20] if areas[label] > 0.005 * areas.max()]
     pieces = [points.reshape(-1, 3).take(found[label - 1][::7], axis=0)[:, :2] for label in order]
     hull = hull_of(pieces.pop(0))
+    crossings, lower = _crossings(points, eye)
     while True:
-        near = [piece for piece in pieces if inside_hull(piece, hull, HIDDEN).mean() > 0.02]
+        near = [piece for piece in pieces if not _apart(hull, piece, crossings, lower)]
         if not near:
             return hull
         pieces = [piece for piece in pieces if not any(piece is one for one in near)]
         hull = hull_of(np.concatenate([hull, *near]))
+
+
+def _crossings(points: Array, eye: Array) -> tuple[Array, Mask]:
+    """(N, 2) where the rays of some pixels cross the table's plane, m, and (N,) whether they end below it."""
+    cloud = points[::4, ::4].reshape(-1, 3)
+    cloud = cloud.compress(cloud[:, 2] < eye[2] - LOWER, axis=0)
+    share = eye[2] / (eye[2] - cloud[:, 2:])
+    return eye[:2] + share * (cloud[:, :2] - eye[:2]), cloud[:, 2] < -LOWER
+
+
+def _apart(hull: Array, piece: Array, crossings: Array, lower: Mask) -> bool:
+    """Whether something lower than the table is seen between its ``hull`` (M, 2) and another piece of plane (N, 2)."""
+    both = hull_of(np.concatenate([hull, piece]))
+    between = inside_hull(crossings, both, 0.0) & ~inside_hull(crossings, hull, 0.0)
+    return bool(np.count_nonzero(between & lower) > SEEN_THROUGH * np.count_nonzero(between))

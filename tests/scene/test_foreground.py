@@ -26,6 +26,25 @@ def test_a_table_that_things_cut_into_pieces_stays_one() -> None:
     assert found[scene.labels == 10].mean() > 0.9
 
 
+def test_a_heap_that_hides_half_a_metre_of_the_table_leaves_it_one() -> None:
+    wall = [Thing("box", (0.4, 0.1 * i), (0.16, 0.098, 0.25)) for i in range(-7, 8)]
+    scene = render([*wall, Thing("box", (1.0, 0.1), (0.08, 0.08, 0.1))])
+    found = _foreground(scene)
+    assert found[scene.labels == len(wall) + 1].mean() > 0.9
+
+
+def test_another_table_of_the_same_height_is_left_out_where_the_gap_is_seen() -> None:
+    tables = [Thing("box", (0.35, 0.0), (0.4, 0.9, 0.5)), Thing("box", (0.83, 0.0), (0.3, 0.9, 0.5))]
+    on_them = [
+        Thing("box", (0.4, 0.1), (0.1, 0.1, 0.1), bottom=0.5),
+        Thing("box", (0.85, 0.0), (0.1, 0.1, 0.1), bottom=0.5),
+    ]
+    scene = render([*tables, *on_them], eye=(-0.6, 0.0, 1.35))
+    found = _foreground(scene)
+    assert found[scene.labels == 3].mean() > 0.9
+    assert found[scene.labels == 4].mean() < 0.05
+
+
 def test_what_lies_beyond_the_table_is_left_out() -> None:
     scene = render([Thing("box", (0.5, 0.0), (0.1, 0.1, 0.1)), Thing("box", (1.5, 0.0), (0.3, 0.9, 0.3))])
     found = _foreground(scene)
