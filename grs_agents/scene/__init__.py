@@ -11,6 +11,7 @@ from grs_agents.scene.likeness import Deviation, aligned, certain, deviation, up
 from grs_agents.scene.pictures import add_candidates, annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.scene.proposals import Proposal, segment_proposed
 from grs_agents.scene.reading import (
+    CameraFile,
     DepthEstimate,
     Estimator,
     check_source,
@@ -46,6 +47,7 @@ __all__ = [
     "Background",
     "Body",
     "Camera",
+    "CameraFile",
     "Candidate",
     "CandidateRecord",
     "Claim",

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
+from grs_agents.scene.reading.camera import DepthUnit
 
 Depth = npt.NDArray[np.float32]
 Units = npt.NDArray[np.number[Any]]
@@ -19,6 +20,9 @@ NEAREST, FARTHEST = 0.1, 10.0
 LEAST_MEASURED = 0.02
 """At least this share of the pixels must have a depth."""
 MILLIMETRE = 0.001
+TABLE_NEAREST, TABLE_FARTHEST = 0.3, 2.0
+"""An unnamed unit is inferred only if it puts the median depth between these, in metres: photos of tables are taken
+from 0.4 to 1.5 m."""
 BEYOND = 65.0
 """Nothing of a table is farther than this, in metres; it also keeps depth within 16 bits of millimetres."""
 JUMP = 0.03
@@ -75,6 +79,24 @@ def metres(measured: Measured) -> Depth:
         )
     depth[~valid | (depth > BEYOND)] = 0
     return depth
+
+
+def unit_of(units: Units) -> DepthUnit:
+    """What one unit of depth (H, W) is taken to be where ``camera.json`` does not say it.
+
+    Floats are metres. 16-bit integers are millimetres, as nearly all sensors write them, if the middle of the photo
+    then is at the distance of a table: units of 0.1 or 0.2 mm, which some data sets have, would put it beyond that.
+    """
+    if units.dtype.kind == "f":
+        return DepthUnit(1.0)
+    if units.dtype != np.uint16:
+        return DepthUnit(None, f"integers of type {units.dtype} have no usual unit")
+    measured = units[(units > 0) & (units < np.iinfo(np.uint16).max)]
+    median = float(np.median(measured)) * MILLIMETRE if measured.size else 0.0
+    if TABLE_NEAREST <= median <= TABLE_FARTHEST:
+        return DepthUnit(MILLIMETRE, f"taken are millimetres (0.001), with which the median depth is {median:.2f} m")
+    bounds = f"outside the {TABLE_NEAREST}..{TABLE_FARTHEST} m of a photo of a table"
+    return DepthUnit(None, f"with millimetres the median depth would be {median:.2f} m, {bounds}")
 
 
 def same_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:

@@ -1,23 +1,25 @@
 """A scene folder: a photo, its depth as a picture, an array or a point cloud, and ``camera.json``."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from grs_agents.errors import InputError
-from grs_agents.scene.frame import Camera
 from grs_agents.scene.reading import cloud as clouds
 from grs_agents.scene.reading.arrays import read_npy
-from grs_agents.scene.reading.camera import read_camera
+from grs_agents.scene.reading.camera import DepthUnit, read_camera
 from grs_agents.scene.reading.cloud import Cloud, depth_of, read_cloud
-from grs_agents.scene.reading.depth import Measured, Units
+from grs_agents.scene.reading.depth import Measured, Units, unit_of
 from grs_agents.scene.reading.files import exists, names_in
 from grs_agents.scene.reading.fit import Recording
 from grs_agents.scene.reading.picture import SUFFIXES, read_color, read_units
 
 COLOR_STEMS = ("rgb", "color")
 NO_CLOUDS = ("masks", "labels")
-METRE = 1.0
+IN_METRES = DepthUnit(1.0)
+"""Points, and depths that a model estimates."""
 
 
 def read_folder(folder: Path) -> Recording:
@@ -28,15 +30,29 @@ def read_folder(folder: Path) -> Recording:
     """
     names = names_in(folder)
     photos = [name for name in names if _is(name, COLOR_STEMS, SUFFIXES)]
-    picture = read_color(folder / (_only(photos, folder) or "rgb.png"))
+    photo = _only(photos, folder)
+    if photo is None:
+        raise _no_photo(folder, names)
+    picture = read_color(folder / photo)
     depths = [name for name in names if _is(name, ("depth",), (*SUFFIXES, ".npy"))]
     depths = depths or [name for name in names if _is_cloud(name)]
     depth_file = _only(depths, folder)
     camera_file = folder / "camera.json"
     if depth_file is None:
-        camera = read_camera(camera_file, METRE) if exists(camera_file) else None
-        return Recording(folder, picture, camera)
+        return with_camera(Recording(folder, picture), camera_file)
     return with_depth(Recording(folder, picture), folder / depth_file, camera_file)
+
+
+def with_camera(recording: Recording, camera_file: Path) -> Recording:
+    """A recording without depth, with the camera of its photo if there is such a file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if not exists(camera_file):
+        return recording
+    found = read_camera(camera_file, IN_METRES)
+    return replace(recording, camera=found.camera, notes=(*recording.notes, *found.notes))
 
 
 def with_depth(recording: Recording, file: Path, camera_file: Path) -> Recording:
@@ -47,11 +63,14 @@ def with_depth(recording: Recording, file: Path, camera_file: Path) -> Recording
     """
     depth = read_depth(file)
     if isinstance(depth, Cloud):
-        camera = read_camera(camera_file, METRE)
-        units, how = depth_of(depth, camera)
-        return _measured(recording, camera, units, file).noting(how)
-    camera = read_camera(camera_file, METRE if depth.dtype.kind == "f" else None)
-    return _measured(recording, camera, depth, file)
+        found = read_camera(camera_file, IN_METRES)
+        units, how = depth_of(depth, found.camera)
+        notes = (*found.notes, how)
+    else:
+        found = read_camera(camera_file, unit_of(depth))
+        units, notes = depth, found.notes
+    measured = Measured(units, found.camera.depth_scale, str(file))
+    return replace(recording, camera=found.camera, measured=measured, notes=(*recording.notes, *notes))
 
 
 def read_depth(file: Path) -> Cloud | Units:
@@ -72,9 +91,17 @@ def read_depth(file: Path) -> Cloud | Units:
     return array
 
 
-def _measured(recording: Recording, camera: Camera, units: Units, file: Path) -> Recording:
-    measured = Measured(units, camera.depth_scale, str(file))
-    return Recording(recording.source, recording.picture, camera, measured, recording.notes)
+def _no_photo(folder: Path, names: Sequence[str]) -> InputError:
+    """The folder holds no photo of a known name: another picture in it may be the photo."""
+    stems = ("depth", *NO_CLOUDS)
+    others = [name for name in names if Path(name.lower()).suffix in SUFFIXES and Path(name.lower()).stem not in stems]
+    if not others:
+        return InputError(f"{folder / 'rgb.png'} does not exist", "put the photo there as rgb.png")
+    shown = [f"{name[:60]!a}" for name in others[:4]]
+    return InputError(
+        f"{folder / 'rgb.png'} does not exist, but {', '.join(shown)} {'is' if len(others) == 1 else 'are'} there",
+        f"if it is the photo, rename it to rgb{Path(others[0]).suffix.lower()}",
+    )
 
 
 def _is(name: str, stems: tuple[str, ...], suffixes: tuple[str, ...]) -> bool:

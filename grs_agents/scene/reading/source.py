@@ -8,10 +8,9 @@ from grs_agents.scene.frame import RGBDFrame
 from grs_agents.scene.reading import cloud
 from grs_agents.scene.reading.archive import read_archive
 from grs_agents.scene.reading.bop import PREFIX, bop_image, is_bop, read_bop
-from grs_agents.scene.reading.camera import read_camera
 from grs_agents.scene.reading.files import exists, is_folder
 from grs_agents.scene.reading.fit import Recording, frame_of
-from grs_agents.scene.reading.folder import METRE, read_folder
+from grs_agents.scene.reading.folder import read_folder, with_camera
 from grs_agents.scene.reading.photo import Estimator, frame_of_photo
 from grs_agents.scene.reading.picture import SUFFIXES, read_color
 
@@ -82,6 +81,4 @@ def _recorded(source: Path) -> Recording:
         return read_folder(source)
     if source.suffix.lower() == ".npz":
         return read_archive(source)
-    camera_file = source.parent / "camera.json"
-    camera = read_camera(camera_file, METRE) if exists(camera_file) else None
-    return Recording(source, read_color(source), camera)
+    return with_camera(Recording(source, read_color(source)), source.parent / "camera.json")

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
-from grs_agents.scene import Camera, check_source, read_camera, read_scene, scene_name
+from grs_agents.scene import Camera, CameraFile, check_source, read_camera, read_scene, scene_name
 from tests.scene.reading.conftest import FORMS, Truth
 
 Folder = Callable[..., Path]
@@ -110,6 +110,8 @@ def test_depth_in_the_wrong_unit_names_both_readings(scene_folder: Folder, scale
 @pytest.mark.parametrize("key", ["fx", "fy", "cx", "cy", "width", "height", "depth_scale"])
 @pytest.mark.parametrize("value", [..., float("nan"), float("inf"), "wide", None])
 def test_a_camera_value_that_is_missing_or_not_finite_is_named(scene_folder: Folder, key: str, value: object) -> None:
+    if key == "depth_scale" and value is ...:
+        pytest.skip("may be inferred: see test_camera")
     with pytest.raises(InputError, match=f"camera.json: {key}"):
         read_scene(scene_folder(**{key: value}))
 
@@ -147,4 +149,4 @@ def test_a_camera_survives_its_own_json(tmp_path_factory: pytest.TempPathFactory
     file = tmp_path_factory.mktemp("camera") / "camera.json"
     camera = Camera.model_validate(values)
     file.write_text(camera.model_dump_json())
-    assert read_camera(file) == camera
+    assert read_camera(file) == CameraFile(camera)
