@@ -2,7 +2,7 @@
 
 from grs_agents.config.limits import Limits
 from grs_agents.config.load import UNSAFE, Effective, load_config, validated
-from grs_agents.config.model import AuditConfig, Config, ModelConfig, ToolsConfig
+from grs_agents.config.model import AuditConfig, Config, ModelConfig, TableChoice, ToolsConfig
 
 __all__ = [
     "UNSAFE",
@@ -11,6 +11,7 @@ __all__ = [
     "Effective",
     "Limits",
     "ModelConfig",
+    "TableChoice",
     "ToolsConfig",
     "load_config",
     "validated",

@@ -1,7 +1,7 @@
 """The configuration's types: frozen, every key known, every bound stated."""
 
 import re
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
@@ -54,6 +54,21 @@ class ToolsConfig(Frozen):
     segment: str = "segment_rgbd"
     depth: str = "depth_given"
     match: str = "match_features"
+
+
+TableChoice = Literal["auto", "largest", "highest"] | Annotated[int, Field(ge=1, le=100)]
+"""Which level plane of the photo is the table: by a rule, or by its number in ``scene.json``."""
+
+
+class SceneConfig(Frozen):
+    """How a photo is read.
+
+    Attributes:
+        table: ``auto``; ``largest``, the level plane with most pixels; ``highest``; or the number of one of
+            ``frame.planes`` in ``scene.json``.
+    """
+
+    table: TableChoice = "auto"
 
 
 class SegmentConfig(Frozen):
@@ -158,6 +173,7 @@ class Config(Frozen):
     reply_retries: int = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
     tools: ToolsConfig = ToolsConfig()
+    scene: SceneConfig = SceneConfig()
     segment: SegmentConfig = SegmentConfig()
     depth: DepthConfig = DepthConfig()
     match: MatchConfig = MatchConfig()

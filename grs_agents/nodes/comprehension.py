@@ -25,6 +25,7 @@ from grs_agents.scene import (
     SceneDescription,
     SceneObject,
     TableFrame,
+    doubts,
     place_robot,
     read_scene,
     save_candidates,
@@ -48,9 +49,9 @@ def read(state: RunState, services: Services) -> Update:
 @node
 def find_table(state: RunState, services: Services) -> Update:
     """Find the table's plane and lay a frame on it; the robot is placed once the objects are known."""
-    table = table_in(services.photo(state), np.random.default_rng(services.config.seed))
-    notes = [table.note] if table.origin == "calibrated" and table.note else []
-    return {"table": table.model_dump(mode="json"), "notes": [*state["notes"], *notes]}
+    config = services.config
+    table = table_in(services.photo(state), np.random.default_rng(config.seed), config.scene.table)
+    return {"table": table.model_dump(mode="json"), "notes": [*state["notes"], *doubts(table)]}
 
 
 @node
@@ -153,7 +154,7 @@ def settle(state: RunState, services: Services) -> Update:
         services.log.append(Note(level="warning", text=warning))
     if not stood.objects:
         raise InputError(
-            f"{state['scene_path']}: none of {len(records)} segments is an object",
+            "; ".join([f"{state['scene_path']}: none of {len(records)} segments is an object", *doubts(_table(state))]),
             "put objects of at least 2 cm on the table, or name another model for describe and match",
         )
     scene = SceneDescription(

@@ -25,7 +25,7 @@ from grs_agents.scene.registration import Registered, cost_of, register
 from grs_agents.scene.relations import Body, body_of, relations
 from grs_agents.scene.segmentation import segment
 from grs_agents.scene.surroundings import Surroundings
-from grs_agents.scene.table import find_table
+from grs_agents.scene.table import doubts, find_table
 from grs_agents.scene.types import (
     Aabb,
     Candidate,
@@ -81,6 +81,7 @@ __all__ = [
     "clipped",
     "cost_of",
     "deviation",
+    "doubts",
     "explained",
     "find_table",
     "found_later",

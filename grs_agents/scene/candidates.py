@@ -26,7 +26,7 @@ from grs_agents.scene.geometry import (
     within,
 )
 from grs_agents.scene.rim import rim_of
-from grs_agents.scene.table import as_matrix, robot_points_at
+from grs_agents.scene.table import as_matrix, doubts, robot_points_at
 from grs_agents.scene.types import Aabb, Candidate, Solid, TableFrame, UprightBox
 
 LARGEST = 0.5
@@ -70,11 +70,19 @@ def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[
         found.append(candidate)
     if not found and giant is not None:
         raise InputError(
-            f"{frame.source}: one thing of {giant[0]:.2f} x {giant[1]:.2f} x {giant[2]:.2f} m fills the table",
+            "; ".join(
+                [
+                    f"{frame.source}: one thing of {giant[0]:.2f} x {giant[1]:.2f} x {giant[2]:.2f} m fills the table",
+                    *doubts(table),
+                ]
+            ),
             f"photograph objects of at most {LARGEST} m",
         )
     if not found:
-        raise InputError(f"{frame.source}: found nothing on the table", "put objects of at least 2 cm on it")
+        raise InputError(
+            "; ".join([f"{frame.source}: found nothing on the table", *doubts(table)]),
+            "put objects of at least 2 cm on it",
+        )
     return tuple(found)
 
 

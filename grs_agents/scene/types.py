@@ -43,6 +43,22 @@ class UprightBox(Frozen):
     yaw: float
 
 
+class LevelPlane(Frozen):
+    """A level plane of the photo that may be the table.
+
+    Attributes:
+        number: from 1, the lowest plane first; ``scene.table`` takes it.
+        height: of its middle over the plane that was taken for the table, metres.
+        share: of the measured pixels that lie on it.
+        taken: whether it was taken for the table.
+    """
+
+    number: int
+    height: float
+    share: float
+    taken: bool
+
+
 class TableFrame(Frozen):
     """The robot frame and how it was found.
 
@@ -53,6 +69,7 @@ class TableFrame(Frozen):
         inliers: share of the measured pixels that lie on the table.
         height: z of the table top in the robot frame, metres; 0 when laid on it.
         note: what a reader should know.
+        planes: the level planes that may be the table, the lowest first; empty where none were looked for.
     """
 
     T_robot_cam: Matrix
@@ -61,6 +78,7 @@ class TableFrame(Frozen):
     inliers: float
     height: float = 0.0
     note: str = ""
+    planes: tuple[LevelPlane, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,13 @@ import numpy as np
 import pytest
 
 from tests.cli.command import grs
+from tests.scene.conftest import Thing, render
+from tests.scene.room import write
+
+ABOVE = (-0.6, 0.0, 1.35)
+LOW_TABLE = Thing("box", (0.5, 0.0), (0.5, 0.7, 0.5))
+CAN = Thing("cylinder", (0.45, 0.0), (0.12, 0.12, 0.13), bottom=0.5)
+"""On that table, of a size that nothing in the library has."""
 
 
 @pytest.fixture(scope="module")
@@ -61,3 +68,29 @@ def test_a_calibrated_camera_far_away_leaves_objects_out_of_reach(tmp_path: Path
     away = {one["name"] for one in told["objects"] if not one["reachable"]}
     assert away
     assert {line.split()[0] for line in told["warnings"] if "out of the arm's reach" in line} == away
+
+
+def test_the_table_is_told_and_can_be_chosen(tmp_path: Path) -> None:
+    write(render((LOW_TABLE, CAN), eye=ABOVE).frame, tmp_path / "low")
+    told = comprehended(tmp_path, "low")
+    assert len(told["objects"]) == 1
+    assert [(plane["number"], plane["taken"]) for plane in told["frame"]["planes"]] == [(1, False), (2, True)]
+    assert any("--set scene.table=1" in warning for warning in told["warnings"])
+    done = grs("scene", "low", "--out", "floor", "--set", "scene.table=largest", folder=tmp_path)
+    assert done.returncode == 2
+    assert "fills the table" in done.stderr
+    assert "--set scene.table=2" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("things", "setting", "problem"),
+    [((), "scene.table=highest", "found nothing on the table"), ((CAN,), "match.proxies=false", "none of 1 segments")],
+)
+def test_nothing_found_on_a_doubtful_table_names_the_doubt(
+    tmp_path: Path, things: tuple[Thing, ...], setting: str, problem: str
+) -> None:
+    write(render((LOW_TABLE, *things), eye=ABOVE).frame, tmp_path / "low")
+    done = grs("scene", "low", "--out", "run", "--set", setting, folder=tmp_path)
+    assert done.returncode == 2
+    assert problem in done.stderr
+    assert "--set scene.table=1" in done.stderr

@@ -1,15 +1,17 @@
 """The table's plane and the frame laid on it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from grs_agents.config import TableChoice
 from grs_agents.errors import InputError
-from grs_agents.scene import find_table, read_scene
+from grs_agents.scene import RGBDFrame, doubts, find_table, read_scene, segment
 from grs_agents.scene.table import projected, robot_points, robot_points_at
-from tests.scene.conftest import Rendered, Thing, render
+from tests.scene.conftest import Rendered, Thing, look_at, render
 from tests.twin.photo import LIBRARY, MILK, photo_of, standing
 
 
@@ -17,7 +19,7 @@ def test_a_calibrated_frame_is_kept(rendered: Rendered) -> None:
     table = find_table(rendered.frame, np.random.default_rng(0))
     assert table.origin == "calibrated"
     assert table.height == pytest.approx(0, abs=0.002)
-    assert np.allclose(table.T_robot_cam, rendered.frame.camera.T_robot_cam, atol=0.002)
+    assert np.allclose(table.T_robot_cam, np.array(rendered.frame.camera.T_robot_cam), atol=0.002)
 
 
 def test_a_frame_without_calibration_agrees_with_the_calibrated_one(rendered: Rendered) -> None:
@@ -67,3 +69,127 @@ def test_projected_points_are_where_their_pixels_are() -> None:
     x, y, depth = projected(robot_points_at(frame, table, rows, columns), frame.camera, table)
     assert np.allclose(x, columns) and np.allclose(y, rows)
     assert np.allclose(depth, frame.depth[rows, columns])
+
+
+EYE = (-0.6, 0.0, 1.35)
+TOP = 0.5
+LOW_TABLE = Thing("box", (0.5, 0.0), (0.5, 0.7, TOP))
+ON_IT = (
+    Thing("box", (0.45, 0.2), (0.1, 0.12, 0.12), bottom=TOP),
+    Thing("cylinder", (0.42, -0.02), (0.08, 0.08, 0.1), bottom=TOP),
+    Thing("box", (0.4, -0.2), (0.08, 0.09, 0.08), bottom=TOP),
+)
+
+
+@pytest.fixture(scope="module")
+def low_table() -> Rendered:
+    """A table of 0.5 m with three things on it, before more floor than table."""
+    return render((LOW_TABLE, *ON_IT), eye=EYE)
+
+
+def table_top(height: float, frame: RGBDFrame) -> RGBDFrame:
+    """The frame calibrated, with the robot's z = 0 at ``height`` over the floor."""
+    pose = look_at(EYE, (0.5, 0.0, 0.0))
+    pose[2, 3] -= height
+    return calibrated(frame, pose)
+
+
+def calibrated(frame: RGBDFrame, pose: np.ndarray) -> RGBDFrame:
+    matrix = tuple(tuple(float(value) for value in row) for row in pose)
+    return replace(frame, camera=frame.camera.model_copy(update={"T_robot_cam": matrix}))
+
+
+def test_a_loaded_plane_well_above_the_floor_is_the_table(low_table: Rendered) -> None:
+    table = find_table(low_table.frame, np.random.default_rng(0))
+    assert table.T_robot_cam[2][3] == pytest.approx(EYE[2] - TOP, abs=0.01)
+    assert segment(low_table.frame, table).max() == len(ON_IT)
+    floor, top = table.planes
+    assert (floor.number, floor.taken, top.number, top.taken) == (1, False, 2, True)
+    assert floor.share > top.share
+    assert floor.height == pytest.approx(-TOP, abs=0.02)
+    assert top.height == pytest.approx(0, abs=0.005)
+    assert any("scene.table=1" in one for one in doubts(table))
+
+
+@pytest.mark.parametrize(("choice", "height"), [("largest", 0.0), ("highest", TOP), (1, 0.0), (2, TOP)])
+def test_the_user_chooses_the_plane(low_table: Rendered, choice: TableChoice, height: float) -> None:
+    table = find_table(low_table.frame, np.random.default_rng(0), choice)
+    assert table.T_robot_cam[2][3] == pytest.approx(EYE[2] - height, abs=0.01)
+
+
+def test_a_plane_that_is_not_there_is_refused_with_those_that_are(low_table: Rendered) -> None:
+    with pytest.raises(InputError, match=r"scene\.table = 3.* 1 \(.*, 2 \(") as caught:
+        find_table(low_table.frame, np.random.default_rng(0), 3)
+    assert "auto" in caught.value.remedy
+
+
+def test_a_bare_plane_above_another_is_no_table() -> None:
+    beside = Thing("box", (0.2, 0.0), (0.06, 0.06, 0.1))
+    scene = render((Thing("box", (0.6, 0.0), (0.5, 0.7, TOP)), beside), eye=EYE)
+    table = find_table(scene.frame, np.random.default_rng(0))
+    assert table.T_robot_cam[2][3] == pytest.approx(EYE[2], abs=0.01)
+    assert any("scene.table=2" in one for one in doubts(table))
+
+
+@pytest.mark.parametrize("height", [0.0, TOP])
+def test_calibration_says_which_plane_is_the_table(low_table: Rendered, height: float) -> None:
+    table = find_table(table_top(height, low_table.frame), np.random.default_rng(0))
+    assert table.T_robot_cam[2][3] == pytest.approx(EYE[2] - height, abs=0.005)
+    assert table.height == pytest.approx(0, abs=0.005)
+    assert not doubts(table)
+
+
+def test_one_table_alone_leaves_no_doubt(rendered: Rendered) -> None:
+    table = find_table(rendered.frame, np.random.default_rng(0))
+    assert [plane.taken for plane in table.planes] == [True]
+    assert not doubts(table)
+
+
+def test_a_tilted_calibration_is_right_under_the_objects(rendered: Rendered) -> None:
+    """A degree of tilt about the camera is 15 mm at the table below the objects, and none below the camera."""
+    angle = np.deg2rad(1.0)
+    tilt = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    pose = np.array(rendered.frame.camera.T_robot_cam)
+    pose[:3, :3] = tilt @ pose[:3, :3]
+    frame = calibrated(rendered.frame, pose)
+    table = find_table(frame, np.random.default_rng(0))
+    ground = robot_points(frame, table)[(rendered.labels == 0) & (frame.depth > 0)]
+    assert float(np.median(ground[:, 2])) == pytest.approx(0, abs=0.003)
+    assert segment(frame, table).max() == len(rendered.things)
+
+
+def inverse(pose: np.ndarray) -> np.ndarray:
+    return np.linalg.inv(pose)
+
+
+def opengl(pose: np.ndarray) -> np.ndarray:
+    return pose @ np.diag((1.0, -1.0, -1.0, 1.0))
+
+
+def view_matrix(pose: np.ndarray) -> np.ndarray:
+    return inverse(opengl(pose))
+
+
+@pytest.mark.parametrize(
+    ("mistake", "words", "remedy"),
+    [
+        (inverse, "is the inverse, from the robot frame", "give its inverse"),
+        (opengl, "has OpenGL's camera axes", "negate its second and third columns"),
+        (view_matrix, "view matrix", "inverse with the second and third columns negated"),
+    ],
+)
+def test_the_usual_mistake_in_a_calibration_is_named(
+    rendered: Rendered, mistake: Callable[[np.ndarray], np.ndarray], words: str, remedy: str
+) -> None:
+    wrong = mistake(np.array(rendered.frame.camera.T_robot_cam))
+    with pytest.raises(InputError, match=words) as caught:
+        find_table(calibrated(rendered.frame, wrong), np.random.default_rng(0))
+    assert remedy in caught.value.remedy
+
+
+def test_a_calibration_that_no_usual_mistake_explains_is_only_refused(rendered: Rendered) -> None:
+    pose = np.array(rendered.frame.camera.T_robot_cam)
+    pose[2, 3] += 0.4
+    with pytest.raises(InputError, match=r"z = \+0\.4") as caught:
+        find_table(calibrated(rendered.frame, pose), np.random.default_rng(0))
+    assert "probably" not in str(caught.value)
