@@ -1,5 +1,6 @@
 """What several test folders share: the sample scene and a small one."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,6 +23,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What one run keeps for the next is shared by the session's processes, and does not go to the user's folder."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+        yield
+
+
 @pytest.fixture(scope="session")
 def sample_scene() -> Path:
     """The scene that ships with GRS."""
@@ -40,8 +52,6 @@ def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def _no_user_configuration(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Tests see neither the user's keys nor a ``GRS_*`` environment."""
-    import os
-
     for name in list(os.environ):
         if name.startswith("GRS_") or name.endswith("_API_KEY"):
             monkeypatch.delenv(name)

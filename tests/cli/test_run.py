@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -132,12 +133,13 @@ def test_a_terminated_run_says_so_and_a_tampered_checkpoint_runs_nothing(tmp_pat
     assert json.loads((out / "run.json").read_text())["status"] != "running"
 
 
-def test_a_damaged_log_does_not_leave_it_running(tmp_path: Path, small_scene: Path) -> None:
-    done = grs("run", str(small_scene), "--out", "run", "--set", "graph=no_fix", "--json", folder=tmp_path)
-    record = {**json.loads(done.stdout), "status": "interrupted"}
-    (tmp_path / "run" / "run.json").write_text(json.dumps(record))
+def test_a_damaged_log_does_not_leave_it_running(
+    tmp_path: Path, accepted: tuple[Path, dict[str, Any]], sample_scene: Path
+) -> None:
+    shutil.copytree(accepted[0], tmp_path / "run")
+    (tmp_path / "run" / "run.json").write_text(json.dumps({**accepted[1], "status": "interrupted"}))
     (tmp_path / "run" / "events.jsonl").write_text("nonsense\nmore\n")
-    done = grs("run", str(small_scene), "--out", "run", "--resume", folder=tmp_path)
+    done = grs("run", str(sample_scene), "--out", "run", "--resume", folder=tmp_path)
     assert done.returncode == 2
     assert "events.jsonl line 1" in done.stderr
     assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "failed"

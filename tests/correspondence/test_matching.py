@@ -1,5 +1,6 @@
 """Matching by features and by a model, on a small synthesised scene with its true masks."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from grs_agents.correspondence.matching import by_features, offered
 from grs_agents.correspondence.types import MatchRequest, Segment
 from grs_agents.errors import ConfigError
 from grs_agents.library import Library
+from grs_agents.library.asset import Manifest
 from grs_agents.scene import MatchEvidence, Shown
 from grs_agents.synth import Recipe
 from tests.correspondence.photo import request_of, unasked
@@ -80,16 +82,22 @@ def test_the_hybrid_shows_five(photo: tuple[MatchRequest, dict[int, str]]) -> No
     assert [one.match for one in found.values()] == ["no_object"]
 
 
-def test_clip_takes_the_most_similar_or_none(photo: tuple[MatchRequest, dict[int, str]]) -> None:
+def test_clip_takes_the_most_similar_or_none(photo: tuple[MatchRequest, dict[int, str]], tmp_path: Path) -> None:
     request, _ = photo
-    few = Library(*LIBRARY.roots)
+    names = ("HOPE/Corn.urdf", "HOPE/Milk.urdf", "HOPE/Mustard.urdf")  # drawing all assets takes 13 s
+    shutil.copytree(LIBRARY.roots[0] / "HOPE", tmp_path / "HOPE")
+    manifest = Manifest(assets=tuple(LIBRARY.asset(name) for name in names))
+    (tmp_path / "manifest.json").write_text(manifest.model_dump_json())
+    few = Library(tmp_path)
 
     def colors(pictures: "list[np.ndarray]") -> np.ndarray:
         means = np.array([picture.reshape(-1, 3).mean(axis=0) for picture in pictures]) + 1.0
         return means / np.linalg.norm(means, axis=1, keepdims=True)
 
     alike = by_clip(request, few, colors).matches
-    assert all(one.match == "asset" and one.scores[one.asset or ""] >= 0.5 for one in alike.values())
+    assert all(
+        one.match == "asset" and one.scores[one.asset or ""] >= 0.5 and one.asset in names for one in alike.values()
+    )
 
     def opposite(pictures: "list[np.ndarray]") -> np.ndarray:
         return colors(pictures) * (-1.0 if len(pictures) == len(request.segments) else 1.0)
