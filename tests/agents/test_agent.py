@@ -126,7 +126,6 @@ def test_a_picture_that_cannot_be_read_is_the_users_affair(tmp_path: Path) -> No
 def test_a_role_without_a_model_of_its_own_is_served_by_the_default(tmp_path: Path) -> None:
     local = ModelConfig(model="openai:any", base_url="http://127.0.0.1:9/v1")
     config = Config(models={"default": ModelConfig(model="offline"), "simulation": local})
-    pytest.importorskip("langchain_openai")
     agents = Agents(config, EventLog(tmp_path / "events.jsonl"), tmp_path)
     assert agents.model("route") is agents.model("tests")
     assert agents.model("simulation") is not agents.model("route")

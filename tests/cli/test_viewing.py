@@ -102,7 +102,7 @@ def listens(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere there is always a display")
+@needs("64-bit linux")  # elsewhere there is always a display
 @pytest.mark.parametrize(("verb", "remedy"), [("play", "--out film.mp4"), ("replay", "--web")])
 def test_without_a_display_the_user_is_told_what_to_do(
     run: Path, monkeypatch: pytest.MonkeyPatch, verb: str, remedy: str
