@@ -93,10 +93,17 @@ def state(tmp_path: Path) -> RunState:
     cv2.imwrite(str(tmp_path / "scene" / "annotated.png"), np.full((24, 32, 3), 90, np.uint8))
     frame = {"T_robot_cam": np.eye(4).tolist(), "origin": "calibrated", "residual": 0.0, "inliers": 1.0}
     image = "scene/annotated.png"
-    scene = {"source": "s", "image": image, "frame": frame}
-    scene["objects"] = [block(color, number) for number, color in enumerate(BLOCKS, 1)]
+    objects = [block(color, number) for number, color in enumerate(BLOCKS, 1)]
+    scene: dict[str, Any] = {"source": "s", "image": image, "frame": frame, "objects": objects}
     programs = {"simulation": SIMULATION, "simulation_version": 1, "tests": TESTS, "tests_version": 1}
-    begin = {"scene_path": "s", "max_fixes": 2, "fixes": 0, "history": [], "image": image, "scene": scene}
+    begin: dict[str, Any] = {
+        "scene_path": "s",
+        "max_fixes": 2,
+        "fixes": 0,
+        "history": [],
+        "image": image,
+        "scene": scene,
+    }
     return cast(RunState, {**begin, "task": TASK, **programs})
 
 

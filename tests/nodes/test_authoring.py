@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +13,7 @@ from grs_agents.state import RunState
 from tests.nodes.conftest import SIMULATION, TASK, TESTS, Make, fenced, kinds, run, with_
 
 REPORT = {"outcome": "failed", "cases": [{"id": "T.test_a", "outcome": "failed", "message": "1 != 2"}]}
-AUDIT = {"accepted": False, "findings": [], "changes": [], "rollouts": [], "rewards": []}
+AUDIT: dict[str, Any] = {"accepted": False, "findings": [], "changes": [], "rollouts": [], "rewards": []}
 BETTER = SIMULATION.replace("self.max_steps = 6", "self.max_steps = 8")
 
 
