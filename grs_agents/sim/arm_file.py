@@ -1,5 +1,6 @@
 """A user's own arm: an MJCF file with a serial chain of hinges and slides, to whose end the suction cup is fixed."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,6 +20,10 @@ LARGEST: Final = 4_000_000
 _MOST_JOINTS: Final = 12
 _PREFIX: Final = "arm_"
 _STIFFNESS, _TORQUE = 3000.0, 200.0
+_QUARTERS: Final = (0.0, np.pi / 2, np.pi, -np.pi / 2)
+"""How the cup may be fixed, radians about its own axis: it is round, so any turn serves."""
+_ROOM: Final = np.pi / 2
+"""Radians that the last joint should have to both of its limits while the arm waits: then no other turn is tried."""
 
 
 def load_arm(path: Path) -> Arm:
@@ -31,12 +36,32 @@ def load_arm(path: Path) -> Arm:
     chain = _chain(spec, path)
     guess = _home(spec, chain, path)
 
-    def add(world: Any) -> None:
-        _attach(world, _parse(path), path)
+    best: Arm | None = None
+    refusal: InputError | None = None
+    for turn in _QUARTERS:
+        arm = Arm(str(path), _adder(path, turn), guess)
+        try:
+            arm.home.setflags(write=False)  # looked for now, so that an arm of no use is refused before it is used
+        except InputError as error:
+            refusal = refusal or error
+            continue
+        if best is None or _room(arm) > _room(best) + 1e-3:
+            best = arm
+        if _room(best) >= _ROOM:
+            break
+    if best is None:
+        assert refusal is not None, "an arm was neither found nor refused"
+        raise refusal
+    return best
 
-    arm = Arm(str(path), add, guess)
-    arm.home.setflags(write=False)  # looked for now, so that an arm of no use is refused before it is used
-    return arm
+
+def _adder(path: Path, turn: float) -> Callable[[Any], None]:
+    return lambda world: _attach(world, _parse(path), path, turn)
+
+
+def _room(arm: Arm) -> float:
+    """How far the last joint of the waiting arm is from the nearer of its limits, radians or metres."""
+    return float(min(arm.home[-1] - arm.low[-1], arm.high[-1] - arm.home[-1]))
 
 
 def _parse(path: Path) -> Any:
@@ -102,13 +127,18 @@ def _home(spec: Any, chain: list[Any], path: Path) -> FloatArray:
     return np.array([float(positions[model.joint(joint.name).qposadr[0]]) for joint in chain])
 
 
-def _attach(world: Any, spec: Any, path: Path) -> None:
-    """Add the arm to a world: limits, no weight, position actuators, the cup; what is off the chain stands still."""
+def _attach(world: Any, spec: Any, path: Path, turn: float) -> None:
+    """Add the arm to a world: limits, no weight, position actuators, the cup; what is off the chain stands still.
+
+    The cup is turned by ``turn`` (radians) about its own axis.
+    """
     chain = _chain(spec, path)
     carrier, site = _tip(spec, path)
     names = [str(joint.name) for joint in chain]
     torques = [_strongest(spec, name) for name in names]
     place = (tuple(site.pos), tuple(site.quat)) if site is not None else ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    quaternion = np.empty(4)
+    mujoco.mju_mulQuat(quaternion, np.array(place[1]), np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)]))
     carrier.name = carrier.name or "carrier"
     for elements in (spec.keys, spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.lights, spec.cameras):
         for element in list(elements):
@@ -125,7 +155,7 @@ def _attach(world: Any, spec: Any, path: Path) -> None:
         geom.group, geom.contype, geom.conaffinity = 1, ROBOT_CONTYPE if solid else 0, 0
     end = f"{_PREFIX}{carrier.name}"
     world.attach(spec, prefix=_PREFIX, frame=world.worldbody.add_frame())
-    add_tool(world.body(end), *place)
+    add_tool(world.body(end), place[0], tuple(quaternion))
     for name, torque in zip(names, torques, strict=True):
         add_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torque)
 

@@ -51,6 +51,21 @@ def gantry(tmp_path_factory) -> str:
     return str(file)
 
 
+@pytest.mark.parametrize("turn", [0.0, 1.57, 3.0, np.pi, -2.5])
+def test_a_wrist_of_one_turn_serves_however_the_flange_is_turned(turn, tmp_path) -> None:
+    site = f'<site name="attachment_site" pos="0 0 0.02" quat="{np.cos(turn / 2)} 0 0 {np.sin(turn / 2)}"/>'
+    source = GANTRY.replace('range="-6 6"', 'range="-3.14 3.14"')
+    source = source.replace('<site name="attachment_site" pos="0 0 0.02"/>', site)
+    file = tmp_path / "arm.xml"
+    file.write_text(source)
+    env = block_at(0.4, -0.3, str(file))
+    half = np.sin(np.pi / 4)
+    result = env.pick_place(at(0.4, -0.3, 0.04), ((0.5, 0.3, 0.04), (0.0, 0.0, half, half)))
+    assert result.note == "placed"
+    assert abs(np.dot(env.get_object_pose(1)[1], (0.0, 0.0, half, half))) > 0.999
+    assert min(env.arm.home[-1] + 3.14, 3.14 - env.arm.home[-1]) > 1.5
+
+
 @pytest.fixture(params=["ur5e", "panda", "gantry"])
 def robot(request, gantry) -> str:
     return gantry if request.param == "gantry" else request.param
