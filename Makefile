@@ -7,7 +7,9 @@ STAMP := $(VENV)/.installed
 DOCS_STAMP := $(VENV)/.installed-docs
 SCENE ?= groceries
 PYTEST_OPTIONS ?= -n 2 --dist loadfile
-PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# On a terminal pip shows what it fetches.
+QUIET := $(shell test -t 2 || echo --quiet)
+PIP_INSTALL := $(BIN)/python -m pip install $(QUIET) --disable-pip-version-check
 
 .DELETE_ON_ERROR:
 .PHONY: help setup demo test coverage check format smoke docs lock clean

@@ -72,9 +72,11 @@ def _as_in(run: Path, chosen: Effective) -> Config:
 
 def _print(report: TestReport | None, audit: AuditReport, accepted: bool) -> None:
     console = Console()
-    table = Table("check", "result", "detail", title="accepted" if accepted else "rejected")
-    for case in report.cases if report is not None else ():
-        table.add_row(*map(Text, (case.id, case.outcome, case.message)))
+    table = Table(box=None, pad_edge=False, header_style="bold", title="accepted" if accepted else "rejected")
+    for column in ("check", "result", "detail"):
+        table.add_column(column, overflow="fold", no_wrap=column != "detail")
+    for case in report.cases if report is not None else ():  # their class is the same for all, and long
+        table.add_row(*map(Text, (case.id.rpartition(".")[2], case.outcome, case.message)))
     if report is not None and not report.cases:
         table.add_row(*map(Text, ("tests", report.outcome, report.message)))
     for finding in audit.findings:

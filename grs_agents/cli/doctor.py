@@ -5,8 +5,10 @@ import os
 import subprocess
 import sys
 from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, metadata, requires, version
 from typing import Literal
 
+from packaging.requirements import Requirement
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -18,7 +20,10 @@ from grs_agents.run import versions
 from grs_agents.run.isolation import open_sandbox
 from grs_agents.sandbox import REMEDIES, Choice, Limits, SandboxError, candidates
 from grs_agents.toolkit import ToolContext, load_tool
+from grs_agents.views import working
 
+_DISTRIBUTION = "grs-agents"
+_STYLES = {"works": "green", "absent": "", "not installed": "", "no key": "yellow", "broken": "red"}
 GL_BACKENDS = {"egl": "libegl1", "osmesa": "libosmesa6"}
 
 
@@ -28,13 +33,13 @@ class Diagnosis:
 
     Attributes:
         subject: what.
-        state: ``works``, ``absent`` (optional) or ``broken`` (needed).
+        state: ``works``; ``absent``, ``not installed`` or ``no key`` (all optional); ``broken`` (needed).
         detail: what was found.
         remedy: how to get it.
     """
 
     subject: str
-    state: Literal["works", "absent", "broken"]
+    state: Literal["works", "absent", "not installed", "no key", "broken"]
     detail: str
     remedy: str = ""
 
@@ -45,17 +50,24 @@ def diagnose(as_json: bool) -> int:
     Returns:
         0 if everything that GRS needs works, 3 if not.
     """
-    found = [*_sandboxes(), *(_gl(name) for name in GL_BACKENDS), *(_provider(name) for name in PROVIDERS)]
-    found.insert(0, Diagnosis("model offline", "works", "embedded, no key"))
+    found = [Diagnosis("models offline", "works", "embedded, no key")]
+    with working("looking at models and packages") as show:
+        found += [*(_provider(name) for name in PROVIDERS), *_extras()]
+        show("attacking the sandboxes")
+        found += _sandboxes()
+        show("drawing with OpenGL")
+        found += [_gl(name) for name in GL_BACKENDS]
     found += [Diagnosis(name, "works", value) for name, value in versions().items()]
     if as_json:
         print(json.dumps([asdict(one) for one in found], indent=2))
     else:
-        table = Table("what", "state")
-        table.add_column("found", overflow="fold")
-        table.add_column("how to get it", overflow="fold")
+        table = Table(box=None, pad_edge=False, header_style="bold")
+        table.add_column("what", no_wrap=True)
+        table.add_column("state", no_wrap=True)
+        table.add_column("found, and how to get it", overflow="fold")
         for one in found:
-            table.add_row(*map(Text, (one.subject, one.state, one.detail, one.remedy)))
+            told = f"{one.detail}\n→ {one.remedy}" if one.remedy else one.detail
+            table.add_row(Text(one.subject), Text(one.state, style=_STYLES[one.state]), Text(told))
         Console().print(table)
     return 3 if any(one.state == "broken" for one in found) else 0
 
@@ -104,9 +116,43 @@ def _gl(name: str) -> Diagnosis:
 def _provider(name: str) -> Diagnosis:
     provider = PROVIDERS[name]
     key = provider.key_variable
+    told = (f", {key} is set" if os.environ.get(key) else f", {key} is not set") if key else ", needs no key"
     if not installed(name):
-        remedy = f'pip install "grs-agents[{provider.extra}]"'
-        return Diagnosis(f"models {name}", "absent", "extra not installed", remedy)
+        remedy = _install(provider.extra)
+        return Diagnosis(f"models {name}", "not installed", f"the package {provider.module} is missing{told}", remedy)
     if key and not os.environ.get(key):
-        return Diagnosis(f"models {name}", "absent", "installed, no key", f"export {key}=...")
-    return Diagnosis(f"models {name}", "works", "installed" + (f", {key} is set" if key else ""))
+        return Diagnosis(f"models {name}", "no key", f"the package is installed{told}", f"export {key}=...")
+    return Diagnosis(f"models {name}", "works", f"the package is installed{told}")
+
+
+def _extras() -> list[Diagnosis]:
+    """Whether the packages of each extra are here, in a version that it takes."""
+    declared = metadata(_DISTRIBUTION).get_all("Provides-Extra") or []
+    wanted = [Requirement(text) for text in requires(_DISTRIBUTION) or ()]
+    return [_extra(name, [one for one in wanted if _is_of(one, name)]) for name in declared]
+
+
+def _extra(name: str, wanted: list[Requirement]) -> Diagnosis:
+    missing = [f"{one.name}{one.specifier}" for one in wanted if not one.specifier.contains(_version(one.name))]
+    if missing:
+        detail = f"missing: {', '.join(missing)}"
+        return Diagnosis(f"extra {name}", "not installed", detail, _install(name))
+    return Diagnosis(f"extra {name}", "works", ", ".join(f"{one.name} {_version(one.name)}" for one in wanted))
+
+
+def _is_of(wanted: Requirement, extra: str) -> bool:
+    """Whether an extra asks for this package and the package itself does not."""
+    marker = wanted.marker
+    return marker is not None and marker.evaluate({"extra": extra}) and not marker.evaluate({"extra": ""})
+
+
+def _version(package: str) -> str:
+    """The version that is installed; one that nothing takes if there is none."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "0.dev0"
+
+
+def _install(extra: str) -> str:
+    return f'pip install "{_DISTRIBUTION}[{extra}]"'

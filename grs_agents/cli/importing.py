@@ -111,21 +111,35 @@ def chosen_assets(library: Path | None, names: Sequence[str], shipped: bool) -> 
     return known, found
 
 
+_WIDE = 120
+"""Columns of a terminal from which a description fits beside name, size, mass and licence."""
+
+
 def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> None:
     """Print assets as a table or JSON."""
     _, assets = chosen_assets(library, names, shipped)
     if as_json:
         print(json.dumps([asset.model_dump(mode="json") for asset in assets], indent=2))
         return
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in ("name", "size (cm)", "mass", "from", "licence", "what it is"):
+    console = Console()
+    columns = ["name", "size (cm)", "mass", "from"]
+    columns += ["licence"] if any(asset.origin is not None for asset in assets) else []
+    columns += ["what it is"] if console.width >= _WIDE else []
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    for column in columns:
         table.add_column(column, overflow="fold", no_wrap=column in ("size (cm)", "mass"))
     for asset in assets:
-        size = " x ".join(f"{100 * extent:.1f}" for extent in asset.size)
-        mass, license_ = asset.physical().mass, asset.origin.license if asset.origin is not None else ""
-        row = (asset.name, size, f"{1000 * mass.value:.0f} g", mass.provenance, license_, asset.description)
-        table.add_row(*map(Text, row))
-    Console().print(table)
+        mass = asset.physical().mass
+        cells = {
+            "name": asset.name,
+            "size (cm)": "x".join(f"{100 * extent:.1f}" for extent in asset.size),
+            "mass": f"{1000 * mass.value:.0f} g",
+            "from": mass.provenance,
+            "licence": asset.origin.license if asset.origin is not None else "",
+            "what it is": asset.description,
+        }
+        table.add_row(*(Text(cells[column]) for column in columns))
+    console.print(table)
 
 
 def show_library(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:

@@ -107,10 +107,12 @@ def _viewed(recording: Path, web: bool) -> int:
 
 def _recording(folder: Path, temporary: Path) -> Path:
     """The recording of a run; of one that was cut short or still goes on, a copy that holds its last event too."""
+    from grs_agents.views import working
     from grs_agents.views.rerun_view import record
 
     events = read_events(folder / "events.jsonl")
-    if events and not isinstance(events[-1], RunEnded) and record(folder, Library(), temporary / "trace.rrd"):
-        return temporary / "trace.rrd"
-    recording = folder / "trace.rrd"
-    return recording if recording.is_file() else rebuilt(folder)
+    with working("making the recording"):
+        if events and not isinstance(events[-1], RunEnded) and record(folder, Library(), temporary / "trace.rrd"):
+            return temporary / "trace.rrd"
+        recording = folder / "trace.rrd"
+        return recording if recording.is_file() else rebuilt(folder)

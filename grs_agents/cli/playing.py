@@ -28,12 +28,14 @@ def play_run(folder: Path, out: Path | None, seed: int | None) -> int:
         InputError: the folder holds no run with such a rollout, or the file cannot be written.
         GrsError: there is nothing to draw with.
     """
+    from grs_agents.views import working
     from grs_agents.views.film import rollout_of, watch, write_film
 
     record = read_record(folder)
     shot = shot_of(folder, record, rollout_of(read_events(folder / "events.jsonl"), folder, seed))
     if out is None:
         return watch(shot)
-    frames = write_film(shot, out)
+    with working("drawing the film") as show:
+        frames = write_film(shot, out, show=show)
     print(f"{out}: seed {shot.event.seed}, {frames} frames, {out.stat().st_size / 2**20:.1f} MiB")
     return 0

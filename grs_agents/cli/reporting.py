@@ -1,5 +1,6 @@
 """``grs report``."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from grs_agents.cli.looking import library_of
@@ -8,8 +9,13 @@ from grs_agents.run import read_record
 from grs_agents.trace import read_events
 
 
-def write_report(folder: Path, out: Path | None) -> Path:
+def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) -> Path:
     """Write a run as one HTML page, ``report.html`` in its folder if nothing else is named.
+
+    Args:
+        folder: the run.
+        out: the page.
+        show: is told what comes next.
 
     Raises:
         InputError: the folder holds no run, or the page cannot be written.
@@ -18,12 +24,15 @@ def write_report(folder: Path, out: Path | None) -> Path:
     from grs_agents.views.report_pictures import Sources
 
     record = read_record(folder)
-    sources = Sources(folder, library_of(folder), str(record.config.get("robot", "ur5e")))
+    sources = Sources(folder, library_of(folder), str(record.config.get("robot", "ur5e")), show)
     page = report(record.model_dump(mode="json"), read_events(folder / "events.jsonl"), sources)
     return write_text(out or folder / "report.html", page)
 
 
 def report_run(folder: Path, out: Path | None) -> None:
     """Write the page and say where it is."""
-    path = write_report(folder, out)
+    from grs_agents.views import working
+
+    with working("writing the report") as show:
+        path = write_report(folder, out, show)
     print(f"{path}: {path.stat().st_size / 2**20:.1f} MiB")

@@ -76,13 +76,13 @@ def _print_problem(problem: GrsError, folder: Path) -> None:
 
 def objects_table(scene: SceneDescription) -> Table:
     """The objects of a scene for a terminal: sizes in centimetres, positions in metres in the robot's frame."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     table.add_column("name", overflow="fold")
     table.add_column("asset", overflow="fold")
-    for column in ("size (cm)", "position (m)", "reachable"):
+    for column in ("size (cm)", "position (m)", "reach"):
         table.add_column(column, no_wrap=True)
     for one in scene.objects:
-        size = " x ".join(f"{100 * extent:.1f}" for extent in one.size)
+        size = "x".join(f"{100 * extent:.1f}" for extent in one.size)
         position = ", ".join(f"{value:.2f}" for value in one.position)
         table.add_row(*map(Text, (one.name, one.asset, size, position, "yes" if one.reachable else "no")))
     return table

@@ -1,5 +1,7 @@
 """``grs share``."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,12 +18,14 @@ def share_run(folder: Path, out: Path | None) -> None:
         InputError: the folder holds no run, or the file cannot be written.
         GrsError: something that must not leave could not be removed.
     """
+    from grs_agents.views import working
     from grs_agents.views.scrub import scrubber
     from grs_agents.views.share import share
 
     record = read_record(folder)
     path = out or folder.resolve().with_suffix(".zip")
-    shared = share(folder, path, scrubber(folder, _key_variables(record.config)), _make)
+    with working("removing keys and home folders") as show:
+        shared = share(folder, path, scrubber(folder, _key_variables(record.config)), partial(_make, show=show))
     print(f"{shared.path}: {shared.files} files, {shared.path.stat().st_size / 2**20:.1f} MiB")
     if shared.changed:
         print(f"paths, keys or picture comments were removed from: {', '.join(shared.changed)}")
@@ -29,8 +33,11 @@ def share_run(folder: Path, out: Path | None) -> None:
         print(f"left out: {', '.join(shared.left_out)}")
 
 
-def _make(copy: Path) -> list[Path]:
-    return [rebuilt(copy), write_report(copy, None)]
+def _make(copy: Path, show: Callable[[str], None]) -> list[Path]:
+    show("making the recording")
+    made = [rebuilt(copy), write_report(copy, None, show)]
+    show("packing")
+    return made
 
 
 def _key_variables(config: dict[str, Any]) -> list[str]:

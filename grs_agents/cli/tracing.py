@@ -19,7 +19,10 @@ def rebuild_trace(folder: Path) -> None:
     Raises:
         InputError: the folder holds no run, or the run logged nothing.
     """
-    recording = rebuilt(folder)
+    from grs_agents.views import working
+
+    with working("making the recording"):
+        recording = rebuilt(folder)
     count = len(read_events(folder / "events.jsonl"))
     print(f"{recording}: {count} events, {recording.stat().st_size / 2**20:.1f} MiB")
 

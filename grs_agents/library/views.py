@@ -212,18 +212,45 @@ def _view(painted: Painted, center: Floats, towards: Vec3, distance: float, foca
     axes, edge = camera_axes(direction), size * FINER
     local = (painted.corners - center) @ axes.T + (0.0, 0.0, distance)
     middle = (edge - 1) / 2
-    pixels = local[:, :, :2] / local[:, :, 2:] * (focal * FINER) + middle
-    buffer = rasterise(pixels, 1 / local[:, :, 2], edge, edge)
+    fine, deep = samples_of(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
+    return view_of_samples(fine, deep, direction, distance, focal)
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A pinhole camera: focal lengths and principal point in px (the centre of pixel 0 is at 0), and its picture."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+
+def samples_of(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats, Floats]:
+    """What a camera sees of triangles, in the light that comes from it.
+
+    Args:
+        painted: the triangles.
+        local: (T, 3, 3) their corners in the camera's frame, m: x right, y down, z forward and positive.
+        lens: the camera.
+
+    Returns:
+        (H, W, 4) red, green, blue and coverage in 0..1, and (H, W) depth, m; 0 where nothing is.
+    """
+    focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
+    buffer = rasterise(local[:, :, :2] / local[:, :, 2:] * focal + middle, 1 / local[:, :, 2], lens.width, lens.height)
     seen = buffer.triangle >= 0
     index, depth = buffer.triangle[seen], 1 / buffer.nearness[seen]
     rows, columns = np.nonzero(seen)
-    rays = np.stack([columns - middle, rows - middle, np.full(len(rows), focal * FINER)], axis=1) / (focal * FINER)
-    points = rays * depth[:, None]
+    rays = np.ones((len(rows), 3))
+    rays[:, :2] = (np.stack([columns, rows], axis=1) - middle) / focal
     shade = _shade(_normals(local)[index], rays)
-    fine, deep = np.zeros((edge, edge, 4)), np.zeros((edge, edge))
-    fine[seen, :3], fine[seen, 3] = _albedo(painted, index, points, local) * shade[:, None], 1.0
-    deep[seen] = depth
-    return view_of_samples(fine, deep, direction, distance, focal)
+    fine, deep = np.zeros((lens.height, lens.width, 4)), np.zeros((lens.height, lens.width))
+    fine[seen, :3] = _albedo(painted, index, rays * depth[:, None], local) * shade[:, None]
+    fine[seen, 3], deep[seen] = 1.0, depth
+    return fine, deep
 
 
 def view_of_samples(fine: Floats, deep: Floats, direction: Floats, distance: float, focal: float) -> AssetView:

@@ -6,7 +6,7 @@ The rerun view is not imported here, since importing rerun is slow: use
 
 from grs_agents.views.step_text import failed_step, find_step, sections, visible
 from grs_agents.views.steps import Step, Steps, steps
-from grs_agents.views.terminal import Progress, summary_table
+from grs_agents.views.terminal import Progress, summary_table, working
 from grs_agents.views.tree import step_record, steps_tree
 from grs_agents.views.viewer import WebAddress, live_viewer, viewer_command, viewing
 
@@ -26,4 +26,5 @@ __all__ = [
     "viewer_command",
     "viewing",
     "visible",
+    "working",
 ]

@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -141,8 +141,14 @@ def _order(shot: Shot, seconds: Sequence[float], rays: bool = False, window: boo
     return json.dumps({**files, **look, "seconds": list(seconds), "rays": rays, "window": window}).encode()
 
 
-def write_film(shot: Shot, path: Path, rate: float = 15.0) -> int:
+def write_film(shot: Shot, path: Path, rate: float = 15.0, show: Callable[[str], None] | None = None) -> int:
     """Write the rollout in real time to an .mp4 or .gif file.
+
+    Args:
+        shot: what to film.
+        path: the file.
+        rate: pictures a second.
+        show: is told how far it is.
 
     Returns:
         The number of frames.
@@ -160,9 +166,16 @@ def write_film(shot: Shot, path: Path, rate: float = 15.0) -> int:
     seconds = [frame / rate for frame in range(int(shot.motion.seconds * rate) + 1)]
     write = _write_gif if animated else _write_mp4
     try:
-        return write(pictures(shot, seconds), path, rate, shot)
+        return write(_counted(pictures(shot, seconds), len(seconds), show), path, rate, shot)
     except OSError as error:
         raise unwritable(path, error) from error
+
+
+def _counted(images: Iterator[Image], total: int, show: Callable[[str], None] | None) -> Iterator[Image]:
+    for number, image in enumerate(images, start=1):
+        if show is not None:
+            show(f"drawing frame {number} of {total}")
+        yield image
 
 
 def _write_mp4(images: Iterator[Image], path: Path, rate: float, shot: Shot) -> int:

@@ -3,6 +3,8 @@
 import base64
 import html
 from collections.abc import Iterable, Sequence
+from itertools import repeat
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -10,18 +12,21 @@ import numpy.typing as npt
 from grs_agents.views.objects import Rectangle
 from grs_agents.views.step_text import visible
 
+Verdict = Literal["", "good", "bad"]
+"""The class, and so the colour, of what went well or wrong."""
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 _STYLE = """
 :root{color-scheme:light dark;--line:#8884;--good:#1a7f37;--bad:#cf222e;--soft:#8881}
 body{font:16px/1.5 system-ui,sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem}
 h1{margin:0 0 .2rem}h2{margin:2.4rem 0 .6rem;border-bottom:1px solid var(--line)}
 table{border-collapse:collapse;width:100%}td,th{padding:.25rem .6rem;border-bottom:1px solid var(--line);
-text-align:left;vertical-align:top;overflow-wrap:anywhere}td.n,th.n{text-align:right;white-space:nowrap}
+text-align:left;vertical-align:top;overflow-wrap:break-word}td.n,th.n{text-align:right;white-space:nowrap}
 pre{background:var(--soft);padding:.8rem;overflow:auto;font:13px/1.45 ui-monospace,monospace;border-radius:6px}
 figure{margin:0}figcaption{font-size:.9rem;opacity:.8}img,svg{max-width:100%;height:auto;display:block;border-radius:6px}
 .row{display:flex;flex-wrap:wrap;gap:1rem}.row>*{flex:1 1 20rem}.strip{display:flex;gap:4px}
 .strip>*{flex:1 1 0;min-width:0}
 .good{color:var(--good)}.bad{color:var(--bad)}.add{color:var(--good)}.del{color:var(--bad)}.hunk{opacity:.6}
+.table{overflow-x:auto}
 .status{font-size:1.2rem;font-weight:600}.quiet{opacity:.75}summary{cursor:pointer}
 """
 
@@ -49,23 +54,41 @@ def section(heading: str, *parts: str) -> str:
 
 def paragraph(value: object, kind: str = "") -> str:
     """A paragraph of text."""
-    return f'<p class="{kind}">{text(value)}</p>' if kind else f"<p>{text(value)}</p>"
+    return f"<p{_kind(kind)}>{text(value)}</p>"
 
 
-def table(heads: Sequence[str], rows: Iterable[Sequence[object]], numbers: Sequence[int] = ()) -> str:
-    """A table of text; the columns ``numbers`` are set to the right."""
+def table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    numbers: Sequence[int] = (),
+    verdicts: Sequence[Verdict] = (),
+) -> str:
+    """A table of text.
+
+    Args:
+        heads: of the columns.
+        rows: the cells.
+        numbers: columns that are set to the right.
+        verdicts: the colour of each row; none has one without.
+    """
 
     def cells(tag: str, values: Sequence[object]) -> str:
         kinds = [' class="n"' if index in numbers else "" for index in range(len(values))]
         return "".join(f"<{tag}{kind}>{text(value)}</{tag}>" for kind, value in zip(kinds, values, strict=True))
 
-    lines = "".join(f"<tr>{cells('td', row)}</tr>\n" for row in rows)
-    return f"<table><tr>{cells('th', heads)}</tr>\n{lines}</table>"
+    colors: Iterable[Verdict] = verdicts or repeat("")
+    lines = "".join(f"<tr{_kind(color)}>{cells('td', row)}</tr>\n" for row, color in zip(rows, colors, strict=False))
+    return f'<div class="table"><table><tr>{cells("th", heads)}</tr>\n{lines}</table></div>'
 
 
-def folded(summary: str, inner: str, opened: bool = False) -> str:
+def _kind(name: str) -> str:
+    return f' class="{name}"' if name else ""
+
+
+def folded(summary: str, inner: str, opened: bool = False, verdict: Verdict = "") -> str:
     """Something to open by a click."""
-    return f"<details{' open' if opened else ''}><summary>{text(summary)}</summary>\n{inner}</details>"
+    head = f"<summary{_kind(verdict)}>{text(summary)}</summary>"
+    return f"<details{' open' if opened else ''}>{head}\n{inner}</details>"
 
 
 def code(value: str) -> str:

@@ -14,7 +14,7 @@ from grs_agents.trace import (
     TaskDefined,
     TestsRun,
 )
-from grs_agents.views.page import code, diff, folded, page, paragraph, section, table, text
+from grs_agents.views.page import Verdict, code, diff, folded, page, paragraph, section, table, text
 from grs_agents.views.report_pictures import Sources, photo, rollouts
 from grs_agents.views.step_text import sections
 from grs_agents.views.steps import Step, steps
@@ -71,12 +71,21 @@ def _task(events: Sequence[Event]) -> Iterator[str]:
 
 def _steps(rows: Sequence[Step]) -> str:
     cells = [
-        (step.number, step.attempt, f"{step.node}{f' ×{step.visit}' if step.visit > 1 else ''}", step.status,
+        (step.number, step.attempt, f"{step.node}{f' ×{step.visit}' if step.visit > 1 else ''}", _status(step),
          f"{step.seconds:.1f}", f"{step.tokens:,}" if step.tokens else "", step.detail[:1000])
         for step in rows
     ]  # fmt: skip
     heads = ["#", "fix", "step", "status", "seconds", "tokens", "what came of it"]
-    return table(heads, cells, numbers=(0, 1, 4, 5)) if rows else ""
+    return table(heads, cells, (0, 1, 4, 5), [_verdict(not step.trouble) for step in rows]) if rows else ""
+
+
+def _status(step: Step) -> str:
+    """How a step ended; of one that did its work and found faults, that."""
+    return "found faults" if step.status == "done" and step.trouble else step.status
+
+
+def _verdict(well: bool) -> Verdict:
+    return "" if well else "bad"
 
 
 def _decisions(events: Sequence[Event]) -> Iterator[str]:
@@ -91,7 +100,9 @@ def _tests(rows: Sequence[Step]) -> Iterator[str]:
     runs = [step for step in rows if any(isinstance(event, TestsRun) for event in step.events)]
     for step in runs:
         told = "\n\n".join(f"{part.heading}\n{part.text}" for part in sections(step))
-        yield folded(f"step {step.number}: {step.detail}", code(told), opened=step is runs[-1] and bool(step.trouble))
+        last = step is runs[-1]
+        heading = f"step {step.number}: {step.detail}"
+        yield folded(heading, code(told), opened=last and bool(step.trouble), verdict=_verdict(not step.trouble))
 
 
 def _findings(events: Sequence[Event]) -> str:
@@ -103,7 +114,7 @@ def _findings(events: Sequence[Event]) -> str:
         elif isinstance(event, Finding):
             found.append(event)
     cells = [(event.check, "passed" if event.passed else "failed", event.detail) for event in found]
-    return table(["check", "", "detail"], cells) if cells else ""
+    return table(["check", "", "detail"], cells, verdicts=[_verdict(event.passed) for event in found]) if cells else ""
 
 
 def _programs(events: Sequence[Event], folder: Path) -> Iterator[str]:

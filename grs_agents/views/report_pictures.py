@@ -1,14 +1,15 @@
 """The pictures of a report: the photo with its boxes, its twin, and the rollouts from beginning to end."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from grs_agents.errors import GrsError
+from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Library
+from grs_agents.sim.instance import TaskInstance
 from grs_agents.trace import Event, NodeStarted, Rollout, SceneStage
 from grs_agents.views.film import Shot, pictures
 from grs_agents.views.objects import Rectangle, label_of, name_of, rectangles
@@ -27,15 +28,22 @@ class Sources:
         folder: the run.
         library: 3D assets, the run's own laid over.
         robot: name of the arm, or its file.
+        show: is told what is drawn next.
     """
 
     folder: Path
     library: Library
     robot: str = "ur5e"
+    show: Callable[[str], None] | None = None
+
+    def drawing(self, what: str) -> None:
+        """Say what is drawn next."""
+        if self.show is not None:
+            self.show(f"drawing {what}")
 
 
 def photo(events: Sequence[Event], sources: Sources) -> Iterator[str]:
-    """The photo with a numbered box around each object, the twin beside it, and the objects as a table."""
+    """The photo with a numbered box around each object, the simulation beside it, and the objects as a table."""
     files: dict[str, str] = {}
     camera: dict[str, Any] = {}
     objects: list[dict[str, Any]] = []
@@ -46,7 +54,8 @@ def photo(events: Sequence[Event], sources: Sources) -> Iterator[str]:
             camera.update(event.summary.get("camera") or {})
             objects = event.summary.get("objects") or objects
             background = event.summary.get("background") or background
-    shown = [_photo(files, objects, sources.folder), _twin(objects, camera, background, sources.library)]
+    sources.drawing("the camera's view of the simulation")
+    shown = [_photo(files, objects, sources.folder), _simulated(events, sources, objects, camera, background)]
     if any(shown):
         yield f'<div class="row">{"".join(shown)}</div>'
     if objects:
@@ -74,35 +83,70 @@ def _photo(files: dict[str, str], objects: Sequence[dict[str, Any]], folder: Pat
     return picture(np.asarray(image[:, :, ::-1], dtype=np.uint8), "The photo, with the objects found in it", marks)
 
 
-def _twin(objects: Sequence[dict[str, Any]], camera: dict[str, Any], background: str | None, library: Library) -> str:
+def _simulated(
+    events: Sequence[Event],
+    sources: Sources,
+    objects: Sequence[dict[str, Any]],
+    camera: dict[str, Any],
+    background: str | None,
+) -> str:
+    """The task as the camera of the photo would see it; of a run that came to none, the objects found."""
     if not camera.get("T_robot_cam"):
         return ""
+    played = [event for event in last_rollouts(events) if event.instance]
     try:
-        things = twin_objects(objects, library)
-        image = twin_picture(things, library, camera, background) if things else None
+        if played:
+            instance = read_instance(sources.folder, played[0])
+            things, background = list(instance.objects), instance.background
+            caption = f"The same view of the task, seed {instance.seed}, before the robot moves"
+        else:
+            things = twin_objects(objects, sources.library)
+            caption = "The same view of what was found: the asset that stands for each object"
+        image = twin_picture(things, sources.library, camera, background) if things else None
     except GrsError as error:
-        return paragraph(f"The twin cannot be drawn: {error}", "quiet")
-    return "" if image is None else picture(image, "The same view of the simulated scene")
+        return paragraph(f"The simulation cannot be drawn: {error}", "quiet")
+    return "" if image is None else picture(image, caption)
 
 
-def rollouts(events: Sequence[Event], sources: Sources) -> Iterator[str]:
-    """Each rollout of the last audit: before, after and its figures; of the first one a film strip."""
+def last_rollouts(events: Sequence[Event]) -> list[Rollout]:
+    """The rollouts of the last audit."""
     found: list[Rollout] = []
     for event in events:
         if isinstance(event, NodeStarted) and event.node == "audit":
             found.clear()
         elif isinstance(event, Rollout):
             found.append(event)
+    return found
+
+
+def read_instance(folder: Path, event: Rollout) -> TaskInstance:
+    """The task that a rollout solved.
+
+    Raises:
+        InputError: its file is missing or damaged.
+    """
+    file = folder / (event.instance or "")
+    try:
+        return TaskInstance.model_validate_json(file.read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file} is no task instance: {error}", "make the run again") from error
+
+
+def rollouts(events: Sequence[Event], sources: Sources) -> Iterator[str]:
+    """Each rollout of the last audit: before, after and its figures; of the first one a film strip."""
+    found = last_rollouts(events)
     for event in found:
         verdict = f"Seed {event.seed}: {event.outcome}, reward {event.reward:.2f} after {event.steps} steps; "
         yield paragraph(
-            f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}"
+            f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}",
+            "" if event.outcome == "success" else "bad",
         )
         present = event.recording and event.instance and (sources.folder / event.recording).is_file()
         yield from _stills(event, sources, strip=event is found[0]) if present else ()
 
 
 def _stills(event: Rollout, sources: Sources, strip: bool) -> Iterator[str]:
+    sources.drawing(f"the rollout of seed {event.seed}")
     shot = Shot(sources.folder.resolve(), event, sources.library, sources.robot)
     try:
         end = shot.motion.seconds

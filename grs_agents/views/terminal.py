@@ -1,6 +1,8 @@
 """A run in the terminal: live progress and the final summary."""
 
 import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console, Group, RenderableType
@@ -19,7 +21,30 @@ MARKS: dict[Status, tuple[str, str]] = {
     "interrupted": ("-", "red"),
 }
 """How each status looks: a mark and its style."""
+_TROUBLE = ("✗", "red")
+
+
+def mark_of(step: Step) -> tuple[str, str]:
+    """The mark of a step and its style; a node that did its work and found tests failing is no success."""
+    return _TROUBLE if step.status == "done" and step.trouble else MARKS[step.status]
+
+
 _VERDICTS = {"accepted": "bold green", "rejected": "bold red", "failed": "bold red", "interrupted": "yellow"}
+
+
+@contextmanager
+def working(task: str, console: Console | None = None) -> Generator[Callable[[str], None]]:
+    """Show what a long command is at, on standard error and only if that is a terminal.
+
+    Yields:
+        Call it with what comes next.
+    """
+    console = console or Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda text: None
+        return
+    with console.status(Text(one_line(task))) as status:
+        yield lambda text: status.update(Text(one_line(text)))
 
 
 class Progress:
@@ -73,7 +98,7 @@ class Progress:
     def _render(self) -> RenderableType:
         table = Table.grid(padding=(0, 1))
         for step in _latest_visits(self._steps.rows):
-            mark, style = MARKS[step.status]
+            mark, style = mark_of(step)
             now = time.time() - step.started if step.status == "running" else step.seconds
             visit = f"x{step.visit}" if step.visit > 1 else ""
             detail = Text(one_line(step.detail, 300), overflow="ellipsis", no_wrap=True, style="dim")

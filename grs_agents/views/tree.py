@@ -9,7 +9,7 @@ from rich.text import Text
 from grs_agents.trace import ProgramVersion
 from grs_agents.views.glyphs import one_line
 from grs_agents.views.steps import Step
-from grs_agents.views.terminal import MARKS
+from grs_agents.views.terminal import mark_of
 
 _LONG = 400
 
@@ -32,7 +32,7 @@ def steps_tree(rows: list[Step]) -> Table:
 
 
 def _add_step(table: Table, step: Step, last: bool) -> None:
-    mark, style = MARKS[step.status]
+    mark, style = mark_of(step)
     stem, trunk = ("└─ ", "   ") if last else ("├─ ", "│  ")
     visit = f" ×{step.visit}" if step.visit > 1 else ""
     name = Text.assemble(stem, (mark, style), f" {step.node}{visit}")

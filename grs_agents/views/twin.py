@@ -1,6 +1,7 @@
 """The described scene as assets that stand where the photo shows them, and as the camera of the photo would see it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,21 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.library import Library
-from grs_agents.library.shapes import rotation_matrix
+from grs_agents.library import Library, Shape
+from grs_agents.library.color import COLORS
+from grs_agents.library.shapes import moved, rotation_matrix
+from grs_agents.library.views import FINER, Lens, paint, samples_of
 from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.world import model_of
+
+FloatArray = npt.NDArray[np.float64]
+_NEAREST = 0.01
+"""Depth (m) from which a triangle is drawn; what reaches behind the camera has no picture."""
+_MARK = 0.002
+"""A mark on the table may lie so much (m) below its top and is seen all the same."""
+_TABLE_MIDDLE, _TABLE_HALF = (0.4, 0.0), 1.2
+"""The simulated table top, m."""
+_WOOD, _SKY = (0.60, 0.52, 0.42), (0.90, 0.90, 0.90)
 
 
 def run_library(folder: Path, library: Library) -> Library:
@@ -60,24 +72,68 @@ def twin_picture(
     background: str | None = None,
     width: int = 640,
 ) -> npt.NDArray[np.uint8]:
-    """The twin (H, ``width``, 3) as the camera of the photo would see it, made of rays.
+    """Objects on the table (H, ``width``, 3) as the camera of the photo would see them, in their own colours.
+
+    It is drawn by the z-buffer, alike on every machine and without OpenGL.
 
     Args:
-        objects: of :func:`twin_objects`.
+        objects: what stands there, each placed by its origin: of :func:`twin_objects` or of a task instance.
         library: 3D assets.
         camera: ``fx``, ``fy``, ``cx``, ``cy``, ``width``, ``height`` in pixels and ``T_robot_cam``.
         background: library name of what stands around, or None.
         width: of the picture; its shape is the photo's.
     """
-    from grs_agents.views.rays import paint
-    from grs_agents.views.stage import Props, Stage
-
-    stage = Stage(Props(objects, background=background, textures=False), library)
-    scale = float(camera["width"]) / width
-    height = round(float(camera["height"]) / scale)
-    x = ((np.arange(width) + 0.5) * scale - 0.5 - float(camera["cx"])) / float(camera["fx"])
-    y = ((np.arange(height) + 0.5) * scale - 0.5 - float(camera["cy"])) / float(camera["fy"])
-    rays = np.empty((height, width, 3))
-    rays[..., 0], rays[..., 1], rays[..., 2] = x[None, :], y[:, None], 1.0
+    scale = float(camera["width"]) / (width * FINER)
+    lens = Lens(
+        float(camera["fx"]) / scale,
+        float(camera["fy"]) / scale,
+        (float(camera["cx"]) + 0.5) / scale - 0.5,
+        (float(camera["cy"]) + 0.5) / scale - 0.5,
+        width * FINER,
+        round(float(camera["height"]) / scale / FINER) * FINER,
+    )
     pose = np.asarray(camera["T_robot_cam"], dtype=np.float64)
-    return paint(stage.model, stage.data, np.ascontiguousarray(pose[:3, 3]), rays @ pose[:3, :3].T)
+    shapes = [shape for thing in objects for shape in _shown(thing, library)]
+    shapes += library.model(background).visuals if background else ()
+    fine, deep = _table(lens, pose)
+    if shapes:
+        painted = paint(library, shapes)
+        local = (painted.corners - pose[:3, 3]) @ pose[:3, :3]
+        ahead = (local[:, :, 2] > _NEAREST).all(axis=1)
+        part = replace(
+            painted,
+            corners=painted.corners[ahead],
+            uvs=painted.uvs[ahead],
+            colors=painted.colors[ahead],
+            texture=painted.texture[ahead],
+        )
+        colors, depth = samples_of(part, local[ahead], lens)
+        seen = (colors[:, :, 3] > 0) & (depth < deep + _MARK)
+        fine[seen] = colors[seen, :3]
+    pixels = fine.reshape(lens.height // FINER, FINER, width, FINER, 3).mean(axis=(1, 3))
+    return np.rint(pixels * 255).astype(np.uint8)
+
+
+def _shown(thing: InstanceObject, library: Library) -> list[Shape]:
+    """The shapes that are seen of an object, in the robot's frame."""
+    model = model_of(thing, library)
+    shapes = model.visuals or model.colliders
+    if thing.color:
+        return [moved(shape, thing.pose).model_copy(update={"color": thing.color, "texture": None}) for shape in shapes]
+    named = COLORS.get(library.asset(thing.asset).color if thing.asset in library else "", COLORS["gray"])
+    bare = {"color": (*named, 1.0)}
+    placed = [moved(shape, thing.pose) for shape in shapes]
+    return [shape if shape.color or shape.texture else shape.model_copy(update=bare) for shape in placed]
+
+
+def _table(lens: Lens, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Colour (H, W, 3) of table and sky, and depth (H, W) of the table, m; infinite where there is none."""
+    rays = np.ones((lens.height, lens.width, 3))
+    rays[..., 0] = (np.arange(lens.width) - lens.cx) / lens.fx
+    rays[..., 1] = ((np.arange(lens.height) - lens.cy) / lens.fy)[:, None]
+    turned = rays @ pose[:3, :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = -pose[2, 3] / turned[..., 2]
+        points = pose[:2, 3] + far[..., None] * turned[..., :2]
+        hit = (far > 0) & (np.abs(points - _TABLE_MIDDLE) < _TABLE_HALF).all(axis=-1)
+    return np.where(hit[..., None], _WOOD, _SKY), np.where(hit, far, np.inf)

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 
@@ -96,7 +97,7 @@ def test_check_rejects_a_program_whose_tests_fail(tmp_path: Path, program: Path)
     (tmp_path / "tests.py").write_text(TESTS.format(name="task_code", bound=2))
     done = grs("check", str(program), "--tests", "tests.py", "--seeds", "1", folder=tmp_path)
     assert done.returncode == 1
-    assert "rejected" in done.stdout and "TestPlaceBlock.test_oracle" in done.stdout
+    assert "rejected" in done.stdout and "test_oracle" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -255,6 +256,45 @@ def test_doctor_finds_a_working_sandbox(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert found["sandbox"]["state"] == "works"
     assert all(one["remedy"] for one in found.values() if one["state"] == "absent")
+
+
+def test_doctor_tells_a_missing_key_from_a_missing_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("langchain_openai")
+    monkeypatch.setitem(sys.modules, "langchain_anthropic", None)
+    monkeypatch.setenv("ANTHROPIC_API_KEY", "x")
+    found = {one["subject"]: one for one in json.loads(grs("doctor", "--json", folder=tmp_path).stdout)}
+    openai, anthropic = found["models openai"], found["models anthropic"]
+    assert openai["state"] == "no key" and openai["remedy"] == "export OPENAI_API_KEY=..."
+    assert anthropic["state"] == "not installed" and 'pip install "grs-agents[anthropic]"' in anthropic["remedy"]
+    assert "ANTHROPIC_API_KEY is set" in anthropic["detail"]
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = {subject.removeprefix("extra ") for subject in found if subject.startswith("extra ")}
+    assert extras == set(project["optional-dependencies"])
+    assert all(one["remedy"] for one in found.values() if one["state"] in ("not installed", "no key"))
+
+
+@pytest.mark.parametrize(
+    "arguments", [("assets", "list"), ("scene", "groceries", "--set", "tools.match=match_text")], ids=lambda one: one[0]
+)
+def test_names_stay_whole_in_a_terminal_of_80_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = grs(*arguments, folder=tmp_path).stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    names = [word for line in lines for word in line.split() if "/" in word and "." in word]
+    assert len(names) >= 8 and all(name.endswith(".urdf") for name in names if not name.startswith("runs/"))
+
+
+def test_check_tells_tests_by_name_in_80_columns(
+    tmp_path: Path, program: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    name = "test_that_the_oracle_puts_every_block_there"
+    tests = TESTS.format(name="task_code", bound=0.99).replace("TestPlaceBlock", "TestOfAClassWithALongName")
+    (tmp_path / "tests.py").write_text(tests.replace("test_oracle", name))
+    done = grs("check", str(program), "--tests", "tests.py", "--seeds", "1", folder=tmp_path)
+    assert name in done.stdout and "…" not in done.stdout
 
 
 def test_scene_comprehends_alone(tmp_path: Path, sample_scene: Path) -> None:

@@ -1,5 +1,6 @@
 """The verbs that look at a run."""
 
+import contextlib
 import json
 import os
 import signal
@@ -45,6 +46,33 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+def test_show_marks_a_step_whose_tests_failed(run: Path) -> None:
+    tree = grs("show", "run", folder=run.parent).stdout
+    assert "✗ run_tests" in tree and "✓ run_tests ×2" in tree and tree.count("✗") == 1
+
+
+@pytest.mark.parametrize("arguments", [("share",), ("play", "--out", "film.gif"), ("report",)], ids=lambda one: one[0])
+def test_a_long_verb_shows_on_a_terminal_alone_what_it_is_at(run: Path, arguments: tuple[str, ...]) -> None:
+    verb, *rest = arguments
+    command = [sys.executable, "-m", "grs_agents", verb, "run", *rest]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "TERM": "xterm"}
+    reader, writer = os.openpty()
+    with (
+        subprocess.Popen(command, cwd=run.parent, env=environment, stdout=subprocess.PIPE, stderr=writer) as process,
+        os.fdopen(reader, "rb") as terminal,
+    ):
+        os.close(writer)
+        shown = b""
+        with contextlib.suppress(OSError):  # so Linux says that the other end is closed
+            while part := terminal.read1():
+                shown += part
+        assert process.stdout is not None
+        printed = process.stdout.read()
+    assert process.returncode == 0
+    assert b"drawing" in shown and b"drawing" not in printed
+    assert grs(verb, "run", *rest, folder=run.parent).stderr == ""
+
+
 def test_show_is_a_tree_a_step_or_json(run: Path) -> None:
     assert "└─ ✓ route" in grs("show", "run", folder=run.parent).stdout
     failed = grs("show", "run", "--failed", folder=run.parent).stdout
@@ -87,13 +115,14 @@ def test_a_terminated_replay_leaves_no_server_running(run: Path) -> None:
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
-            page = urlsplit(process.stdout.readline().removeprefix("open ").strip())
-            assert page.port and listens(page.port)
+            line: str = process.stdout.readline()
+            port = urlsplit(line.removeprefix("open ").strip()).port
+            assert port and listens(port)
             process.terminate()
             assert process.wait(60) != 0
         finally:
             process.kill()
-    assert not listens(page.port)
+    assert not listens(port)
 
 
 def listens(port: int) -> bool:

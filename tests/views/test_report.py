@@ -1,11 +1,14 @@
 """The report: one page that holds all, fetches nothing and runs nothing, whatever models write."""
 
+import base64
 import re
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from grs_agents.library import Library
@@ -73,6 +76,36 @@ def test_the_page_holds_photo_task_pictures_decisions_diffs_and_tests(made: str)
     for part in ("milk_1", "max_steps=1 with 1 of 4 objects placed", "0.25 &lt; 0.99", "before", "after 4.0 s",
                  "Seed 1: success, reward 1.00", '<span class="add">+        self.max_steps = 4</span>'):  # fmt: skip
         assert part in made, part
+
+
+def test_what_failed_has_the_colour_of_failure_and_what_passed_has_not(made: str) -> None:
+    rows = dict(re.findall(r'<tr class="bad"><td>([^<]*)</td><td>([^<]*)</td>', made))
+    assert rows[page.text(HOSTILE)] == "failed"
+    assert "reward" not in rows and "<tr><td>reward</td><td>passed</td>" in made
+    assert '<tr class="bad"><td class="n">4</td><td class="n">0</td><td>run_tests</td><td>found faults</td>' in made
+    assert '<summary class="bad">step 4: 1 passed, 1 failed</summary>' in made
+    assert "<summary>step 7: 2 passed</summary>" in made
+
+
+def test_the_simulated_view_holds_the_task_in_its_colours(
+    script: Callable[[], Any], library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(film, "_backends", lambda: ("rays",))
+    monkeypatch.setattr(report_pictures, "FRAMES", 2)
+    run = script()
+    run.before_fix()
+    sources = Sources(run.folder, library)
+    found = report(RECORD, read_events(run.log.path), sources)
+    run.after_fix()
+    text = report(RECORD, read_events(run.log.path), sources)
+    assert "The same view of what was found" in found
+    pictures = re.findall(r'base64,([^"]+)"[^>]*><figcaption>The same view of the task, seed 0', text)
+    assert len(pictures) == 1
+    decoded = cv2.imdecode(np.frombuffer(base64.b64decode(pictures[0]), np.uint8), cv2.IMREAD_COLOR)
+    seen = np.asarray(decoded, dtype=int)
+    blue, green, red = seen[..., 0], seen[..., 1], seen[..., 2]
+    assert ((red > 130) & (green < 70) & (blue < 70)).sum() > 100  # the red block of the task
+    assert ((blue > 110) & (red < 70)).sum() > 1000  # the print on milk and cookies, which are one colour each without
 
 
 def test_nothing_hostile_gets_through_and_nothing_is_fetched(made: str) -> None:
