@@ -5,6 +5,7 @@ import json
 import re
 import runpy
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, get_args
 
 import pytest
@@ -102,6 +103,25 @@ def test_every_link_to_a_file_leads_somewhere(file: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
         if not target.startswith(("http://", "https://")):
             assert (file.parent / target).exists(), f"{file.name} links to {target}"
+
+
+def test_the_site_fetches_nothing_from_elsewhere() -> None:
+    settings = (ROOT / "mkdocs.yml").read_text("utf-8")
+    scripts = re.search(r"^extra_javascript: \[(.*)\]", settings, re.MULTILINE)
+    assert scripts and scripts[1] == "javascripts/mermaid.min.js" and "font: false" in settings
+    source = (ROOT / "docs" / scripts[1]).read_text("utf-8")
+    assert "stateDiagram" in source and "globalThis" in source[-200:]
+    assert "hooks: [scripts/offline.py]" in settings
+    refuses = runpy.run_path(str(ROOT / "scripts" / "offline.py"))["on_post_page"]
+    fine = '<script src="a.js"></script><link rel="canonical" href="https://a/"><a href="https://a/">a</a>'
+    assert refuses(output=fine, page=None) == fine
+    for page in (
+        '<script src="https://a/a.js">',
+        "<link rel=stylesheet href=//a/a.css>",
+        '<img alt="" src="http://a/a">',
+    ):
+        with pytest.raises(ValueError, match="fetches from elsewhere"):
+            refuses(output=page, page=SimpleNamespace(file=SimpleNamespace(src_path="a.md")))
 
 
 def between(text: str, mark: str) -> str:
