@@ -103,15 +103,13 @@ class Canaries:
         facts = self._process_facts()
         if facts != self._facts:
             found.append(f"a process is not as it was: {set(facts) ^ set(self._facts)}")
-            self._victim.kill()
-            self._victim.wait()
+            self._end()
             self._start()
         return found
 
     def close(self) -> None:
         """Remove the canaries."""
-        self._victim.kill()
-        self._victim.wait()
+        self._end()
         for server in self._servers.values():
             server.close()
         for path in self._files:
@@ -134,10 +132,14 @@ class Canaries:
 
     def _start(self) -> None:
         """Start the process that should live; the secret is in its environment and on its command line."""
-        command = [sys.executable, "-c", f"import time; held = {self.secret!r}; time.sleep(900)"]
+        command = [sys.executable, "-c", f"import sys; held = {self.secret!r}; sys.stdin.read()"]
         environment = {"GRS_CANARY_KEY": self.secret}
-        self._victim = subprocess.Popen(command, env=environment, start_new_session=True)
+        self._victim = subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, start_new_session=True)
         self._facts = self._process_facts()
+
+    def _end(self) -> None:
+        self._victim.kill()
+        self._victim.communicate()
 
     def _snapshot(self) -> dict[str, tuple[object, ...]]:
         paths = {self.folder, *self.folder.rglob("*"), *self._files}
