@@ -1,6 +1,5 @@
 """How often each object of a photo gets its asset: the paper's Table 1, on synthesised or labelled scenes."""
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,6 +8,7 @@ from grs_agents.measure.experiment import Work, orders_of, synthesised_orders
 from grs_agents.measure.matchings import METHODS, match_orders, run_matchings
 from grs_agents.run.experiment import positive
 from grs_agents.synth import recipes
+from grs_agents.terminal import VisibleParser
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -20,7 +20,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: a folder holds no labelled scene, or a method has no such name.
     """
-    parser = argparse.ArgumentParser(prog="grs eval correspondence", description=__doc__)
+    parser = VisibleParser(prog="grs eval correspondence", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/eval-correspondence"), help="where figures go")
     parser.add_argument(
         "--methods", default="features,features-no-ocr,features-no-size", help=f"of {', '.join(METHODS)}; with commas"

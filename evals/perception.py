@@ -8,6 +8,7 @@ from grs_agents.config import load_config
 from grs_agents.measure.experiment import Work, orders_of, run_orders, synthesised_orders
 from grs_agents.run.experiment import positive
 from grs_agents.synth import recipes
+from grs_agents.terminal import VisibleParser
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -19,7 +20,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: a folder holds no labelled scene.
     """
-    parser = argparse.ArgumentParser(prog="grs eval perception", description=__doc__)
+    parser = VisibleParser(prog="grs eval perception", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/eval-perception"), help="where figures go")
     parser.add_argument(
         "--scenes",

@@ -1,6 +1,5 @@
 """Whether each object of described scenes has a stand-in of its size where it is: for a folder of runs."""
 
-import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.scene import SceneObject, certain, deviation, read_description, upright_of
+from grs_agents.terminal import VisibleParser
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -20,7 +20,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         InputError: the folder holds no described scene.
     """
-    parser = argparse.ArgumentParser(prog="grs eval placement", description=__doc__)
+    parser = VisibleParser(prog="grs eval placement", description=__doc__)
     parser.add_argument("folder", type=Path, help="a folder of run folders")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args(arguments)

@@ -1,6 +1,5 @@
 """What the index of assets costs at the size of Objaverse, and how many of the nearest it finds: synthetic data."""
 
-import argparse
 import json
 import tempfile
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from rich.table import Table
 
 from grs_agents.measure.retrieval import measured, targets
 from grs_agents.run.experiment import positive
+from grs_agents.terminal import VisibleParser
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -22,7 +22,7 @@ def main(arguments: Sequence[str]) -> int:
     Raises:
         GrsError: faiss is not installed.
     """
-    parser = argparse.ArgumentParser(prog="grs eval retrieval_scale", description=__doc__)
+    parser = VisibleParser(prog="grs eval retrieval_scale", description=__doc__)
     parser.add_argument("--assets", type=positive, default=150_000, help="how many")
     parser.add_argument("--queries", type=positive, default=200, help="how many searches")
     parser.add_argument("--seed", type=int, default=0)

@@ -1,6 +1,5 @@
 """Many sandbox calls, failing ones among them: what they leave behind, and whether their results stay the same."""
 
-import argparse
 import json
 import os
 import random
@@ -23,6 +22,7 @@ from grs_agents.config import Config
 from grs_agents.run.experiment import positive
 from grs_agents.run.isolation import open_sandbox
 from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.terminal import VisibleParser
 
 TOOL = """
 from grs_agents import sandbox, sim
@@ -174,7 +174,7 @@ def _memory_mib() -> float:
 
 def main(arguments: Sequence[str]) -> int:
     """Soak and print; 0 if nothing was left behind and every call ended as it should."""
-    parser = argparse.ArgumentParser(prog="grs eval sandbox_soak", description=__doc__)
+    parser = VisibleParser(prog="grs eval sandbox_soak", description=__doc__)
     parser.add_argument("--calls", type=positive, default=1000, help="how many calls to make")
     parser.add_argument("--seed", type=int, default=0, help="which calls they are")
     parser.add_argument("--json", action="store_true", help="print JSON alone on stdout")

@@ -1,6 +1,5 @@
 """What isolation costs beyond the same work in one process: CPU, beside a cold ``unittest``; start; memory."""
 
-import argparse
 import json
 import resource
 import statistics
@@ -21,6 +20,7 @@ from grs_agents.library import Library
 from grs_agents.run.experiment import positive
 from grs_agents.run.isolation import PRELOAD, TOOLS, open_sandbox
 from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.terminal import VisibleParser
 from grs_agents.toolkit import ToolContext, load_tool
 
 SIMULATION = """
@@ -208,7 +208,7 @@ def measure(repeats: int) -> list[Figure]:
 
 def main(arguments: Sequence[str]) -> int:
     """Measure and print."""
-    parser = argparse.ArgumentParser(prog="grs eval sandbox_speed", description=__doc__)
+    parser = VisibleParser(prog="grs eval sandbox_speed", description=__doc__)
     parser.add_argument("--repeats", type=positive, default=5, help="measurements of each figure")
     parser.add_argument("--json", action="store_true", help="print JSON alone on stdout")
     options = parser.parse_args(arguments)

@@ -1,6 +1,5 @@
 """What the simulation costs, in CPU seconds and MiB, and how well the oracle does on the example programs."""
 
-import argparse
 import json
 import random
 import statistics
@@ -19,6 +18,7 @@ from grs_agents.base import Frozen
 from grs_agents.content import content_root
 from grs_agents.library import Library
 from grs_agents.sim import Environment, Task, instantiate, rollout, task_class
+from grs_agents.terminal import VisibleParser
 
 BOX_SIZE = (0.34, 0.40, 0.10)
 BOX_POSE = ((0.50, 0.25, 0.05), (0.0, 0.0, 0.0, 1.0))
@@ -197,7 +197,7 @@ def main(arguments: Sequence[str]) -> int:
     """
     from grs_agents.run.experiment import positive  # here, so that the memory figure is of the simulation alone
 
-    parser = argparse.ArgumentParser(prog="grs eval sim_speed", description=__doc__)
+    parser = VisibleParser(prog="grs eval sim_speed", description=__doc__)
     parser.add_argument("--repeats", type=positive, default=5, help="how often each timing is repeated")
     parser.add_argument("--seeds", type=int, default=10, help="seeds of each example program; 0 leaves them out")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")

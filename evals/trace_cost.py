@@ -1,6 +1,5 @@
 """What tracing costs: the size of the recording and its share of the CPU time, in a run with many fixes."""
 
-import argparse
 import importlib
 import json
 import re
@@ -28,6 +27,7 @@ from grs_agents.library import Library
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
 from grs_agents.run.isolation import open_sandbox
+from grs_agents.terminal import VisibleParser
 from grs_agents.trace import Event, EventLog, RunEnded, RunStarted, read_events
 
 LARGEST_MIB, LARGEST_SHARE = 15.0, 0.05
@@ -201,7 +201,7 @@ def _cpu_seconds() -> float:
 
 def main(arguments: Sequence[str]) -> int:
     """Measure, print, and return 0 if the bounds are kept, else 1."""
-    parser = argparse.ArgumentParser(prog="grs eval trace_cost", description=__doc__)
+    parser = VisibleParser(prog="grs eval trace_cost", description=__doc__)
     parser.add_argument("--scene", type=Path, default=content.path("assets", "scenes") / "groceries")
     parser.add_argument("--fixes", type=int, default=10)
     parser.add_argument("--out", type=Path, help="keep the run here")

@@ -1,6 +1,9 @@
 """Files written whole: a reader sees the old content or the new, never half of it."""
 
+import errno
 import json
+import stat
+import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -8,13 +11,46 @@ from uuid import uuid4
 
 from grs_agents.errors import InputError
 
+STANDARD_OUTPUT = Path("-")
+"""What a verb that writes one document takes for standard output."""
+
+
+def replaceable(path: Path) -> Path:
+    """The file that writing to ``path`` makes or replaces: ``path``, or what it links to.
+
+    Raises:
+        InputError: it is there and no regular file, such as a device, a pipe or a folder.
+    """
+    try:
+        if path.is_symlink():
+            path = path.resolve()
+        status = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return path
+    except (OSError, RuntimeError) as error:
+        raise unwritable(path, error if isinstance(error, OSError) else OSError(errno.ELOOP, str(error))) from error
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "no regular file"
+        raise InputError(f"cannot write {path}: it is {kind}", "name a new file with --out")
+    return path
+
+
+def write_document(path: Path, data: bytes) -> Path:
+    """Write ``data`` as `write_bytes` does, or to standard output where ``path`` is ``-``."""
+    if path != STANDARD_OUTPUT:
+        return write_bytes(path, data)
+    sys.stdout.buffer.write(data)
+    sys.stdout.buffer.flush()
+    return path
+
 
 def write_bytes(path: Path, data: bytes) -> Path:
     """Write ``data`` to ``path`` through a temporary file in the same folder.
 
     Raises:
-        InputError: the folder cannot be written or the disk is full.
+        InputError: the folder cannot be written, the disk is full, or ``path`` is there and no regular file.
     """
+    path = replaceable(path)
     temporary = path.with_name(f".{path.name}.{uuid4().hex[:8]}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

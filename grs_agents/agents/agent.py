@@ -18,7 +18,8 @@ from grs_agents.agents.prompt import render
 from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
 from grs_agents.config import Config
-from grs_agents.errors import InputError
+from grs_agents.foreign import member
+from grs_agents.foreign.pictures import read_picture
 from grs_agents.models import ReplyProblem, chat_model, invoke
 from grs_agents.trace import EventLog, Prompt, Reply
 
@@ -70,7 +71,7 @@ class Agents:
         """
         file = content.path("prompts", getattr(self.config.prompts, role))
         text = render(file, values)
-        blocks: list[str | dict[Any, Any]] = [image_block(self.folder / image) for image in images]
+        blocks: list[str | dict[Any, Any]] = [image_block(member(self.folder, image)) for image in images]
         messages: list[BaseMessage] = [HumanMessage(content=[*blocks, {"type": "text", "text": text}])]
         problem = ""
         tries = self.config.reply_retries + 1
@@ -136,9 +137,7 @@ def image_block(path: Path) -> dict[str, str]:
     Raises:
         InputError: the file is not a picture.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if image is None:
-        raise InputError(f"{path} is not a readable picture", "give a PNG or JPEG file")
+    image = read_picture(path, cv2.IMREAD_COLOR)
     scale = IMAGE_SIDE / max(image.shape[:2])
     if scale < 1:
         image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

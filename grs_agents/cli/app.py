@@ -23,6 +23,7 @@ from grs_agents.cli.options import (
     refuse_changes,
     refuse_graph,
 )
+from grs_agents.terminal import say
 
 app = typer.Typer(
     name="grs",
@@ -48,7 +49,7 @@ Seeds = Annotated[
 
 def _version(wanted: bool) -> None:
     if wanted:
-        print(__version__)
+        say(__version__)
         raise typer.Exit
 
 
@@ -132,7 +133,7 @@ viewing.add_to(app)
 @app.command()
 def graph(name: Annotated[str, typer.Argument(help="A graph's name; see grs list.")]) -> None:
     """Print a graph as a mermaid diagram."""
-    print(content.load_module("graphs", name).build().compile().get_graph().draw_mermaid())
+    say(content.load_module("graphs", name).build().compile().get_graph().draw_mermaid())
 
 
 @app.command()

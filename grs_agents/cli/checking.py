@@ -1,18 +1,18 @@
 """``grs check``."""
 
-import json
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from grs_agents import terminal
 from grs_agents.audit import AuditReport
 from grs_agents.config import Config, Effective, validated
 from grs_agents.run import CheckOrder, check, read_record
 from grs_agents.sandbox import TestReport
+from grs_agents.terminal import say_json
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def check_program(program: Program, chosen: Effective, as_json: bool) -> int:
             "tests": None if report is None else report.model_dump(mode="json"),
             "audit": audit.model_dump(mode="json"),
         }
-        print(json.dumps(value, indent=2))
+        say_json(value)
     else:
         _print(report, audit, accepted)
     return 0 if accepted else 1
@@ -71,7 +71,7 @@ def _as_in(run: Path, chosen: Effective) -> Config:
 
 
 def _print(report: TestReport | None, audit: AuditReport, accepted: bool) -> None:
-    console = Console()
+    console = terminal.console()
     table = Table(box=None, pad_edge=False, header_style="bold", title="accepted" if accepted else "rejected")
     for column in ("check", "result", "detail"):
         table.add_column(column, overflow="fold", no_wrap=column != "detail")

@@ -1,6 +1,5 @@
 """``grs assets describe``."""
 
-import json as jsons
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from grs_agents.library import Asset
 from grs_agents.library.asset import read_manifest
 from grs_agents.library.importing.journal import write_entries
 from grs_agents.models import chat_model
+from grs_agents.terminal import say, say_json
 
 ROLE = "describe"
 
@@ -40,13 +40,13 @@ def describe_library(
     spec = config.model_for(ROLE)
     model = chat_model(spec, config.seed)
     todo = plan(root, assets, spec.model, again)
-    print(
+    say(
         f"{len(todo.todo)} of {len(assets)} assets to describe with {spec.model}: about {todo.input_tokens} tokens in "
         f"(3 pictures each) and {todo.output_tokens} out",
-        file=sys.stderr,
+        error=True,
     )
     if spec.model == "offline":
-        print("the offline model tells names and measurements, it does not look at the pictures", file=sys.stderr)
+        say("the offline model tells names and measurements, it does not look at the pictures", error=True)
     elif todo.todo and not yes:
         _confirm()
     entries: list[Asset] = [with_words(_of(assets, one.asset), one.words) for one in todo.done]
@@ -58,11 +58,11 @@ def describe_library(
             if found is not None:
                 told.append(found.model_dump(mode="json"))
                 if not as_json:
-                    print(f"{asset.name}: {asset.description}")
+                    say(f"{asset.name}: {asset.description}")
     finally:
         write_entries(root, entries, set())
     if as_json:
-        print(jsons.dumps(told, indent=2))
+        say_json(told)
     return 1 if silent else 0
 
 
@@ -71,7 +71,7 @@ def _of(assets: Sequence[Asset], name: str) -> Asset:
 
 
 def _complain(text: str) -> None:
-    print(text, file=sys.stderr)
+    say(text, error=True)
 
 
 def _confirm() -> None:
@@ -82,6 +82,6 @@ def _confirm() -> None:
     """
     if not sys.stdin.isatty():
         raise ConfigError("this model may cost money and nobody can be asked", "give --yes")
-    print("go on? [y/N] ", end="", file=sys.stderr, flush=True)
+    say("go on? [y/N] ", end="", error=True, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise ConfigError("not confirmed, nothing was asked", "give --yes")

@@ -1,6 +1,5 @@
 """``grs doctor``: what works here, and how to get what does not."""
 
-import json
 import os
 import subprocess
 import sys
@@ -9,16 +8,17 @@ from importlib.metadata import PackageNotFoundError, metadata, requires, version
 from typing import Literal
 
 from packaging.requirements import Requirement
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from grs_agents import terminal
 from grs_agents.config import UNSAFE, Config
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions
 from grs_agents.run.isolation import open_sandbox
 from grs_agents.sandbox import REMEDIES, Choice, Limits, SandboxError, candidates
+from grs_agents.terminal import say_json
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.views import working
 
@@ -59,7 +59,7 @@ def diagnose(as_json: bool) -> int:
         found += [_gl(name) for name in GL_BACKENDS]
     found += [Diagnosis(name, "works", value) for name, value in versions().items()]
     if as_json:
-        print(json.dumps([asdict(one) for one in found], indent=2))
+        say_json([asdict(one) for one in found])
     else:
         table = Table(box=None, pad_edge=False, header_style="bold")
         table.add_column("what", no_wrap=True)
@@ -68,7 +68,7 @@ def diagnose(as_json: bool) -> int:
         for one in found:
             told = f"{one.detail}\n→ {one.remedy}" if one.remedy else one.detail
             table.add_row(Text(one.subject), Text(one.state, style=_STYLES[one.state]), Text(told))
-        Console().print(table)
+        terminal.console().print(table)
     return 3 if any(one.state == "broken" for one in found) else 0
 
 

@@ -1,15 +1,12 @@
 """``grs assets import``, ``list``, ``show`` and ``verify``."""
 
-import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import content
+from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes
 from grs_agents.library import Asset, Library
@@ -17,6 +14,7 @@ from grs_agents.library.importing.find import slug_of
 from grs_agents.library.importing.run import Importing
 from grs_agents.library.importing.source import opened
 from grs_agents.library.importing.types import ImportOptions, Outcome
+from grs_agents.terminal import say, say_json
 
 DEFAULT = Path("grs-content")
 
@@ -70,23 +68,23 @@ class Progress:
             return
         told = f"{outcome.status}{' before' if old else ''}"
         what = outcome.asset.description if outcome.asset is not None else outcome.reason
-        print(f"[{self._done}/{self._count}] {outcome.item}: {told}: {what}", file=sys.stderr)
+        say(f"[{self._done}/{self._count}] {outcome.item}: {told}: {what}", error=True)
         for note in outcome.notes if not old else ():
-            print(f"    {note}", file=sys.stderr)
+            say(f"    {note}", error=True)
 
 
 def tell_import(outcomes: Sequence[Outcome], library: Path | None, as_json: bool) -> int:
     """Print the report of an import; the exit status."""
     refused = [one for one in outcomes if one.status == "refused"]
     if as_json:
-        print(json.dumps([one.model_dump(mode="json") for one in outcomes], indent=2))
+        say_json([one.model_dump(mode="json") for one in outcomes])
         return 1 if refused else 0
     counts = {status: sum(one.status == status for one in outcomes) for status in ("imported", "duplicate", "refused")}
     folder = content_folder(library)
-    print(f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused; in {folder}")
+    say(f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused; in {folder}")
     for one in refused:
-        print(f"refused {one.source}: {one.reason}")
-    print(f"look: grs assets show --library {folder}   use: grs --content {folder} run SCENE")
+        say(f"refused {one.source}: {one.reason}")
+    say(f"look: grs assets show --library {folder}   use: grs --content {folder} run SCENE")
     return 1 if refused else 0
 
 
@@ -119,9 +117,9 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
     """Print assets as a table or JSON."""
     _, assets = chosen_assets(library, names, shipped)
     if as_json:
-        print(json.dumps([asset.model_dump(mode="json") for asset in assets], indent=2))
+        say_json([asset.model_dump(mode="json") for asset in assets])
         return
-    console = Console()
+    console = terminal.console()
     columns = ["name", "size (cm)", "mass", "from"]
     columns += ["licence"] if any(asset.origin is not None for asset in assets) else []
     columns += ["what it is"] if console.width >= _WIDE else []
@@ -154,10 +152,10 @@ def show_library(library: Path | None, names: Sequence[str], shipped: bool, out:
         picture, failed = contact_sheet(known, part, views)
         path = out if len(sheets) == 1 else out.with_stem(f"{out.stem}-{number + 1}")
         write_bytes(path, png_bytes(picture))
-        print(f"{len(part)} assets in {path}")
+        say(f"{len(part)} assets in {path}")
         broken |= failed
     for name, reason in broken.items():
-        print(f"{name}: {reason}", file=sys.stderr)
+        say(f"{name}: {reason}", error=True)
     return 1 if broken else 0
 
 
@@ -169,12 +167,12 @@ def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as
     verdicts = [verify(known, asset) for asset in assets]
     broken = [one for one in verdicts if not one.ok]
     if as_json:
-        print(json.dumps([one.model_dump(mode="json") for one in verdicts], indent=2))
+        say_json([one.model_dump(mode="json") for one in verdicts])
         return 1 if broken else 0
     table = Table("asset", "state", "rests", "findings", box=None, pad_edge=False, header_style="bold")
     for one in verdicts:
         rests = "" if one.rests is None else "yes" if one.rests else "no"
         table.add_row(*map(Text, (one.name, "ok" if one.ok else "broken", rests, "; ".join(one.findings))))
-    Console().print(table)
-    print(f"{len(verdicts) - len(broken)} of {len(verdicts)} are whole")
+    terminal.console().print(table)
+    say(f"{len(verdicts) - len(broken)} of {len(verdicts)} are whole")
     return 1 if broken else 0

@@ -1,11 +1,12 @@
 """``grs assets index``."""
 
-import json
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from grs_agents import terminal
+from grs_agents.terminal import say, say_json
 
 
 def index_assets(folder: Path, again: bool, as_json: bool) -> int:
@@ -37,7 +38,7 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
     vectors: dict[str, Vectors] = {}
     broken: dict[str, str] = {}
     columns = (TextColumn("indexing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    with Progress(*columns, console=terminal.console(error=True)) as progress:
         for name in progress.track(wanted):
             try:
                 look = appearance_of(name, library).views.mean(axis=0)
@@ -51,9 +52,9 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
         index.compact()
     told = {"folder": str(folder), "assets": len(index), "added": len(vectors), "removed": len(gone), "broken": broken}
     if as_json:
-        print(json.dumps(told, indent=2))
+        say_json(told)
     else:
-        print(f"{folder}: {len(index)} assets, {len(vectors)} added, {len(gone)} removed")
+        say(f"{folder}: {len(index)} assets, {len(vectors)} added, {len(gone)} removed")
         for name, reason in broken.items():
-            print(f"  {name}: {reason}")
+            say(f"  {name}: {reason}")
     return 1 if broken else 0

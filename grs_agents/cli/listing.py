@@ -6,12 +6,12 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, cast
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from grs_agents import content
+from grs_agents import content, terminal
 from grs_agents.config import Effective
+from grs_agents.terminal import say_json
 
 
 def list_content(as_json: bool) -> None:
@@ -29,9 +29,9 @@ def list_content(as_json: bool) -> None:
     found["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
     found["policies"].update({entry.name: entry.value for entry in entry_points(group="grs_agents.policies")})
     if as_json:
-        print(json.dumps(found, indent=2))
+        say_json(found)
         return
-    console = Console()
+    console = terminal.console()
     for kind, things in found.items():
         table = Table("name", "what it is", title=kind, title_justify="left", expand=False)
         for name, text in things.items():
@@ -44,12 +44,12 @@ def list_config(effective: Effective, as_json: bool) -> None:
     rows = list(_flat(effective.config.model_dump(mode="json")))
     sources = {key: effective.sources.get(key, "default") for key, _ in rows}
     if as_json:
-        print(json.dumps({key: {"value": value, "source": sources[key]} for key, value in rows}, indent=2))
+        say_json({key: {"value": value, "source": sources[key]} for key, value in rows})
         return
     table = Table("key", "value", "source")
     for key, value in rows:
         table.add_row(key, Text(json.dumps(value)), Text(sources[key]))
-    Console().print(table)
+    terminal.console().print(table)
 
 
 def _flat(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

@@ -1,14 +1,13 @@
 """``grs show`` and ``grs replay``."""
 
-import json
 import tempfile
 from pathlib import Path
 
-from rich.console import Console
-
+from grs_agents import terminal
 from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.run import read_record
+from grs_agents.terminal import say, say_json
 from grs_agents.trace import RunEnded, read_events
 
 
@@ -23,9 +22,9 @@ def show_run(folder: Path, as_json: bool) -> None:
     record = read_record(folder).model_dump(mode="json")
     rows = steps(read_events(folder / "events.jsonl"))
     if as_json:
-        print(json.dumps({"run": record, "steps": [step_record(step) for step in rows]}, indent=2))
+        say_json({"run": record, "steps": [step_record(step) for step in rows]})
         return
-    console = Console()
+    console = terminal.console()
     console.print(steps_tree(rows))
     console.print(summary_table(record))
 
@@ -36,21 +35,21 @@ def show_step(folder: Path, number: int | None, as_json: bool) -> None:
     Raises:
         InputError: the folder holds no run, or the run has no such step.
     """
-    from grs_agents.views import failed_step, find_step, sections, step_record, steps, visible
+    from grs_agents.views import failed_step, find_step, sections, step_record, steps
 
     read_record(folder)
     rows = steps(read_events(folder / "events.jsonl"))
     step = failed_step(rows) if number is None else find_step(rows, number)
     if as_json:
         events = [event.model_dump(mode="json") for event in step.events] if step else []
-        print(json.dumps({**step_record(step), "events": events} if step else None, indent=2))
+        say_json({**step_record(step), "events": events} if step else None)
     elif step is None:
-        print("no step went wrong")
+        say("no step went wrong")
     else:
-        trouble = f": {visible(step.trouble)}" if step.trouble else ""
-        print(f"step {step.number}: {step.node}, visit {step.visit}, {step.status} in {step.seconds:.1f} s{trouble}")
+        trouble = f": {step.trouble}" if step.trouble else ""
+        say(f"step {step.number}: {step.node}, visit {step.visit}, {step.status} in {step.seconds:.1f} s{trouble}")
         for section in sections(step):
-            print(f"\n=== {visible(section.heading)}\n{visible(section.text)}".rstrip())
+            say(f"\n=== {section.heading}\n{section.text}".rstrip())
 
 
 def library_of(folder: Path) -> Library:
@@ -101,7 +100,7 @@ def _viewed(recording: Path, web: bool) -> int:
     address = WebAddress.free() if web else None
     with viewing(recording, address) as process:
         if address:
-            print(f"open {address.url}", flush=True)
+            say(f"open {address.url}", flush=True)
         return process.wait()
 
 

@@ -1,14 +1,12 @@
 """``grs assets import objaverse:WORDS``."""
 
-import json as jsons
-import sys
 import tempfile
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from grs_agents import terminal
 from grs_agents.cli.importing import Progress, library_root, tell_import
 from grs_agents.errors import InputError
 from grs_agents.library.importing.inside import Folder
@@ -16,6 +14,7 @@ from grs_agents.library.importing.objaverse import Entry, download, load_package
 from grs_agents.library.importing.run import Importing
 from grs_agents.library.importing.source import Opened
 from grs_agents.library.importing.types import ImportOptions, Item
+from grs_agents.terminal import say, say_json
 
 COLLECTION = "objaverse"
 PREFIX = "objaverse:"
@@ -50,10 +49,10 @@ def import_objaverse(words: str, library: Path | None, options: ImportOptions, c
 
 def _list(found: list[Entry], as_json: bool) -> None:
     if as_json:
-        print(jsons.dumps([one.model_dump(mode="json") for one in found], indent=2))
+        say_json([one.model_dump(mode="json") for one in found])
         return
     table = Table("uid", "title", "author", "licence", "faces", box=None, pad_edge=False, header_style="bold")
     for one in found:
         table.add_row(*map(Text, (one.uid, one.title, one.author, one.license, str(one.faces or ""))))
-    Console().print(table)
-    print(f"{len(found)} matches, nothing downloaded; --download N fetches and imports the first N", file=sys.stderr)
+    terminal.console().print(table)
+    say(f"{len(found)} matches, nothing downloaded; --download N fetches and imports the first N", error=True)

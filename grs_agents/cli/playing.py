@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from grs_agents.cli.looking import library_of
 from grs_agents.run import RunRecord, read_record
+from grs_agents.terminal import say
 from grs_agents.trace import Rollout, read_events
 
 if TYPE_CHECKING:
@@ -37,5 +38,5 @@ def play_run(folder: Path, out: Path | None, seed: int | None) -> int:
         return watch(shot)
     with working("drawing the film") as show:
         frames = write_film(shot, out, show=show)
-    print(f"{out}: seed {shot.event.seed}, {frames} frames, {out.stat().st_size / 2**20:.1f} MiB")
+    say(f"{out}: seed {shot.event.seed}, {frames} frames, {out.stat().st_size / 2**20:.1f} MiB")
     return 0

@@ -4,8 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from grs_agents.cli.looking import library_of
-from grs_agents.files import write_text
+from grs_agents.files import STANDARD_OUTPUT, write_document
 from grs_agents.run import read_record
+from grs_agents.terminal import say
 from grs_agents.trace import read_events
 
 
@@ -26,13 +27,14 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
     record = read_record(folder)
     sources = Sources(folder, library_of(folder), str(record.config.get("robot", "ur5e")), show)
     page = report(record.model_dump(mode="json"), read_events(folder / "events.jsonl"), sources)
-    return write_text(out or folder / "report.html", page)
+    return write_document(out or folder / "report.html", page.encode("utf-8", "replace"))
 
 
 def report_run(folder: Path, out: Path | None) -> None:
-    """Write the page and say where it is."""
+    """Write the page and say where it is; standard output is the page's alone."""
     from grs_agents.views import working
 
     with working("writing the report") as show:
         path = write_report(folder, out, show)
-    print(f"{path}: {path.stat().st_size / 2**20:.1f} MiB")
+    if path != STANDARD_OUTPUT:
+        say(f"{path}: {path.stat().st_size / 2**20:.1f} MiB")

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from grs_agents import terminal
 from grs_agents.config import Config
 from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Library
 from grs_agents.run import Order, RunRecord, UnexpectedError, execute
 from grs_agents.scene import SceneDescription, read_description, scene_called
+from grs_agents.terminal import say, say_json
 from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
 
 
@@ -45,7 +46,7 @@ def run_graph(
     order = Order(command, scene_called(scene), config, out, resume)
     ended = execute(order, partial(follow, watching=watching or Watching()))
     if as_json:
-        print(ended.record.model_dump_json(indent=2))
+        say_json(ended.record.model_dump(mode="json"))
     elif ended.problem is None:
         _print_end(command, ended.folder, ended.record)
     if ended.problem is not None:
@@ -56,22 +57,22 @@ def run_graph(
 def _print_end(command: str, folder: Path, record: RunRecord) -> None:
     from grs_agents.views import summary_table
 
-    console = Console()
+    console = terminal.console()
     if command == "scene" and record.exit_status == 0:
         console.print(objects_table(read_description(folder / "scene.json")))
     else:
         console.print(summary_table(record.model_dump(mode="json")))
-    console.print(f"[bold]grs replay {folder}[/bold]   opens the trace", highlight=False)
+    console.print(Text.assemble((f"grs replay {folder}", "bold"), "   opens the trace"))
 
 
 def _print_problem(problem: GrsError, folder: Path) -> None:
     """One line; what nobody foresaw has its traceback too, and what was reached can be gone on with."""
-    print(f"grs: {problem}", file=sys.stderr)
+    say(f"grs: {problem}", error=True)
     if isinstance(problem, InputError):
         return
     if isinstance(problem, UnexpectedError):
-        traceback.print_exception(problem.__cause__)
-    print(f"what was reached is in {folder}; --resume goes on there", file=sys.stderr)
+        say("".join(traceback.format_exception(problem.__cause__)), error=True)
+    say(f"what was reached is in {folder}; --resume goes on there", error=True)
 
 
 def objects_table(scene: SceneDescription) -> Table:

@@ -7,8 +7,10 @@ from typing import Any, cast
 
 from grs_agents.cli.looking import rebuilt
 from grs_agents.cli.reporting import write_report
+from grs_agents.files import STANDARD_OUTPUT
 from grs_agents.models import PROVIDERS
 from grs_agents.run import read_record
+from grs_agents.terminal import say
 
 
 def share_run(folder: Path, out: Path | None) -> None:
@@ -26,11 +28,12 @@ def share_run(folder: Path, out: Path | None) -> None:
     path = out or folder.resolve().with_suffix(".zip")
     with working("removing keys and home folders") as show:
         shared = share(folder, path, scrubber(folder, _key_variables(record.config)), partial(_make, show=show))
-    print(f"{shared.path}: {shared.files} files, {shared.path.stat().st_size / 2**20:.1f} MiB")
+    tell = partial(say, error=path == STANDARD_OUTPUT)
+    tell(f"{shared.path}: {shared.files} files, {shared.size / 2**20:.1f} MiB")
     if shared.changed:
-        print(f"paths, keys or picture comments were removed from: {', '.join(shared.changed)}")
+        tell(f"paths, keys or picture comments were removed from: {', '.join(shared.changed)}")
     if shared.left_out:
-        print(f"left out: {', '.join(shared.left_out)}")
+        tell(f"left out: {', '.join(shared.left_out)}")
 
 
 def _make(copy: Path, show: Callable[[str], None]) -> list[Path]:

@@ -1,16 +1,16 @@
 """``grs trace``."""
 
-import json
 from pathlib import Path
 
 from grs_agents.cli.looking import rebuilt
 from grs_agents.run import read_record
+from grs_agents.terminal import say, say_json
 from grs_agents.trace import event_schema, read_events
 
 
 def print_schema() -> None:
     """Print the JSON schema of one line of ``events.jsonl``."""
-    print(json.dumps(event_schema(), indent=2))
+    say_json(event_schema())
 
 
 def rebuild_trace(folder: Path) -> None:
@@ -24,7 +24,7 @@ def rebuild_trace(folder: Path) -> None:
     with working("making the recording"):
         recording = rebuilt(folder)
     count = len(read_events(folder / "events.jsonl"))
-    print(f"{recording}: {count} events, {recording.stat().st_size / 2**20:.1f} MiB")
+    say(f"{recording}: {count} events, {recording.stat().st_size / 2**20:.1f} MiB")
 
 
 def send_spans(folder: Path) -> None:
@@ -42,4 +42,4 @@ def send_spans(folder: Path) -> None:
     for event in events:
         view(event)
     view.finish()
-    print(f"{folder}: {len(events)} events sent as spans")
+    say(f"{folder}: {len(events)} events sent as spans")

@@ -74,7 +74,10 @@ def play(
 def report(
     run: RunFolder,
     out: Annotated[
-        Path | None, typer.Option("--out", help="The file; report.html in the run folder by default.", metavar="FILE")
+        Path | None,
+        typer.Option(
+            "--out", help="The file, - for standard output; report.html in the run folder by default.", metavar="FILE"
+        ),
     ] = None,
 ) -> None:
     """Write a run as one HTML page that needs nothing else: photo, task, pictures, decisions, changes, tests."""
@@ -86,7 +89,10 @@ def report(
 def share(
     run: RunFolder,
     out: Annotated[
-        Path | None, typer.Option("--out", help="The zip file; beside the run folder by default.", metavar="FILE.zip")
+        Path | None,
+        typer.Option(
+            "--out", help="The zip file, - for standard output; beside the run folder by default.", metavar="FILE.zip"
+        ),
     ] = None,
 ) -> None:
     """Pack a run into one zip file without keys and home folders, with its recording and report."""

@@ -10,7 +10,8 @@ from typing import Any, cast
 from pydantic import ValidationError
 
 from grs_agents.config.model import ROLE_ALIASES, ROLES, Config
-from grs_agents.errors import ConfigError, UnknownNameError
+from grs_agents.errors import ConfigError, InputError, UnknownNameError
+from grs_agents.foreign import read_text
 
 Tree = dict[str, Any]
 ENVIRONMENT_PREFIX = "GRS_"
@@ -87,12 +88,10 @@ def _settings(settings: Sequence[str]) -> list[tuple[str, Tree]]:
 
 def _read(file: Path) -> Tree:
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(
-            f"cannot read {file}: {error.strerror}", "name an existing TOML file with --config"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return tomllib.loads(read_text(file, "name an existing TOML file with --config"))
+    except InputError as error:
+        raise ConfigError(error.message, error.remedy) from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(f"{file} is not TOML: {error}", "mend the line it names") from error
 
 
@@ -106,7 +105,7 @@ def _setting(text: str) -> Tree:
 def _value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         return text.strip()
 
 

@@ -1,6 +1,5 @@
 """An entry of the library's manifest."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +7,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, mode
 
 from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import InputError
+from grs_agents.foreign import read_json
 from grs_agents.library.physics import Origin, Physics, Quantity
 
 MANIFEST = "manifest.json"
@@ -85,13 +85,11 @@ def read_manifest(root: Path) -> Manifest:
     if not path.exists():
         return Manifest()
     try:
-        return Manifest.model_validate(json.loads(path.read_text("utf-8")))
-    except (OSError, ValueError, RecursionError) as error:
+        return Manifest.model_validate(read_json(path, "correct the manifest"))
+    except ValidationError as error:
         raise InputError(f"cannot read {path}: {_first_line(error)}", "correct the manifest") from error
 
 
-def _first_line(error: Exception) -> str:
-    if isinstance(error, ValidationError):
-        first = error.errors()[0]
-        return f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}"
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+def _first_line(error: ValidationError) -> str:
+    first = error.errors()[0]
+    return f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}"

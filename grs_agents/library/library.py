@@ -5,6 +5,7 @@ from pathlib import Path
 from grs_agents import content
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.foreign import member, read_text
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.own_file import own_asset, own_names, own_path, read_model
 from grs_agents.library.shapes import ObjectModel
@@ -71,8 +72,9 @@ class Library:
 
         Raises:
             UnknownNameError: nothing has that name.
+            InputError: a manifest lists a file that is not in its folder.
         """
-        return self._root(name) / name
+        return member(self._root(name), name)
 
     def model(self, name: str) -> ObjectModel:
         """What the asset's file says; a template is filled with its defaults.
@@ -96,10 +98,7 @@ class Library:
             InputError: a value is not a finite number, or the file cannot be read.
         """
         if name not in self._texts:
-            try:
-                self._texts[name] = self.path(name).read_text("utf-8")
-            except (OSError, UnicodeDecodeError) as error:
-                raise InputError(f"cannot read {self.path(name)}: {error}", "restore the template") from error
+            self._texts[name] = read_text(self.path(name), "restore the template")
         return fill_template(self._texts[name], replace, self.asset(name).template)
 
     def filled(self, name: str, replace: Values) -> ObjectModel:
@@ -147,7 +146,7 @@ class Library:
     def _read(self, name: str) -> ObjectModel:
         if name not in self._models:
             root = self._root(name)
-            self._models[name] = read_model(root / name, root)
+            self._models[name] = read_model(member(root, name), root)
         return self._models[name]
 
     def _defaulted(self, name: str) -> ObjectModel:

@@ -5,6 +5,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+from grs_agents import foreign
 from grs_agents.errors import InputError
 
 MAX_BYTES, MAX_DEPTH = 1_000_000, 32
@@ -19,12 +20,7 @@ def read_text(path: Path) -> str:
     Raises:
         InputError: it cannot be read or is too large.
     """
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path} is larger than {MAX_BYTES} bytes", "split or simplify the file")
-        return path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read {path}: {error}", "give a file in UTF-8") from error
+    return foreign.read_text(path, "give a small file in UTF-8", MAX_BYTES)
 
 
 def parse(text: str, fault: Fault) -> ElementTree.Element:

@@ -1,7 +1,6 @@
 """Measure perception on many scenes: find or make them, measure each in a process of its own, write the figures."""
 
 import hashlib
-import json
 import os
 import subprocess
 import sys
@@ -11,11 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from grs_agents import content
+from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.measure.figures import Target, targets, write_figures
 from grs_agents.measure.sheet import write_plots, write_sheet
@@ -27,6 +25,7 @@ from grs_agents.scene.reading.bop import is_bop
 from grs_agents.scene.truth import labelled_folders
 from grs_agents.scene.truth_bop import bop_sources
 from grs_agents.synth import Recipe
+from grs_agents.terminal import say_json
 
 ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 CODE = Path(__file__).parent.parent
@@ -84,7 +83,7 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
     """
     results: dict[str, Result] = {}
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress, ThreadPoolExecutor(workers) as pool:
+    with Progress(*columns, console=terminal.console(error=True)) as progress, ThreadPoolExecutor(workers) as pool:
         bar = progress.add_task("scenes", total=len(orders))
         waiting = {pool.submit(_measured, order, out): order for order in orders}
         for future in as_completed(waiting):
@@ -99,9 +98,9 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
     if drawn:
         write_sheet(out, drawn)
     if as_json:
-        print(json.dumps(value, indent=2))
+        say_json(value)
     else:
-        console = Console()
+        console = terminal.console()
         console.print(table("perception", _SHOWN, [*value["rows"], *value["totals"]]))
         console.print(_targets(targets(scenes)))
         console.print(f"figures.md, scenes.csv, objects.csv, sheet.png, scores.png and errors.png are in {out}")

@@ -30,6 +30,7 @@ from grs_agents.scene import (
 )
 from grs_agents.scene.metrics import MATCHED, overlaps
 from grs_agents.scene.truth import LabelledScene, read_labelled
+from grs_agents.terminal import say
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, Reply, read_events
 
@@ -181,7 +182,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         match(order, Path(arguments[0]))
     except GrsError as error:
-        print(error, file=sys.stderr)
+        say(error, error=True)
         return error.exit_status
     return 0
 

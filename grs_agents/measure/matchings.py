@@ -1,6 +1,5 @@
 """Measure correspondence on many scenes: methods x models x runs, each in a process of its own; write the figures."""
 
-import json
 import os
 import subprocess
 import sys
@@ -10,10 +9,9 @@ from pathlib import Path
 from typing import TypeVar
 
 from pydantic import ValidationError
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from grs_agents import content
+from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.measure.experiment import CODE, ONE_CORE, fingerprint
 from grs_agents.measure.match_figures import SHOWN, write_matchings
@@ -21,6 +19,7 @@ from grs_agents.measure.match_sheet import write_match_plot, write_match_sheet
 from grs_agents.measure.match_types import Matching, MatchOrder, Method, matching_file
 from grs_agents.measure.types import Order
 from grs_agents.run.tables import table
+from grs_agents.terminal import say, say_json
 
 _Outcome = TypeVar("_Outcome")
 METHODS: dict[str, Method] = {
@@ -90,16 +89,16 @@ def run_matchings(orders: Sequence[MatchOrder], out: Path, workers: int, prices:
     write_match_plot(out, value["table"])
     write_match_sheet(out, found)
     if as_json:
-        print(json.dumps(value, indent=2))
+        say_json(value)
     else:
-        console = Console()
+        console = terminal.console()
         console.print(table("correspondence", SHOWN, value["table"]))
         for test in value["tests"]:
             console.print(f"{test['test']}, {test['effect']}: H = {test['statistic']:.2f}, p = {test['p']:.3g}")
         console.print(f"table1.md, table1.csv, objects.csv, confusions.csv, f1.png and sheets are in {out}")
     for one in found:
         if one.error:
-            print(f"{one.order.stem}: {one.error}", file=sys.stderr)
+            say(f"{one.order.stem}: {one.error}", error=True)
     return 0 if all(not one.error for one in found) else 1
 
 
@@ -169,7 +168,7 @@ def _worker(module: str, arguments: Sequence[str], order: str) -> str:
 def _progress() -> Progress:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                TimeRemainingColumn())  # fmt: skip
-    return Progress(*columns, console=Console(stderr=True))
+    return Progress(*columns, console=terminal.console(error=True))
 
 
 def _prices(told: Sequence[str]) -> dict[str, tuple[float, float]]:

@@ -26,6 +26,7 @@ from grs_agents.sandbox import Limits, Sandbox
 from grs_agents.scene import Candidate, TableFrame, find_table
 from grs_agents.scene.metrics import score
 from grs_agents.scene.truth import LabelledScene, read_labelled
+from grs_agents.terminal import say
 from grs_agents.toolkit import Tool, ToolContext, load_tool
 
 _MEBIBYTE = 1024 * 1024 if sys.platform == "darwin" else 1024
@@ -143,7 +144,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         make(order) if verb == "make" else measure(order, Path(out))
     except GrsError as error:
-        print(error, file=sys.stderr)
+        say(error, error=True)
         return error.exit_status
     return 0
 

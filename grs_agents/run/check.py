@@ -6,7 +6,7 @@ from pathlib import Path
 from grs_agents.agents import Agents
 from grs_agents.audit import AuditReport, audit
 from grs_agents.config import Config
-from grs_agents.errors import InputError
+from grs_agents.foreign import read_text
 from grs_agents.nodes import Services
 from grs_agents.nodes.instances import measure
 from grs_agents.policies import load_policy
@@ -14,6 +14,8 @@ from grs_agents.run.isolation import open_sandbox
 from grs_agents.sandbox import TestReport
 from grs_agents.scene import read_description
 from grs_agents.trace import EventLog
+
+REMEDY = "name an existing Python file"
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,8 @@ def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
     Raises:
         InputError: a file cannot be read.
     """
-    simulation, tests = _read(order.simulation), _read(order.tests) if order.tests else None
+    simulation = read_text(order.simulation, REMEDY)
+    tests = read_text(order.tests, REMEDY) if order.tests else None
     with EventLog(order.folder / "events.jsonl") as log, open_sandbox(order.config) as sandbox:
         services = Services(
             config=order.config,
@@ -71,12 +74,3 @@ def _background(run: Path | None) -> str | None:
     """The library name of what is around the objects of a run's photo, if it was reconstructed."""
     scene = run / "scene.json" if run else None
     return read_description(scene).background if scene and scene.is_file() else None
-
-
-def _read(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror}", "name an existing Python file") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{file} is not UTF-8 text: {error}", "name a Python file") from error

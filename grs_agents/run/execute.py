@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from grs_agents.agents import Agents
 from grs_agents.config import Config
-from grs_agents.errors import ConfigError, GrsError
+from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.files import unwritable
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
+from grs_agents.run.checkpoint import FILE, check_checkpoints, check_state
 from grs_agents.run.isolation import open_sandbox
 from grs_agents.run.opening import Order, load_graph, open_run
 from grs_agents.run.record import EXIT_STATUS, RunRecord, counts, seconds_by_stage
@@ -125,7 +126,7 @@ def _as_grs_error(error: BaseException, folder: Path) -> GrsError:
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EROFS, errno.EDQUOT, errno.EACCES):
         return unwritable(folder, error)
     if isinstance(error, sqlite3.OperationalError) and "full" in str(error):
-        return unwritable(folder / "checkpoint.sqlite", OSError(errno.ENOSPC, "disk is full"))
+        return unwritable(folder / FILE, OSError(errno.ENOSPC, "disk is full"))
     problem = UnexpectedError(f"{type(error).__name__}: {error}", f"report it with {folder / 'events.jsonl'}")
     problem.__cause__ = error
     return problem
@@ -156,7 +157,7 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
             state.update(graph.invoke(begin, settings, context=services))
             return
         settings["configurable"] = {"thread_id": record.id}
-        resumed = order.resume and bool(graph.get_state(settings).values)
+        resumed = order.resume and bool(_state_of(graph, settings, folder))
         if resumed:
             log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
         try:
@@ -164,6 +165,23 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
         finally:
             with suppress(sqlite3.Error):  # a full disk is reported by what it stopped
                 state.update(graph.get_state(settings).values)
+
+
+def _state_of(graph: Any, settings: dict[str, Any], folder: Path) -> State:
+    """The state that an earlier attempt reached.
+
+    Raises:
+        InputError: its checkpoints are damaged.
+    """
+    try:
+        values: State = graph.get_state(settings).values
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError, sqlite3.Error) as error:
+        raise InputError(
+            f"{folder / FILE} holds no readable checkpoint: {type(error).__name__}: {error}",
+            "start the scene again in another folder: --out",
+        ) from error
+    check_state(values, folder)
+    return values
 
 
 @contextmanager
@@ -177,7 +195,8 @@ def _checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointSaver[
         return
     # Without a list of modules of ours, a tampered checkpoint cannot have anything called when it is read.
     strict = JsonPlusSerializer(allowed_msgpack_modules=None)
-    with closing(sqlite3.connect(folder / "checkpoint.sqlite", check_same_thread=False)) as connection:
+    check_checkpoints(folder)
+    with closing(sqlite3.connect(folder / FILE, check_same_thread=False)) as connection:
         yield SqliteSaver(connection, serde=strict)
 
 

@@ -2,25 +2,23 @@
 
 import argparse
 import json
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
-from grs_agents import __version__, content
+from grs_agents import __version__, content, terminal
 from grs_agents.config import load_config
 from grs_agents.errors import InputError
 from grs_agents.files import write_json, write_text
 from grs_agents.run.batch import Done, Job, run_jobs
 from grs_agents.run.tables import COLUMNS, markdown, row, table
+from grs_agents.terminal import VisibleParser, say, say_json
 
 
 def experiment_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """The options every experiment of many runs has."""
-    parser = argparse.ArgumentParser(prog=f"grs eval {name}", description=description)
+    parser = VisibleParser(prog=f"grs eval {name}", description=description)
     parser.add_argument("--out", type=Path, default=Path(f"runs/eval-{name}"), help="where runs and figures go")
     parser.add_argument("--workers", type=positive, default=2, help="runs at a time")
     parser.add_argument("--timeout", type=float, default=300, help="seconds before a run is killed")
@@ -57,7 +55,7 @@ def run_experiment(jobs: Sequence[Job], options: argparse.Namespace) -> int:
     claim(options.out, jobs, options.settings)
 
     def tell(done: Done) -> None:
-        print(f"{done.job.name}: {done.record.status if done.record else done.error}", file=sys.stderr)
+        say(f"{done.job.name}: {done.record.status if done.record else done.error}", error=True)
 
     finished = run_jobs(jobs, options.workers, options.timeout, tell)
     rows = [row(done) for done in finished]
@@ -65,9 +63,9 @@ def run_experiment(jobs: Sequence[Job], options: argparse.Namespace) -> int:
     write_json(options.out / "figures.json", {"summary": summary, "rows": rows})
     write_text(options.out / "figures.md", markdown(COLUMNS, rows))
     if options.json:
-        print(json.dumps({"summary": summary, "rows": rows}, indent=2))
+        say_json({"summary": summary, "rows": rows})
     else:
-        Console().print(table(f"accepted {summary['accepted']} of {summary['runs']}", COLUMNS, rows))
+        terminal.console().print(table(f"accepted {summary['accepted']} of {summary['runs']}", COLUMNS, rows))
     return 0 if summary["verdicts"] == len(rows) else 1
 
 

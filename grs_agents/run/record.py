@@ -13,6 +13,7 @@ from grs_agents import __version__
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
+from grs_agents.foreign import check_folder, check_json, read_bytes
 from grs_agents.trace import Event
 
 Status = Literal["running", "accepted", "rejected", "failed", "interrupted"]
@@ -29,6 +30,8 @@ PACKAGES = (
 EXIT_STATUS = {"accepted": 0, "rejected": 1}
 """The verdicts, each with what the command returns."""
 FILE = "run.json"
+MOST_BYTES = 1 << 20
+"""Of ``run.json``; the sample run has 3 kilobytes."""
 REMEDY = "name a folder that `grs run` wrote"
 
 
@@ -81,18 +84,32 @@ class RunRecord(Frozen):
 
 
 def read_record(folder: Path) -> RunRecord:
-    """Read ``run.json``.
+    """Open a run folder, which may come from somebody else: look at all that is in it, then read ``run.json``.
+
+    Every verb that reads a run begins here.
 
     Raises:
-        InputError: the folder holds no run, or its record is damaged.
+        InputError: the folder holds no run, its record is damaged, or something in it is no regular file, leads out
+            of the folder or is too large.
     """
     file = folder / FILE
+    if not _is_there(file):
+        raise InputError(f"{folder} holds no run: there is no {FILE} in it", REMEDY)
+    check_folder(folder)
+    data = read_bytes(file, REMEDY, MOST_BYTES)
+    check_json(data, file)
     try:
-        return RunRecord.model_validate_json(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{folder} holds no run: {FILE}: {error.strerror}", REMEDY) from error
+        return RunRecord.model_validate_json(data)
     except ValidationError as error:
         raise InputError(f"{file} is not a run record: {error.errors()[0]['msg']}", REMEDY) from error
+
+
+def _is_there(file: Path) -> bool:
+    try:
+        file.lstat()
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def versions() -> dict[str, str]:

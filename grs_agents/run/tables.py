@@ -1,12 +1,12 @@
 """Figures of many runs as rows, a terminal table and Markdown."""
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
+from grs_agents.foreign import read_json
 from grs_agents.run.batch import Done
 
 COLUMNS = (
@@ -62,4 +62,4 @@ def markdown(columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> str:
 
 def _task(done: Done) -> str:
     file = done.job.out / "task.json"
-    return str(json.loads(file.read_text(encoding="utf-8"))["task-name"]) if file.is_file() else ""
+    return str(read_json(file, "run again").get("task-name", "")) if file.is_file() else ""

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import InputError
 from grs_agents.files import write_bytes
+from grs_agents.foreign.pictures import read_picture
 from grs_agents.scene.frame import Camera, Image, Mask, RGBDFrame
 from grs_agents.scene.types import Candidate, CandidateRecord
 
@@ -34,9 +34,7 @@ def load_frame(run: Path, camera: Camera, source: str) -> RGBDFrame:
     Raises:
         InputError: the pictures are gone.
     """
-    color, depth = (cv2.imread(str(run / name), cv2.IMREAD_UNCHANGED) for name in ("scene/rgb.png", "scene/depth.png"))
-    if color is None or depth is None:
-        raise InputError(f"{run / 'scene'} lacks rgb.png or depth.png", "run again from the beginning")
+    color, depth = (read_picture(run / name, cv2.IMREAD_UNCHANGED) for name in ("scene/rgb.png", "scene/depth.png"))
     metres = np.asarray(depth * camera.depth_scale, np.float32)
     return RGBDFrame(np.asarray(cv2.cvtColor(color, cv2.COLOR_BGR2RGB), np.uint8), metres, camera, Path(source))
 
@@ -47,10 +45,7 @@ def load_mask(file: Path) -> Mask:
     Raises:
         InputError: it is gone.
     """
-    image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputError(f"there is no mask {file}", "run again from the beginning")
-    return np.asarray(image) > 0
+    return read_picture(file, cv2.IMREAD_UNCHANGED) > 0
 
 
 def save_candidates(frame: RGBDFrame, candidates: Sequence[Candidate], run: Path) -> tuple[CandidateRecord, ...]:

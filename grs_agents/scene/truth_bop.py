@@ -7,9 +7,10 @@ from typing import Any, cast
 import numpy as np
 
 from grs_agents.errors import InputError
+from grs_agents.foreign import read_json
 from grs_agents.scene.frame import Array
 from grs_agents.scene.reading.bop import METRES_PER_MILLIMETRE, PREFIX, bop_image
-from grs_agents.scene.reading.files import exists, is_folder, names_in, read_json
+from grs_agents.scene.reading.files import exists, is_folder, names_in
 from grs_agents.scene.reading.ply import read_ply
 
 MODELS = ("models_eval", "models", "models_cad", "models_reconst")

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from grs_agents.base import Frozen, Pose, Quat, Vec3
 from grs_agents.errors import InputError
 from grs_agents.files import write_json
+from grs_agents.foreign import is_inside, read_json
 from grs_agents.scene.frame import Image, Mask, Matrix
 
 Solid = Literal["box", "cylinder"]
@@ -81,6 +82,16 @@ class TableFrame(Frozen):
     planes: tuple[LevelPlane, ...] = ()
 
 
+def _inside(name: str) -> str:
+    if not is_inside(name):
+        raise ValueError(f"{name[:200]!r} is no path inside the run folder")
+    return name
+
+
+InsideName = Annotated[str, AfterValidator(_inside)]
+"""A file relative to the run folder, and in it."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A segment that may be an object.
@@ -112,8 +123,8 @@ class CandidateRecord(Frozen):
     """A candidate without its pixels: what is kept in the state. Paths are relative to the run folder."""
 
     id: int
-    mask: str
-    crop: str
+    mask: InsideName
+    crop: InsideName
     box: Aabb
     upright: UprightBox
     color: Vec3
@@ -192,8 +203,8 @@ class SceneObject(Frozen):
     size: Vec3
     reachable: bool
     evidence: str
-    mask: str
-    crop: str
+    mask: InsideName
+    crop: InsideName
     method: PoseMethod = "box"
     residual: float | None = None
     round: bool = False
@@ -265,8 +276,6 @@ def read_description(file: Path) -> SceneDescription:
         InputError: it cannot be read or does not fit the schema.
     """
     try:
-        return SceneDescription.model_validate_json(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror}", "make it with `grs scene`") from error
+        return SceneDescription.model_validate(read_json(file, "make it with `grs scene`"))
     except ValidationError as error:
         raise InputError(f"{file}: {error.errors()[0]['msg']}", "make it again with `grs scene`") from error

@@ -6,6 +6,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from grs_agents.errors import InputError
+from grs_agents.foreign import check_json
 from grs_agents.sim.instance import TaskInstance
 
 MAX_BYTES: Final = 4 << 20
@@ -29,6 +30,10 @@ def read_instance(text: str | bytes, objects: int = 200) -> TaskInstance:
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     if len(data) > MAX_BYTES:
         raise InstanceError(f"the instance has {len(data)} bytes, {MAX_BYTES} are the most", "make it smaller")
+    try:
+        check_json(data, "the instance")
+    except InputError as error:
+        raise InstanceError(error.message, "write fewer values, less deep") from error
     try:
         json.loads(data, parse_constant=_refuse, object_pairs_hook=_unambiguous)
         instance = TaskInstance.model_validate_json(data, strict=True)

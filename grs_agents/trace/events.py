@@ -7,22 +7,30 @@ three. File paths are relative to the run folder.
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter
+from pydantic import AfterValidator, Field, TypeAdapter
 
 from grs_agents.base import Frozen
+from grs_agents.trace.known import KnownReport, KnownSummary, checked
 from grs_agents.trace.values import JsonObject, Text
 
 VERSION = 2
 """Of this vocabulary: one more whenever a reader of the last one would misread a line."""
 
 
+Count = Annotated[int, Field(ge=0, lt=2**53)]
+"""What viewers can draw: a whole number that a float holds exactly."""
+Seconds = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+Summary = Annotated[JsonObject, AfterValidator(lambda value: checked(value, KnownSummary))]
+Report = Annotated[JsonObject, AfterValidator(lambda value: checked(value, KnownReport))]
+
+
 class Stamped(Frozen):
     """What all events have in common."""
 
     version: int = VERSION
-    sequence: int = Field(default=-1, description="number in the run, from 0; -1 until it is in a log")
-    time: float = Field(default=0.0, description="seconds since 1970, UTC")
-    attempt: int = Field(default=0, description="how many fixes were made before this")
+    sequence: int = Field(default=-1, ge=-1, lt=2**53, description="number in the run, from 0; -1 until it is in a log")
+    time: Seconds = Field(default=0.0, description="seconds since 1970, UTC")
+    attempt: Count = Field(default=0, description="how many fixes were made before this")
 
 
 class RunStarted(Stamped):
@@ -51,7 +59,7 @@ class NodeStarted(Stamped):
 
     kind: Literal["node_started"] = "node_started"
     node: Text
-    visit: int = 1
+    visit: Count = 1
 
 
 class NodeEnded(Stamped):
@@ -62,7 +70,7 @@ class NodeEnded(Stamped):
 
     kind: Literal["node_ended"] = "node_ended"
     node: Text
-    seconds: float
+    seconds: Seconds
     changed: tuple[str, ...] = ()
     values: JsonObject = Field(default_factory=dict[str, Any])
     error: Text = ""
@@ -91,11 +99,11 @@ class Reply(Stamped):
     role: Text
     model: Text
     text: Text
-    input_tokens: int = 0
-    output_tokens: int = 0
-    cached_tokens: int = 0
+    input_tokens: Count = 0
+    output_tokens: Count = 0
+    cached_tokens: Count = 0
     cost: float | None = None
-    seconds: float = 0.0
+    seconds: Seconds = 0.0
     finish_reason: Text = ""
     error: Text = ""
 
@@ -119,7 +127,7 @@ class TestsRun(Stamped):
 
     __test__ = False  # not a test class of pytest's
     kind: Literal["tests_run"] = "tests_run"
-    report: JsonObject
+    report: Report
 
 
 class Decision(Stamped):
@@ -141,7 +149,7 @@ class SceneStage(Stamped):
 
     kind: Literal["scene_stage"] = "scene_stage"
     stage: Literal["frame", "segmented", "background", "described", "matched"]
-    summary: JsonObject = Field(default_factory=dict[str, Any])
+    summary: Summary = Field(default_factory=dict[str, Any])
     files: dict[str, str] = Field(default_factory=dict[str, str])
 
 
@@ -159,7 +167,7 @@ class Rollout(Stamped):
     seed: int
     reward: float
     outcome: Text
-    steps: int = 0
+    steps: Count = 0
     moved: tuple[str, ...] = ()
     idle_reward: float = 0.0
     recording: str | None = None

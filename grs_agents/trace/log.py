@@ -14,6 +14,8 @@ from pydantic import ValidationError
 
 from grs_agents.errors import InputError
 from grs_agents.files import unwritable
+from grs_agents.foreign import MOST_JSON_BYTES, check_json, read_bytes
+from grs_agents.terminal import visible
 from grs_agents.trace.events import EVENT, VERSION, Event
 
 Subscriber = Callable[[Event], None]
@@ -41,7 +43,7 @@ def _parse(path: Path, data: bytes) -> tuple[list[Event], int]:
 
 def _refused(path: Path, number: int, line: bytes, error: ValidationError) -> InputError:
     """Why a line is no event: of a later vocabulary than ours, or damaged."""
-    with suppress(ValueError, TypeError, AttributeError):
+    with suppress(ValueError, TypeError, AttributeError, RecursionError):
         version = int(json.loads(line).get("version"))
         if version > VERSION:
             return InputError(
@@ -58,11 +60,14 @@ def read_events(path: Path) -> list[Event]:
     Raises:
         InputError: the file cannot be read, or a line other than the last is not an event.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}", "name the folder of a run") from error
-    return _parse(path, data)[0]
+    return _parse(path, _data(path))[0]
+
+
+def _data(path: Path) -> bytes:
+    """The bytes of a log; its lines may have been written by anybody."""
+    data = read_bytes(path, "name the folder of a run", MOST_JSON_BYTES)
+    check_json(data, path)
+    return data
 
 
 class _Contained:
@@ -108,7 +113,7 @@ class EventLog:
 
     def _continue(self, file: BinaryIO) -> None:
         """Take up numbering from what the file holds, cutting a torn end off and closing an unclosed line."""
-        data = self.path.read_bytes()
+        data = _data(self.path)
         events, length = _parse(self.path, data)
         if length < len(data):
             file.truncate(length)
@@ -152,7 +157,7 @@ class EventLog:
             name = getattr(subscriber, "__qualname__", type(subscriber).__qualname__)
             warnings.warn(
                 f"{name} failed at event {event.sequence} ({event.kind}) and may show less than happened: "
-                f"{type(error).__name__}: {error}",
+                + visible(f"{type(error).__name__}: {error}"),
                 RuntimeWarning,
                 stacklevel=4,
             )

@@ -4,7 +4,7 @@ The rerun view is not imported here, since importing rerun is slow: use
 ``grs_agents.views.rerun_view`` (``RerunView``, ``rebuild``) where it is wanted.
 """
 
-from grs_agents.views.step_text import failed_step, find_step, sections, visible
+from grs_agents.views.step_text import failed_step, find_step, sections
 from grs_agents.views.steps import Step, Steps, steps
 from grs_agents.views.terminal import Progress, summary_table, working
 from grs_agents.views.tree import step_record, steps_tree
@@ -25,6 +25,5 @@ __all__ = [
     "summary_table",
     "viewer_command",
     "viewing",
-    "visible",
     "working",
 ]

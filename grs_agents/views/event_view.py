@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from grs_agents.foreign import member
 from grs_agents.library import Library
 from grs_agents.trace import (
     Decision,
@@ -160,7 +161,7 @@ class EventView:
         """The first picture of the prompt, if it is another than the last prompt's."""
         picture = event.images[0] if event.images else None
         if picture and picture != self._picture:
-            log_picture(recording, Paths.IMAGE, self._folder / picture)
+            log_picture(recording, Paths.IMAGE, member(self._folder, picture))
         elif self._picture and not picture:
             recording.log(Paths.IMAGE, rr.EncodedImage.cleared())  # the viewer goes on to show an image after Clear
         self._picture = picture

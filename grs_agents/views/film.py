@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.errors import GrsError, InputError
-from grs_agents.files import unwritable
+from grs_agents.files import replaceable, unwritable
+from grs_agents.foreign import member, present
 from grs_agents.library import Library
 from grs_agents.trace import Event, Rollout
 from grs_agents.views.motion import Motion, read_motion
@@ -55,7 +56,7 @@ class Shot:
     @property
     def motion(self) -> Motion:
         """What moved."""
-        return read_motion(self.folder / (self.event.recording or ""))
+        return read_motion(member(self.folder, self.event.recording or ""))
 
 
 def rollout_of(events: Sequence[Event], folder: Path, seed: int | None = None) -> Rollout:
@@ -65,18 +66,18 @@ def rollout_of(events: Sequence[Event], folder: Path, seed: int | None = None) -
         InputError: there is none.
     """
     found = {event.seed: event for event in events if isinstance(event, Rollout)}
-    present = {
+    played = {
         number: event
         for number, event in sorted(found.items())
-        if event.recording and event.instance and (folder / event.recording).is_file()
+        if event.recording and event.instance and present(folder, event.recording)
     }
-    if not present:
+    if not played:
         raise InputError(f"{folder} holds no recorded rollout: no task was played", "name a run that reached the audit")
     if seed is None:
-        return next(iter(present.values()))
-    if seed not in present:
-        raise InputError(f"{folder} holds no rollout of seed {seed}", f"name one of {', '.join(map(str, present))}")
-    return present[seed]
+        return next(iter(played.values()))
+    if seed not in played:
+        raise InputError(f"{folder} holds no rollout of seed {seed}", f"name one of {', '.join(map(str, played))}")
+    return played[seed]
 
 
 def pictures(shot: Shot, seconds: Sequence[float]) -> Iterator[Image]:
@@ -91,6 +92,8 @@ def pictures(shot: Shot, seconds: Sequence[float]) -> Iterator[Image]:
             for image in _drawn(shot, seconds, backend):
                 drawn = True
                 yield image
+        except InputError:  # no way of drawing mends the files of a run
+            raise
         except GrsError:  # whatever is amiss, the next way of drawing may not need it
             if drawn or backend == _RAYS:
                 raise
@@ -119,6 +122,8 @@ def _drawn(shot: Shot, seconds: Sequence[float], backend: str) -> Iterator[Image
         if process.wait() != 0:
             said.seek(0)
             reason = (said.read().decode("utf-8", "replace").strip().splitlines() or ["it was killed"])[-1]
+            if process.returncode == InputError.exit_status:
+                raise InputError(f"the rollout cannot be drawn: {reason}")
             raise GrsError(f"the rollout cannot be drawn: {reason}", "see `grs doctor`")
 
 
@@ -132,8 +137,8 @@ def _worker(backend: str, errors: int) -> subprocess.Popen[bytes]:
 
 def _order(shot: Shot, seconds: Sequence[float], rays: bool = False, window: bool = False) -> bytes:
     files = {
-        "instance": str(shot.folder / (shot.event.instance or "")),
-        "recording": str(shot.folder / (shot.event.recording or "")),
+        "instance": str(member(shot.folder, shot.event.instance or "")),
+        "recording": str(member(shot.folder, shot.event.recording or "")),
         "roots": [str(root) for root in shot.library.roots],
         "robot": shot.robot,
     }
@@ -161,6 +166,7 @@ def write_film(shot: Shot, path: Path, rate: float = 15.0, show: Callable[[str],
         raise InputError(f"cannot write a film to {path.name}", f"name a file that ends in {' or '.join(SUFFIXES)}")
     if not path.parent.is_dir():
         raise InputError(f"the folder of {path} does not exist", "name a file in a folder that does")
+    path = replaceable(path)
     animated = path.suffix.lower() == ".gif"
     rate = min(rate, _GIF_RATE) if animated else rate
     seconds = [frame / rate for frame in range(int(shot.motion.seconds * rate) + 1)]

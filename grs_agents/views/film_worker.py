@@ -11,11 +11,15 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
+
+from grs_agents.errors import InputError
+from grs_agents.terminal import say
 
 STILLS = 24
 """Up to so many pictures are drawn with smooth edges."""
@@ -31,11 +35,10 @@ def _stage(order: dict[str, Any], textures: bool) -> tuple[Any, Any, Any]:
     """The stage, the motion and the joints of the arm in it."""
     from grs_agents.library import Library
     from grs_agents.sim.arms import get_arm
-    from grs_agents.sim.instance import TaskInstance
-    from grs_agents.views.motion import read_motion
+    from grs_agents.views.motion import instance_of, read_motion
     from grs_agents.views.stage import Stage, joint_positions, props_of
 
-    instance = TaskInstance.model_validate_json(Path(order["instance"]).read_bytes())
+    instance = instance_of(Path(order["instance"]))
     library = Library(*(Path(root) for root in order["roots"]))
     samples = 4 if len(order["seconds"]) <= STILLS else 0
     props = replace(props_of(instance, get_arm(order["robot"])), textures=textures, samples=samples)
@@ -120,10 +123,11 @@ def main() -> None:
     order = json.load(sys.stdin)
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        if order["window"]:
-            watch(order)
-        else:
-            draw(order, output)
+        try:
+            (watch if order["window"] else partial(draw, output=output))(order)
+        except InputError as error:
+            say(str(error), error=True)
+            sys.exit(error.exit_status)
 
 
 if __name__ == "__main__":

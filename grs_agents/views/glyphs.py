@@ -3,11 +3,13 @@
 import re
 import unicodedata
 
+from grs_agents.terminal import visible
+
 LONGEST = 60_000
 """Characters of one document that the viewer is given; the whole text is in ``events.jsonl``."""
 _SYMBOLS = "–—‘’“”…•×÷±°µ·←↑→↓≤≥≈≠√∞▶■●✓"
 _UNDRAWABLE = re.compile(f"[^\t\n\x20-\x7e\xa1-\xac\xae-\xff\u0100-\u017f\u0391-\u03c9\u0410-\u044f{_SYMBOLS}]")
-_CONTROL = re.compile(r"\x1b\[[0-9;?]*[ -/]*[@-~]|[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+_COLORS = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def drawable(text: str) -> str:
@@ -50,6 +52,6 @@ def cell(text: object) -> str:
 
 
 def one_line(text: str, length: int = 200) -> str:
-    """``text`` as one line for a terminal: no control characters, at most ``length`` characters."""
-    line = " ".join(_CONTROL.sub("", text).split())
+    """``text`` as one line for a terminal, of at most ``length`` characters: no colours, nothing hidden."""
+    line = visible(" ".join(_COLORS.sub("", text).split()))
     return line if len(line) <= length else f"{line[: length - 1]}…"

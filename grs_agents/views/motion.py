@@ -8,8 +8,24 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
+from grs_agents.foreign import read_bytes
+from grs_agents.foreign.arrays import read_npz
+from grs_agents.sim.instance import TaskInstance
+from grs_agents.sim.reading import MAX_BYTES, InstanceError, read_instance
 
 Array = npt.NDArray[np.float32]
+_REMEDY = "restore the file or run again"
+_ARRAYS = {
+    "times": "seconds",
+    "names": "of the bodies",
+    "positions": "metres",
+    "quaternions": "xyzw",
+    "tool": "metres",
+}
+_MOST_BYTES = 96 << 20
+"""Of a recording in memory: that of the sample scene takes 0.3 MiB, the longest episode of 60 bodies about 90."""
+_LONGEST = 36_000.0
+"""Simulated seconds; 200 actions, the most that a task has, take about 1,200."""
 _MOVES = 0.02
 """Metres a second below which a thing does not move."""
 _CLINGS = 0.25
@@ -61,25 +77,42 @@ class Hold:
     end: int
 
 
+def instance_of(file: Path) -> TaskInstance:
+    """The task instance of a rollout.
+
+    Raises:
+        InputError: the file is missing or no task instance.
+    """
+    try:
+        return read_instance(read_bytes(file, _REMEDY, MAX_BYTES))
+    except InstanceError as error:
+        raise InputError(f"{file}: {error.message}", _REMEDY) from error
+
+
 def read_motion(file: Path) -> Motion:
     """Read the recording of a rollout.
 
     Raises:
-        InputError: the file is missing or no recording.
+        InputError: the file is missing or no recording, or the motion in it is too long.
     """
-    try:
-        with np.load(file, allow_pickle=False) as found:
-            arrays: dict[str, npt.NDArray[Any]] = {name: np.asarray(found[name]) for name in found.files}
-        times = np.asarray(arrays["times"], dtype=np.float64)
-        return Motion(
-            times=times - times[0] if times.size else times,
-            names=tuple(str(name) for name in arrays["names"]),
-            positions=np.asarray(arrays["positions"], dtype=np.float32),
-            quaternions=np.asarray(arrays["quaternions"], dtype=np.float32),
-            tool=np.asarray(arrays["tool"], dtype=np.float32),
-        )
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"cannot read the rollout {file}: {error}", "run again") from error
+    found = read_npz(file, _ARRAYS, {}, _MOST_BYTES, ("names",))
+    times, names = _since_start(found["times"], file), found["names"]
+    frames, bodies = len(times), len(np.atleast_1d(names))
+    shapes = {"names": (bodies,), "positions": (frames, bodies, 3), "quaternions": (frames, bodies, 4)}
+    shapes["tool"] = (frames, 3)
+    for name, shape in shapes.items():
+        if found[name].shape != shape:
+            wanted = f"{frames} frames of {bodies} bodies"
+            raise InputError(f"{name} in {file} has the shape {found[name].shape}, not that of {wanted}", _REMEDY)
+        if name != "names" and not np.isfinite(found[name]).all():
+            raise InputError(f"{name} in {file} are not all finite", _REMEDY)
+    return Motion(
+        times=times,
+        names=tuple(str(name) for name in names),
+        positions=found["positions"].astype(np.float32, copy=False),
+        quaternions=found["quaternions"].astype(np.float32, copy=False),
+        tool=found["tool"].astype(np.float32, copy=False),
+    )
 
 
 def read_seconds(file: Path) -> float:
@@ -88,12 +121,21 @@ def read_seconds(file: Path) -> float:
     Raises:
         InputError: the file is missing or no recording.
     """
-    try:
-        with np.load(file, allow_pickle=False) as found:
-            times = np.asarray(found["times"], dtype=np.float64)
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"cannot read the rollout {file}: {error}", "run again") from error
-    return float(times[-1] - times[0]) if times.size else 0.0
+    return _since_start(read_npz(file, {"times": "seconds"}, {}, _MOST_BYTES)["times"], file)[-1]
+
+
+def _since_start(times: npt.NDArray[Any], file: Path) -> npt.NDArray[np.float64]:
+    """``times`` (N,) from 0.
+
+    Raises:
+        InputError: they are no such times.
+    """
+    if times.ndim != 1 or not np.isfinite(times).all():
+        raise InputError(f"times in {file} are no list of numbers", _REMEDY)
+    found = times.astype(np.float64) - float(times[0])
+    if (np.diff(found) < 0).any() or found[-1] > _LONGEST:
+        raise InputError(f"times in {file} do not rise, or by more than {_LONGEST:g} s", _REMEDY)
+    return found
 
 
 def holds(motion: Motion) -> list[Hold]:

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.terminal import visible
 from grs_agents.views.objects import Rectangle
-from grs_agents.views.step_text import visible
 
 Verdict = Literal["", "good", "bad"]
 """The class, and so the colour, of what went well or wrong."""

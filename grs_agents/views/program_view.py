@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from grs_agents.foreign import member, read_bytes
 from grs_agents.trace import ProgramVersion
 from grs_agents.views import documents
 from grs_agents.views.glyphs import drawable
@@ -19,7 +20,7 @@ _LONGEST = 400
 def log_program(recording: Recording, folder: Path, event: ProgramVersion) -> None:
     """Show one version: its file as a document, its diff as coloured lines."""
     path = Paths.SIMULATION if event.program == "simulation" else Paths.TESTS
-    source = (folder / event.path).read_text(encoding="utf-8", errors="replace")
+    source = read_bytes(member(folder, event.path)).decode("utf-8", "replace")
     recording.text(path, documents.program(event, source))
     head = f"{event.program} version {event.number}" + (f" by {event.author_role}" if event.author_role else "")
     lines = [head, *_changed(event, source)]

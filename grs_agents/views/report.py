@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
+from grs_agents.foreign import present, read_bytes
 from grs_agents.trace import (
     Decision,
     Event,
@@ -126,7 +127,7 @@ def _programs(events: Sequence[Event], folder: Path) -> Iterator[str]:
             if event.parent is not None and event.diff:
                 yield folded(f"{event.program} version {event.number} by {event.author_role}", diff(event.diff), True)
     for program, event in last.items():
-        file = folder / event.path
-        if file.is_file():
-            source = file.read_text(encoding="utf-8", errors="replace")
+        file = present(folder, event.path)
+        if file is not None:
+            source = read_bytes(file).decode("utf-8", "replace")
             yield folded(f"{program}, version {event.number}, whole", code(source))

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from grs_agents.errors import GrsError, InputError
+from grs_agents.foreign import present
+from grs_agents.foreign.pictures import read_picture
 from grs_agents.library import Library
 from grs_agents.sim.instance import TaskInstance
 from grs_agents.trace import Event, NodeStarted, Rollout, SceneStage
@@ -73,10 +75,12 @@ def _row(index: int, item: dict[str, Any]) -> tuple[object, ...]:
 def _photo(files: dict[str, str], objects: Sequence[dict[str, Any]], folder: Path) -> str:
     import cv2
 
-    image = cv2.imread(str(folder / files["rgb"]), cv2.IMREAD_COLOR) if "rgb" in files else None
-    if image is None:
+    file = present(folder, files["rgb"]) if "rgb" in files else None
+    if file is None:
         return ""
-    labels = cv2.imread(str(folder / files["masks"]), cv2.IMREAD_UNCHANGED) if "masks" in files else None
+    image = read_picture(file, cv2.IMREAD_COLOR)
+    drawn = present(folder, files["masks"]) if "masks" in files else None
+    labels = read_picture(drawn, cv2.IMREAD_UNCHANGED) if drawn is not None else None
     numbers = {label_of(item, index) for index, item in enumerate(objects)}
     boxes = rectangles(labels) if labels is not None and labels.shape == image.shape[:2] else {}
     marks: list[tuple[str, Rectangle]] = [(str(label), box) for label, box in boxes.items() if label in numbers]
@@ -141,8 +145,8 @@ def rollouts(events: Sequence[Event], sources: Sources) -> Iterator[str]:
             f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}",
             "" if event.outcome == "success" else "bad",
         )
-        present = event.recording and event.instance and (sources.folder / event.recording).is_file()
-        yield from _stills(event, sources, strip=event is found[0]) if present else ()
+        drawn = event.instance and event.recording and present(sources.folder, event.recording)
+        yield from _stills(event, sources, strip=event is found[0]) if drawn else ()
 
 
 def _stills(event: Rollout, sources: Sources, strip: bool) -> Iterator[str]:

@@ -7,12 +7,13 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
+from grs_agents.foreign import member, present
 from grs_agents.library import Library
 from grs_agents.sim.instance import InstanceGoal, InstanceObject, TaskInstance
 from grs_agents.sim.world import model_of
 from grs_agents.trace import Rollout
 from grs_agents.views.glyphs import drawable
-from grs_agents.views.motion import Motion, holds, read_motion, read_seconds
+from grs_agents.views.motion import Motion, holds, instance_of, read_motion, read_seconds
 from grs_agents.views.paths import Paths
 from grs_agents.views.recording import Recording
 from grs_agents.views.shape_view import geometry, show_asset
@@ -27,14 +28,13 @@ _BLUE, _PINK = (90, 170, 255), (255, 120, 200)
 
 def _motion(folder: Path, event: Rollout) -> Motion | None:
     """What moved, at a bounded frame rate; None where the rollout left no recording."""
-    return None if event.recording is None else read_motion(folder / event.recording).thinned(FRAMES_PER_SECOND)
+    return None if event.recording is None else read_motion(member(folder, event.recording)).thinned(FRAMES_PER_SECOND)
 
 
 def duration(folder: Path, event: Rollout) -> float:
     """Simulated seconds of the rollout's recording; 0 where it has none."""
-    if event.recording is None or not (folder / event.recording).exists():
-        return 0.0
-    return read_seconds(folder / event.recording)
+    file = None if event.recording is None else present(folder, event.recording)
+    return 0.0 if file is None else read_seconds(file)
 
 
 class RolloutView:
@@ -62,7 +62,7 @@ class RolloutView:
     def _instance(self, event: Rollout) -> TaskInstance | None:
         if event.instance is None:
             return None
-        return TaskInstance.model_validate_json((self._folder / event.instance).read_bytes())
+        return instance_of(member(self._folder, event.instance))
 
     def _show_objects(self, recording: Recording, instance: TaskInstance, moving: set[str]) -> None:
         """What stands on the table, and where, but for the bodies ``moving``, of which each pose is shown."""

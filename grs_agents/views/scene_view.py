@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from grs_agents.errors import InputError
+from grs_agents.foreign import member
+from grs_agents.foreign import pictures as foreign
 from grs_agents.library import Library
 from grs_agents.trace import SceneStage
 from grs_agents.views.glyphs import cell, document, drawable
@@ -36,18 +37,14 @@ def read_picture(path: Path, flags: int) -> Image:
     Raises:
         InputError: the file is missing or not a picture.
     """
-    image = _decoded(path, changed(path), flags)
-    if image is None:
-        raise InputError(f"cannot read the picture {path}", "restore the file or run again")
-    return image
+    return _decoded(path, changed(path), flags)
 
 
 @lru_cache(maxsize=4)
-def _decoded(path: Path, _changed: int, flags: int) -> Image | None:
+def _decoded(path: Path, _changed: int, flags: int) -> Image:
     """The pictures read last; photo and depth serve several parts of a stage."""
-    image = cv2.imread(str(path), flags)
-    if image is not None:
-        image.setflags(write=False)
+    image = foreign.read_picture(path, flags)
+    image.setflags(write=False)
     return image
 
 
@@ -91,7 +88,7 @@ class SceneView:
         if event.summary.get("camera"):
             self._show_camera(recording)
         if self._is_new("rgb", event):
-            log_picture(recording, f"{Paths.CAMERA}/rgb", self._folder / event.files["rgb"])
+            log_picture(recording, f"{Paths.CAMERA}/rgb", member(self._folder, event.files["rgb"]))
         if self._is_new("depth", event):
             self._show_depth(recording)
         self._show_cloud(recording)
@@ -145,7 +142,7 @@ class SceneView:
             recording.log(Paths.CAMERA, rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
 
     def _show_depth(self, recording: Recording) -> None:
-        file = self._folder / self._files["depth"]
+        file = member(self._folder, self._files["depth"])
         depth = read_picture(file, cv2.IMREAD_UNCHANGED)
         sample = depth[::4, ::4]
         seen = sample[sample > 0]
@@ -164,8 +161,8 @@ class SceneView:
         camera, pose = self._camera, self._camera.get("T_robot_cam")
         if not pose or pose == self._cloud_shown_for or not {"rgb", "depth"} <= self._files.keys():
             return
-        depth = read_picture(self._folder / self._files["depth"], cv2.IMREAD_UNCHANGED)
-        color = read_picture(self._folder / self._files["rgb"], cv2.IMREAD_COLOR)
+        depth = read_picture(member(self._folder, self._files["depth"]), cv2.IMREAD_UNCHANGED)
+        color = read_picture(member(self._folder, self._files["rgb"]), cv2.IMREAD_COLOR)
         step = max(1, int(np.ceil(np.sqrt(depth.size / MOST_POINTS))))
         metres = depth[::step, ::step] * np.float32(self._depth_scale or 0.001)
         rows, columns = np.nonzero(metres)
@@ -179,7 +176,7 @@ class SceneView:
         self._cloud_shown_for = pose
 
     def _show_masks(self, recording: Recording, objects: list[dict[str, Any]]) -> None:
-        labels = read_picture(self._folder / self._files["masks"], cv2.IMREAD_UNCHANGED)
+        labels = read_picture(member(self._folder, self._files["masks"]), cv2.IMREAD_UNCHANGED)
         boxes = rectangles(labels)
         present = list(boxes)
         self._show_tinted(recording, labels, present)
@@ -197,7 +194,7 @@ class SceneView:
         """The photo with each mask in its colour; laid over it, a segmentation image would tint its background too."""
         if "rgb" not in self._files:
             return
-        image = read_picture(self._folder / self._files["rgb"], cv2.IMREAD_COLOR)
+        image = read_picture(member(self._folder, self._files["rgb"]), cv2.IMREAD_COLOR)
         if image.shape[:2] != labels.shape:
             return
         colors = np.zeros((int(labels.max()) + 1, 3), np.uint8)

@@ -11,7 +11,10 @@ import rerun as rr
 import trimesh
 
 from grs_agents.base import Pose
+from grs_agents.errors import InputError
+from grs_agents.foreign.pictures import read_picture
 from grs_agents.library import Library, Shape
+from grs_agents.library.mesh_surface import read_surface
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.views.recording import Recording
 
@@ -74,7 +77,12 @@ def _mesh(path: Path, texture_path: Path | None, scale: tuple[float, ...], pose:
 
 @lru_cache(maxsize=128)
 def _load_mesh(path: Path) -> Any:
-    """The mesh of an OBJ file, one vertex for each of its texture coordinates."""
+    """The mesh of an OBJ file, one vertex for each of its texture coordinates.
+
+    Raises:
+        InputError: it is no mesh.
+    """
+    read_surface(path)  # its errors are named, trimesh's are of many kinds
     return trimesh.load_mesh(path, process=False, skip_materials=True)
 
 
@@ -92,8 +100,9 @@ def _vertex_normals(mesh: Any) -> npt.NDArray[np.float64]:
 @lru_cache(maxsize=128)
 def _load_texture(path: Path) -> Any:
     """HxWx3 uint8 red, green, blue; None where the file cannot be read, the mesh is then plain."""
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if image is None:
+    try:
+        image = read_picture(path, cv2.IMREAD_COLOR)
+    except InputError:
         return None
     scale = TEXTURE_EDGE / max(image.shape[:2])
     if scale < 1:

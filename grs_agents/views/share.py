@@ -7,13 +7,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from grs_agents.errors import GrsError, InputError
-from grs_agents.files import unwritable, write_bytes
+from grs_agents.files import unwritable, write_bytes, write_document
+from grs_agents.foreign import read_bytes
+from grs_agents.foreign.arrays import words_in
+from grs_agents.terminal import visible
 from grs_agents.views.scrub import Scrubber, picture_alone
 
 _TEXTS = frozenset({".json", ".jsonl", ".py", ".diff", ".urdf", ".xml", ".obj", ".mtl", ".md", ".txt", ".toml"})
+_KINDS = _TEXTS | {".png", ".npz"}
+"""What can be looked through."""
 _MADE = frozenset({"trace.rrd", "report.html"})
 """Made anew from what is shared."""
 _STAMP = (1980, 1, 1, 0, 0, 0)
@@ -26,12 +29,14 @@ class Shared:
     Attributes:
         path: the zip file.
         files: how many files it holds.
+        size: of the zip file, bytes.
         changed: files from which something was removed.
         left_out: files that were not packed.
     """
 
     path: Path
     files: int
+    size: int
     changed: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -57,8 +62,9 @@ def share(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Se
             name = file.relative_to(folder)
             if not file.is_file() or file.is_symlink() or name.name in _MADE or name.suffix == ".zip":
                 continue
-            before = _read(file)
-            data = None if any(part.startswith(".") for part in name.parts) else _cleaned(name, before, scrubber)
+            hidden = any(part.startswith(".") for part in name.parts) or visible(str(name)) != str(name)
+            before = None if hidden or name.suffix not in _KINDS else read_bytes(file)
+            data = None if before is None else _cleaned(name, before, scrubber)
             if data is None:
                 left_out.append(str(name))
                 continue
@@ -68,18 +74,11 @@ def share(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Se
         make(copy)
         packed = _zip(copy, scrubber)
     try:
-        write_bytes(out, packed.getvalue())
+        write_document(out, packed.getvalue())
     except OSError as error:
         raise unwritable(out, error) from error
     with zipfile.ZipFile(packed) as archive:
-        return Shared(out, len(archive.namelist()), tuple(changed), tuple(left_out))
-
-
-def _read(file: Path) -> bytes:
-    try:
-        return file.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror}", "make it readable, or remove it") from error
+        return Shared(out, len(archive.namelist()), len(packed.getvalue()), tuple(changed), tuple(left_out))
 
 
 def _cleaned(name: Path, data: bytes, scrubber: Scrubber) -> bytes | None:
@@ -89,13 +88,9 @@ def _cleaned(name: Path, data: bytes, scrubber: Scrubber) -> bytes | None:
     try:
         if name.suffix == ".png":
             return picture_alone(data)
-        if name.suffix == ".npz":
-            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-                told = " ".join(str(arrays[key].tolist()) for key in arrays.files if arrays[key].dtype.kind in "US")
-            return None if scrubber.leaks(told.encode()) else data
-    except (ValueError, OSError, zipfile.BadZipFile):
+        return None if scrubber.leaks(" ".join(words_in(data, str(name))).encode()) else data
+    except (ValueError, InputError):
         return None
-    return None
 
 
 def _zip(copy: Path, scrubber: Scrubber) -> io.BytesIO:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.errors import InputError
 from grs_agents.library import Library, Shape
 from grs_agents.sim import world
 from grs_agents.sim.arm import Arm
@@ -89,7 +90,10 @@ class Stage:
                 geom = _add_shape(spec, body, shape, library, f"background_{index}", shape.color or _GREY)
                 if shape.kind == "mesh":  # it is open, so it has no volume
                     spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-        self.model: Any = spec.compile()
+        try:
+            self.model: Any = spec.compile()
+        except ValueError as error:  # meshes and textures of a run's own that MuJoCo does not take
+            raise InputError(f"MuJoCo cannot show the scene: {error}", "mend the assets that it names") from error
         self.data: Any = mujoco.MjData(self.model)
         names = [f"object_{item.id}" for item in props.objects]
         self._mocap = {name: int(self.model.body(name).mocapid[0]) for name in names}

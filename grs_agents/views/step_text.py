@@ -1,7 +1,6 @@
 """One step in full: the exact prompts, replies, diffs and tracebacks of a visit of a node, as plain text."""
 
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -24,8 +23,6 @@ from grs_agents.trace import (
 from grs_agents.views.documents import cases_of, count_cases
 from grs_agents.views.steps import Step
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
-
 
 @dataclass(frozen=True)
 class Section:
@@ -33,11 +30,6 @@ class Section:
 
     heading: str
     text: str = ""
-
-
-def visible(text: str) -> str:
-    """``text`` with control characters spelt out, line breaks and tabs apart: it cannot command a terminal."""
-    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text.replace("\r\n", "\n"))
 
 
 def find_step(rows: list[Step], number: int) -> Step:

@@ -10,6 +10,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from grs_agents import terminal
 from grs_agents.trace import Event, NodeEnded, RunEnded, RunStarted
 from grs_agents.views.glyphs import one_line
 from grs_agents.views.steps import Status, Step, Steps
@@ -39,7 +40,7 @@ def working(task: str, console: Console | None = None) -> Generator[Callable[[st
     Yields:
         Call it with what comes next.
     """
-    console = console or Console(stderr=True)
+    console = console or terminal.console(error=True)
     if not console.is_terminal:
         yield lambda text: None
         return
@@ -58,7 +59,7 @@ class Progress:
     """
 
     def __init__(self, console: Console | None = None, quiet: bool = False) -> None:
-        self._console = console or Console(stderr=True)
+        self._console = console or terminal.console(error=True)
         self._quiet = quiet
         self._steps = Steps()
         self._title = "starting"

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import ValidationError
 
 from grs_agents.base import Pose
 from grs_agents.library import Library, Shape
@@ -48,11 +49,14 @@ def twin_objects(objects: Sequence[dict[str, Any]], library: Library) -> list[In
     """The matched objects of a scene's summary, where they came to rest in the twin if it says so."""
     found: list[InstanceObject] = []
     for item in objects:
-        if item.get("asset") in library and item.get("position") and item.get("orientation"):
+        if item.get("asset") in library and item.get("position") and item.get("orientation") and "id" in item:
             x, y, z = item["position"]
             qx, qy, qz, qw = item["orientation"]
             pose = item.get("settled") or ((x, y, z), (qx, qy, qz, qw))
-            thing = InstanceObject(id=int(item["id"]), asset=str(item["asset"]), pose=pose)
+            try:
+                thing = InstanceObject(id=int(item["id"]), asset=str(item["asset"]), pose=pose)
+            except ValidationError:  # farther than a simulated scene reaches
+                continue
             found.append(thing.model_copy(update={"pose": _about_origin(thing, library)}))
     return found
 
@@ -90,7 +94,7 @@ def twin_picture(
         (float(camera["cx"]) + 0.5) / scale - 0.5,
         (float(camera["cy"]) + 0.5) / scale - 0.5,
         width * FINER,
-        round(float(camera["height"]) / scale / FINER) * FINER,
+        min(round(float(camera["height"]) / scale / FINER), 4 * width) * FINER,  # no photo is narrower
     )
     pose = np.asarray(camera["T_robot_cam"], dtype=np.float64)
     shapes = [shape for thing in objects for shape in _shown(thing, library)]

@@ -113,10 +113,10 @@ def test_what_cannot_be_played_is_an_input_error(
     with pytest.raises(InputError, match="does not exist"):
         write_film(shot, tmp_path / "nowhere" / "film.gif")
     (tmp_path / "bad.npz").write_bytes(b"PK")
-    with pytest.raises(InputError, match=r"cannot read the rollout .*bad\.npz"):
+    with pytest.raises(InputError, match=r"bad\.npz is not a readable"):
         read_motion(tmp_path / "bad.npz")
     broken = Shot(folder, event.model_copy(update={"instance": "gone.json"}), library)
-    with pytest.raises(GrsError, match="cannot be drawn"):
+    with pytest.raises(InputError, match=r"cannot read .*gone\.json"):
         list(pictures(broken, [0.0]))
 
 

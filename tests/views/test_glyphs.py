@@ -50,4 +50,4 @@ def test_a_line_for_a_terminal_holds_no_control(text: str) -> None:
 
 def test_cells_and_escape_codes() -> None:
     assert cell("a|b\nc") == "a\\|b c"
-    assert one_line("\x1b[31mred\x1b[0m\x07 text") == "red text"
+    assert one_line("\x1b[31mred\x1b[0m\x07 text") == "red\\x07 text"

@@ -43,7 +43,7 @@ def test_a_broken_recording_is_an_input_error_and_a_missing_one_lasts_no_time(tm
     event = Rollout(seed=0, reward=0.0, outcome="error", recording="r.npz")
     recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
     assert duration(tmp_path, event) == 0.0
-    with pytest.raises(InputError, match=r"cannot read the rollout .*r\.npz"):
+    with pytest.raises(InputError, match=r"cannot read .*r\.npz"):
         RolloutView(tmp_path, library).show(recording, event)
 
 

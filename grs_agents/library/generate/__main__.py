@@ -15,6 +15,7 @@ from grs_agents.library.generate.scene import write_scene
 from grs_agents.library.generate.templates import build_templates
 from grs_agents.library.generate.toys import build_toys
 from grs_agents.library.library import Library
+from grs_agents.terminal import say
 
 
 def build_all() -> list[Built]:
@@ -44,7 +45,7 @@ def main() -> None:
     assets = content.content_root() / "assets"
     manifest = write_library(assets / "library")
     write_scene(assets / "scenes" / "groceries", Library(assets / "library"))
-    print(f"{len(manifest.assets)} assets and a scene in {assets}")
+    say(f"{len(manifest.assets)} assets and a scene in {assets}")
 
 
 if __name__ == "__main__":

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from grs_agents.errors import InputError
+from grs_agents.foreign.arrays import Numbers, read_npz
 from grs_agents.scene.frame import Image
-from grs_agents.scene.reading.arrays import Numbers, read_npz
 from grs_agents.scene.reading.camera import camera_of_matrix
 from grs_agents.scene.reading.depth import Measured
 from grs_agents.scene.reading.fit import Recording

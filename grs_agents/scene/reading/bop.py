@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any, cast
 
 from grs_agents.errors import InputError
+from grs_agents.foreign import read_json
 from grs_agents.scene.reading.camera import camera_of_matrix
 from grs_agents.scene.reading.depth import Measured
-from grs_agents.scene.reading.files import exists, is_folder, names_in, read_json
+from grs_agents.scene.reading.files import exists, is_folder, names_in
 from grs_agents.scene.reading.fit import Recording
 from grs_agents.scene.reading.picture import SUFFIXES, read_color, read_units
 

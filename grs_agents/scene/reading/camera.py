@@ -9,8 +9,8 @@ from typing import Any, cast
 from pydantic import ValidationError
 
 from grs_agents.errors import InputError
+from grs_agents.foreign import read_json
 from grs_agents.scene.frame import Camera
-from grs_agents.scene.reading.files import read_json
 
 KEYS = "fx fy cx cy width height depth_scale"
 DEPTH_SCALE_REMEDY = "give depth_scale: metres per unit of depth, 0.001 for millimetres"

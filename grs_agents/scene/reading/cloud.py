@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
+from grs_agents.foreign.arrays import read_npy
 from grs_agents.scene.frame import Camera
-from grs_agents.scene.reading.arrays import read_npy
 from grs_agents.scene.reading.depth import Depth
 from grs_agents.scene.reading.pcd import read_pcd
 from grs_agents.scene.reading.ply import read_ply

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from grs_agents.errors import InputError
+from grs_agents.foreign.arrays import read_npy
 from grs_agents.scene.reading import cloud as clouds
-from grs_agents.scene.reading.arrays import read_npy
 from grs_agents.scene.reading.camera import DepthUnit, read_camera
 from grs_agents.scene.reading.cloud import Cloud, depth_of, read_cloud
 from grs_agents.scene.reading.depth import Measured, Units, unit_of

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.scene.reading.arrays import Numbers, read_npy, read_npz
+from grs_agents.foreign.arrays import Numbers, read_npy, read_npz
 from grs_agents.scene.reading.bop import bop_image, is_bop
 from grs_agents.scene.reading.depth import nearest_at_size, same_shape
 from grs_agents.scene.reading.files import is_folder, names_in

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from grs_agents.errors import InputError
-from grs_agents.scene.reading.files import read_bytes
+from grs_agents.foreign import read_bytes
 from grs_agents.scene.reading.lzf import unpacked
 from grs_agents.scene.reading.records import MOST_FIELDS, Points, Records, header_of, whole
 

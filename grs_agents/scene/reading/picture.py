@@ -15,8 +15,8 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from grs_agents.errors import InputError
+from grs_agents.foreign import read_bytes
 from grs_agents.scene.frame import Image
-from grs_agents.scene.reading.files import read_bytes
 
 MOST_PIXELS = 64_000_000
 """Pictures of more pixels are not decoded."""

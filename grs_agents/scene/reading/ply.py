@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from grs_agents.errors import InputError
-from grs_agents.scene.reading.files import read_bytes
+from grs_agents.foreign import read_bytes
 from grs_agents.scene.reading.records import Points, Records, header_of, whole
 
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}

@@ -6,7 +6,7 @@ import tokenize
 import warnings
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, cast
@@ -16,12 +16,14 @@ import numpy.typing as npt
 from numpy.lib import format as npy
 
 from grs_agents.errors import InputError
-from grs_agents.scene.reading.files import read_bytes
+from grs_agents.foreign.files import read_bytes
 
 Numbers = npt.NDArray[Any]
 MOST_BYTES = 1 << 29
 """No array needs more, unpacked: enough for 255 masks at 1920x1080, or 64 million pixels of eight bytes."""
 MOST_MEMBERS = 64
+NUMBERS, MOST_WORD, MOST_TEXT = "buif", 400, 1 << 20
+"""The kinds of numbers; bytes of the longest word (100 letters) and of all words of an array."""
 MALFORMED = (
     *(ValueError, SyntaxError, TypeError, OverflowError, EOFError, OSError, MemoryError, LookupError, RuntimeError),
     *(NotImplementedError, zlib.error, lzma.LZMAError, zipfile.BadZipFile, tokenize.TokenError, struct.error),
@@ -39,13 +41,21 @@ def read_npy(file: Path) -> Numbers:
     return _array(BytesIO(data), str(file))
 
 
-def read_npz(file: Path, wanted: Mapping[str, str], optional: Mapping[str, str]) -> dict[str, Numbers]:
+def read_npz(
+    file: Path,
+    wanted: Mapping[str, str],
+    optional: Mapping[str, str],
+    together: int | None = None,
+    text: Collection[str] = (),
+) -> dict[str, Numbers]:
     """The arrays of an archive by name; others in it are not looked at.
 
     Args:
         file: its path.
         wanted: names that must be there, each with what it is.
         optional: names that may be there, likewise.
+        together: how many bytes the arrays may have unpacked, all together; None bounds each alone.
+        text: names of the arrays that hold words instead of numbers.
 
     Raises:
         InputError: it is no such archive, a wanted array is missing, or one holds other things than numbers.
@@ -64,8 +74,9 @@ def read_npz(file: Path, wanted: Mapping[str, str], optional: Mapping[str, str])
             for name in [*wanted, *optional]:
                 if name in names:
                     member = f"{name}.npy" if f"{name}.npy" in archive.namelist() else name
+                    left = MOST_BYTES if together is None else together - sum(one.nbytes for one in found.values())
                     with archive.open(member) as content:
-                        found[name] = _array(content, f"{name} in {file}")
+                        found[name] = _array(content, f"{name} in {file}", left, "U" if name in text else NUMBERS)
             return found
     except InputError:
         raise
@@ -74,16 +85,48 @@ def read_npz(file: Path, wanted: Mapping[str, str], optional: Mapping[str, str])
         raise InputError(f"{file} is not a readable .npz: {reason}", "write it with numpy.savez") from error
 
 
-def _array(content: IO[bytes], where: str) -> Numbers:
+def words_in(data: bytes, where: str) -> list[str]:
+    """All words that the arrays of an archive hold; arrays of numbers are not unpacked.
+
+    Args:
+        data: the content of an ``.npz`` file.
+        where: what errors call it.
+
+    Raises:
+        InputError: it is no such archive, is too large, or one member is no array of numbers or words.
+    """
+    words: list[str] = []
     try:
-        version = npy.read_magic(content)
-        read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
-        if read_header is None:
-            raise InputError(f"{where} is of .npy version {version[0]}.{version[1]}", "write it with numpy.save")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of a header that Python 2 wrote
-            shape, column_major, kind = read_header(content)
-        values, kinds = _bounded(shape, kind, where)
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            if len(archive.namelist()) > MOST_MEMBERS:
+                raise InputError(f"{where} holds more than {MOST_MEMBERS} arrays", "leave some out")
+            for name in archive.namelist():
+                with archive.open(name) as content:
+                    kind = _header(content, where)[2]
+                words.append(name)
+                if kind.kind not in NUMBERS:
+                    with archive.open(name) as content:
+                        words += map(str, _array(content, f"{name} in {where}", MOST_TEXT, "U").ravel())
+    except MALFORMED as error:
+        raise InputError(f"{where} is not a readable .npz", "write it with numpy.savez") from error
+    return words
+
+
+def _header(content: IO[bytes], where: str) -> "tuple[tuple[int, ...], bool, np.dtype[Any]]":
+    """Shape, whether columns come first, and kind, as the header says."""
+    version = npy.read_magic(content)
+    read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
+    if read_header is None:
+        raise InputError(f"{where} is of .npy version {version[0]}.{version[1]}", "write it with numpy.save")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a header that Python 2 wrote
+        return read_header(content)
+
+
+def _array(content: IO[bytes], where: str, most: int = MOST_BYTES, allowed: str = NUMBERS) -> Numbers:
+    try:
+        shape, column_major, kind = _header(content, where)
+        values, kinds = _bounded(shape, kind, where, most, allowed)
         data = content.read(values * kinds.itemsize)
         if len(data) != values * kinds.itemsize:
             raise InputError(
@@ -98,19 +141,20 @@ def _array(content: IO[bytes], where: str) -> Numbers:
         raise InputError(f"{where} is not a readable array: {reason}", "write it with numpy.save") from error
 
 
-def _bounded(shape: tuple[int, ...], kind: "np.dtype[Any]", where: str) -> "tuple[int, np.dtype[Any]]":
+def _bounded(
+    shape: tuple[int, ...], kind: "np.dtype[Any]", where: str, most: int, allowed: str
+) -> "tuple[int, np.dtype[Any]]":
     """How many values of which kind the header promises, before any is read."""
-    if kind.kind not in "buif" or kind.itemsize > 8:
-        raise InputError(f"{where} holds values of type {kind}", "write it as integers or floats")
+    if kind.kind not in allowed or kind.itemsize > (8 if allowed == NUMBERS else MOST_WORD):
+        remedy = "write it as integers or floats" if allowed == NUMBERS else "write it as words"
+        raise InputError(f"{where} holds values of type {kind}", remedy)
     values = 1
     for extent in shape:
         if extent < 0:
             raise InputError(f"{where} has the shape {shape}", "write it with numpy.save")
         values *= extent
-    if values * kind.itemsize > MOST_BYTES:
-        raise InputError(
-            f"{where} has the shape {shape} and type {kind}: more than {MOST_BYTES} bytes", "give a smaller one"
-        )
+    if values * kind.itemsize > most:
+        raise InputError(f"{where} has the shape {shape} and type {kind}: more than {most} bytes", "give a smaller one")
     if values == 0:
         raise InputError(f"{where} has the shape {shape}: it is empty", "write it with its values")
     return values, kind

@@ -1,0 +1,118 @@
+"""Files from outside: regular files of bounded size, and JSON of bounded depth and count."""
+
+import json
+import re
+import stat
+from pathlib import Path
+from typing import Any, cast
+
+from grs_agents.errors import InputError
+
+MOST_BYTES = 1 << 30
+"""No file of a scene is larger, in bytes."""
+MOST_JSON_BYTES = 1 << 26
+MOST_TEXT_BYTES = 1 << 20
+"""A program or a configuration file has a few kilobytes."""
+MOST_DEPTH = 64
+"""Levels of nested arrays and objects; what GRS writes has about ten. Python's own parser fails at about 1,000."""
+MOST_VALUES = 250_000
+"""Values of one file in a run folder. The log of the sample run has 2,400; one value takes up to 500 bytes."""
+_TOKEN = re.compile(rb'"(?:[^"\\\n]++|\\.)*+"?|[\[{\]},\n]')
+
+
+def read_bytes(file: Path, remedy: str = "", most: int = MOST_BYTES) -> bytes:
+    """The whole content of a regular file.
+
+    Args:
+        file: its path.
+        remedy: what to do if it is not there.
+        most: how many bytes it may have.
+
+    Raises:
+        InputError: it cannot be read, is no regular file, or is too large.
+    """
+    try:
+        status = file.stat()  # before it is opened: a pipe would wait for its other end for ever
+        if not stat.S_ISREG(status.st_mode):
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "no regular file"
+            raise InputError(f"cannot read {file}: it is {kind}", remedy or "give a file of that name")
+        if status.st_size > most:
+            raise InputError(f"{file} has {status.st_size} bytes, more than {most}", "give a smaller file")
+        with file.open("rb") as stream:
+            data = stream.read(most + 1)  # files in /proc say that they have 0 bytes
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(f"cannot read {file}: {reason}", remedy or "give a file that you may read") from error
+    if len(data) > most:
+        raise InputError(f"{file} has more than {most} bytes", "give a smaller file")
+    return data
+
+
+def read_text(file: Path, remedy: str = "", most: int = MOST_TEXT_BYTES) -> str:
+    """The text of a regular UTF-8 file.
+
+    Raises:
+        InputError: as `read_bytes`, or it is not UTF-8.
+    """
+    try:
+        return read_bytes(file, remedy, most).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file} is not UTF-8 text: {error}", remedy or "give a text file") from error
+
+
+def check_json(data: bytes, where: object, values: int | None = MOST_VALUES) -> None:
+    """See that JSON, or lines of JSON, is not nested too deep and does not hold too many values, before it is parsed.
+
+    Args:
+        data: the text in UTF-8; whether it is JSON at all is for the parser to say.
+        where: what errors call it.
+        values: how many values it may hold; None for any number.
+
+    Raises:
+        InputError: it is deeper or holds more.
+    """
+    depth = count = 0
+    for token in _TOKEN.finditer(data):
+        letter = data[token.start()]
+        if letter in b"[{":
+            depth, count = depth + 1, count + 1
+        elif letter in b"]}":
+            depth -= 1
+        elif letter == 0x2C:
+            count += 1
+        elif letter == 0x0A and depth <= 0:  # the line of a log ends
+            depth = 0
+        if depth > MOST_DEPTH:
+            raise InputError(f"{where} is nested deeper than {MOST_DEPTH} levels", "restore the file")
+        if values is not None and count > values:
+            raise InputError(f"{where} holds more than {values} values", "restore the file")
+
+
+def parse_json(data: bytes, where: object, remedy: str, values: int | None = MOST_VALUES) -> Any:
+    """The value that JSON in UTF-8 holds.
+
+    Raises:
+        InputError: it is no such text, is nested too deep or holds too many values.
+    """
+    check_json(data, where, values)
+    try:
+        return json.loads(data.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where} is not JSON: {error}", remedy) from error
+
+
+def read_json(file: Path, remedy: str, values: int | None = None) -> dict[str, Any]:
+    """A JSON object.
+
+    Args:
+        file: its path.
+        remedy: what to do if it cannot be read.
+        values: how many values it may hold; None for any number.
+
+    Raises:
+        InputError: it cannot be read, is not JSON in UTF-8, or is no object.
+    """
+    value = parse_json(read_bytes(file, remedy, MOST_JSON_BYTES), file, remedy, values)
+    if not isinstance(value, dict):
+        raise InputError(f"{file} is not a JSON object", remedy)
+    return cast(dict[str, Any], value)

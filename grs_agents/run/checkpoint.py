@@ -1,0 +1,67 @@
+"""The checkpoints of a run, which may come from somebody else: looked at before anything is read from them."""
+
+import sqlite3
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
+
+from grs_agents.errors import InputError
+from grs_agents.foreign import member
+from grs_agents.scene import Camera, CandidateRecord, SceneDescription, SceneObject, TableFrame
+from grs_agents.state import RunState
+
+FILE = "checkpoint.sqlite"
+_TABLES = frozenset({"checkpoints", "writes"})
+_REMEDY = "start the scene again in another folder: --out"
+_NESTED: dict[str, TypeAdapter[Any]] = {
+    "camera": TypeAdapter(Camera),
+    "table": TypeAdapter(TableFrame),
+    "candidates": TypeAdapter(list[CandidateRecord]),
+    "objects": TypeAdapter(list[SceneObject]),
+    "scene": TypeAdapter(SceneDescription),
+}
+
+
+def check_checkpoints(folder: Path) -> None:
+    """See that the checkpoints of a run are a whole database with LangGraph's tables and nothing that runs by itself.
+
+    Raises:
+        InputError: they are not.
+    """
+    if not (folder / FILE).exists():  # interrupted before the first step
+        return
+    file = member(folder, FILE)
+    try:
+        with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)) as database:
+            database.execute("PRAGMA trusted_schema = OFF")
+            rows = database.execute("SELECT type, name FROM sqlite_schema").fetchmany(100)
+            said = database.execute("PRAGMA quick_check(1)").fetchone()
+    except (sqlite3.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{file} is no whole database: {error}", _REMEDY) from error
+    strange = [
+        name for kind, name in rows if kind not in ("table", "index") or (kind == "table" and name not in _TABLES)
+    ]
+    if strange or said != ("ok",):
+        found = f"it holds {strange[0]!r}" if strange else str(said[0])
+        raise InputError(f"{file} holds no checkpoints of a run: {found}", _REMEDY)
+
+
+def check_state(values: Mapping[str, Any], folder: Path) -> None:
+    """See that a state that was read from the checkpoints is one that the nodes can go on with.
+
+    Raises:
+        InputError: it is not.
+    """
+    hints = get_type_hints(RunState)
+    for name, value in values.items():
+        try:
+            TypeAdapter(hints.get(name, Any)).validate_python(value, strict=True)
+            if name in _NESTED and value:
+                _NESTED[name].validate_python(value)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, (name, *first["loc"])))
+            raise InputError(f"{folder / FILE}: {where}: {first['msg']}", _REMEDY) from error

@@ -1,0 +1,61 @@
+"""The one writer to the terminal: what came from outside cannot command it, reorder it or end the program.
+
+Names of files, replies of models, programs and their errors are told to people as they are. A terminal obeys the
+control characters in them; here these are spelt out, whether the text is printed, a table's cell or a message of an
+error.
+"""
+
+import argparse
+import json
+import logging
+import sys
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from grs_agents.terminal.text import visible
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def say(*words: object, error: bool = False, end: str = "\n", flush: bool = False) -> None:
+    """Print ``words``, visible.
+
+    Args:
+        words: joined by spaces.
+        error: on standard error.
+        end: after them.
+        flush: at once.
+    """
+    file = sys.stderr if error else sys.stdout
+    print(visible(" ".join(map(str, words))), end=end, file=file, flush=flush)
+
+
+def say_json(value: Any) -> None:
+    """Print ``value`` as indented JSON in ASCII, which holds no control characters."""
+    print(json.dumps(value, indent=2).replace("\x7f", "\\u007f"))
+
+
+def console(error: bool = False) -> "Console":
+    """A console for tables and progress, on standard output or on standard error."""
+    from grs_agents.terminal.tables import VisibleConsole
+
+    return VisibleConsole(stderr=error, markup=False, emoji=False)
+
+
+class VisibleFormatter(logging.Formatter):
+    """What libraries log, visible."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One record as text."""
+        return visible(super().format(record))
+
+
+class VisibleParser(argparse.ArgumentParser):
+    """A parser whose errors repeat what it was given, visible."""
+
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
+        """End the program with ``status`` after ``message``."""
+        super().exit(status, None if message is None else visible(message))
+
+
+__all__ = ["VisibleFormatter", "VisibleParser", "console", "say", "say_json", "visible"]

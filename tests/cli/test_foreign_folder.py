@@ -1,0 +1,171 @@
+"""A run folder received from somebody is read or refused in one line, and nothing outside it is read."""
+
+import json
+import os
+import shutil
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from grs_agents.config import Config
+from grs_agents.run import RunRecord
+from grs_agents.trace import EventLog
+from tests.cli.command import Done, grs
+from tests.cli.mutations import KINDS, mutate
+from tests.views.conftest import Script
+
+EVIL = "\x1b]0;owned\x07 \x9b31m \u202e"
+READING = (("show", "run"), ("show", "run", "--json"), ("trace", "run"), ("report", "run"), ("share", "run"))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a made-up run that was interrupted."""
+    folder = tmp_path_factory.mktemp("made") / "run"
+    folder.mkdir()
+    script = Script(EventLog(folder / "events.jsonl"), folder)
+    script.before_fix()
+    script.after_fix()
+    script.log.close()
+    RunRecord(
+        id="sample-run", status="interrupted", command="run", source="/photo", graph="grs",
+        config=Config().model_dump(mode="json"), versions={}, seeds=(0, 1),
+    ).write(folder)  # fmt: skip
+    return folder
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path) -> Path:
+    """A copy of it to spoil."""
+    return Path(shutil.copytree(made, tmp_path / "run"))
+
+
+def change_events(run: Path, change: Callable[[dict[str, Any]], None], kind: str) -> None:
+    """Change every event of a kind."""
+    events = [json.loads(line) for line in (run / "events.jsonl").read_text("utf-8").splitlines()]
+    for event in events:
+        if event["kind"] == kind:
+            change(event)
+    (run / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events), "utf-8")
+
+
+def assert_refused(done: Done, *words: str) -> None:
+    """One line that names what is wrong, and exit status 2."""
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith("grs: ") and len(done.stderr.splitlines()) == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+
+
+@pytest.mark.parametrize("verb", ["trace", "report", "share"])
+@pytest.mark.parametrize("where", ["absolute", "above"])
+def test_a_picture_elsewhere_is_not_read(run: Path, verb: str, where: str) -> None:
+    shutil.copy(run / "rgb.png", run.parent / "secret.png")
+    name = str(run.parent / "secret.png") if where == "absolute" else "../secret.png"
+    change_events(run, lambda event: event["files"].update(rgb=name), "scene_stage")
+    assert_refused(grs(verb, "run", folder=run.parent), "secret.png", "no path inside")
+    assert not (run / "report.html").exists() and not (run.parent / "run.zip").exists()
+
+
+@pytest.mark.parametrize("verb", ["show", "trace", "report", "share", "replay", "play"])
+@pytest.mark.parametrize("what", ["link", "pipe", "device"])
+def test_links_out_and_special_files_are_refused_by_name(run: Path, verb: str, what: str) -> None:
+    shutil.copy(run / "rgb.png", run.parent / "secret.png")
+    (run / "rgb.png").unlink()
+    if what == "pipe":
+        os.mkfifo(run / "rgb.png")
+    else:
+        (run / "rgb.png").symlink_to("/dev/zero" if what == "device" else run.parent / "secret.png")
+    assert_refused(grs(verb, "run", folder=run.parent), "rgb.png")
+
+
+def test_a_link_inside_the_folder_is_followed(run: Path) -> None:
+    (run / "rgb.png").rename(run / "photo.png")
+    (run / "rgb.png").symlink_to("photo.png")
+    assert grs("trace", "run", folder=run.parent).returncode == 0
+
+
+@pytest.mark.parametrize("shape", [(10**12, 3), (40_000_000, 3)])
+def test_a_recording_is_bounded_before_it_is_unpacked(run: Path, shape: tuple[int, int]) -> None:
+    import io
+    import zipfile
+
+    file = next(run.rglob("*.npz"))
+    header = io.BytesIO()
+    said = {"descr": "<f4", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(header, said)
+    with np.load(file) as found:
+        arrays = {name: found[name] for name in found.files if name != "tool"}
+    np.savez(file, **arrays)
+    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("tool.npy", header.getvalue() + bytes(1_000_000))
+    assert_refused(grs("trace", "run", folder=run.parent), "tool", file.name, "more than")
+
+
+@pytest.mark.parametrize("name", ["run.json", "events.jsonl", "instances/seed_0.json"])
+@pytest.mark.parametrize("text", ["[" * 100_000 + "]" * 100_000, "[" + "[]," * 1_000_000 + "[]]"])
+def test_deep_and_wide_json_is_refused(run: Path, name: str, text: str) -> None:
+    file = next(run.rglob("*.json")) if name.startswith("instances") and not (run / name).exists() else run / name
+    after = file.read_text("utf-8") if name == "events.jsonl" else ""
+    file.write_text(f"{text}\n{after}", "utf-8")
+    assert_refused(grs("trace", "run", folder=run.parent), file.name)
+
+
+def test_a_file_too_large_to_read_is_refused_unread(run: Path) -> None:
+    os.truncate(run / "events.jsonl", 8 << 30)
+    assert_refused(grs("show", "run", folder=run.parent), "events.jsonl", "8589934592", "more than")
+
+
+def not_a_database(file: Path) -> None:
+    file.write_text("junk")
+
+
+def another_database(file: Path) -> None:
+    with sqlite3.connect(file) as database:
+        database.execute("CREATE VIEW checkpoints AS SELECT 1")
+    database.close()
+
+
+def torn_checkpoint(file: Path) -> None:
+    from langgraph.checkpoint.sqlite import SqliteSaver
+
+    with SqliteSaver.from_conn_string(str(file)) as saver:
+        saver.setup()
+        saver.conn.execute(
+            "INSERT INTO checkpoints (thread_id, checkpoint_ns, checkpoint_id, type, checkpoint, metadata) "
+            "VALUES ('sample-run', '', '1', 'msgpack', X'C1C1', '{}')"
+        )
+        saver.conn.commit()
+
+
+@pytest.mark.parametrize("spoil", [not_a_database, another_database, torn_checkpoint])
+def test_a_broken_checkpoint_is_named(run: Path, spoil: Callable[[Path], None]) -> None:
+    spoil(run / "checkpoint.sqlite")
+    done = grs("run", "/photo", "--out", "run", "--resume", folder=run.parent)
+    assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
+    assert "checkpoint.sqlite" in done.stderr and "start the scene again" in done.stderr
+
+
+def test_what_a_run_says_cannot_command_the_terminal(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    change_events(run, lambda event: event.update(explanation=EVIL + "[bold]loud[/bold]"), "decision")
+    change_events(run, lambda event: event.update(node=event["node"] + EVIL), "node_started")
+    for options in ((), ("--step", "1"), ("--failed",), ("--json",)):
+        done = grs("show", "run", *options, folder=run.parent)
+        assert done.returncode == 0
+        assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(done.stdout + done.stderr)
+    shown = grs("show", "run", folder=run.parent).stdout
+    assert "\\x1b]0;owned\\x07" in shown and "[bold]loud[/bold]" in shown
+
+
+@pytest.mark.parametrize("seed", range(2 * len(KINDS)))
+def test_a_run_that_was_changed_anywhere_is_read_or_refused(run: Path, seed: int) -> None:
+    what = mutate(run, seed)
+    for verb in READING[:3]:
+        done = grs(*verb, folder=run.parent)
+        assert done.returncode in (0, 2), f"{what}: {done.stderr}"
+        assert "Traceback" not in done.stderr and "\x1b" not in done.stdout + done.stderr, what
