@@ -34,6 +34,7 @@ class RunState(TypedDict):
         audit: the latest ``AuditReport`` as JSON.
         fixes: fixes made so far.
         history: one line for each decision.
+        routed: each decision with the report it was made on, ``Routed`` as JSON.
         problem: why the run cannot go on, if it cannot.
         status: ``accepted`` or ``rejected`` once it is known.
         reason: why.
@@ -63,6 +64,7 @@ class RunState(TypedDict):
     audit: dict[str, Any]
     fixes: Annotated[int, operator.add]
     history: Annotated[list[str], operator.add]
+    routed: Annotated[list[dict[str, Any]], operator.add]
     problem: str
     status: str
     reason: str

@@ -9,7 +9,7 @@ from grs_agents.files import write_json
 from grs_agents.nodes.evidence import evidence
 from grs_agents.nodes.instances import measure
 from grs_agents.nodes.services import Services, Update, node
-from grs_agents.policies import RoutingContext
+from grs_agents.policies import Routed, RoutingContext, failures
 from grs_agents.sandbox import TestReport
 from grs_agents.scene import SceneDescription
 from grs_agents.state import RunState
@@ -36,17 +36,24 @@ def run_tests(state: RunState, services: Services) -> Update:
 @node
 def route(state: RunState, services: Services) -> Update:
     """Decide whether to fix the program or the tests."""
+    report = TestReport.model_validate(state["report"])
     context = RoutingContext(
         task=TaskDefinition.model_validate(state["task"]),
-        report=TestReport.model_validate(state["report"]),
+        report=report,
         results=evidence(state),
         audit_failed=bool(state.get("audit")),
         history=tuple(state.get("history", [])),
         agents=services.agents,
+        earlier=tuple(Routed.model_validate(one) for one in state.get("routed", [])),
     )
     decision = services.policy.decide(context)
     services.log.append(Decision(verdict=decision.verdict, explanation=decision.explanation, policy=decision.policy))
-    return {"decision": decision.model_dump(mode="json"), "history": [f"route: {decision.verdict}"]}
+    routed = Routed(failures=failures(report), verdict=decision.verdict)
+    return {
+        "decision": decision.model_dump(mode="json"),
+        "history": [f"route: {decision.verdict}"],
+        "routed": [routed.model_dump(mode="json")],
+    }
 
 
 @node

@@ -1,7 +1,8 @@
 """The policies that ship with GRS."""
 
 from grs_agents.agents import NoReply, Verdict, roles
-from grs_agents.policies.types import RoutingContext, RoutingDecision
+from grs_agents.policies.types import RoutingContext, RoutingDecision, failures
+from grs_agents.sandbox import TestCase
 
 
 class Llm:
@@ -18,36 +19,53 @@ class Llm:
 
 
 class Rules:
-    """Decide from where the error was raised.
+    """Decide from the types in the report: who raised the error, and how the oracle's episode ended.
 
-    An error raised in the tests while the oracle had succeeded (or never ran) is the tests' fault; everything else
-    (the program raised, the oracle fell short, the audit failed) is the program's.
+    The program is at fault where it raised the error, or where an assertion failed and the oracle itself fell short.
+    The tests are at fault where they raised an error that is no failed assertion, or where an assertion failed though
+    the oracle reached its goals or was stopped by the test. A verdict that was followed already and left the report as
+    it was gives way to the other one.
     """
 
     def decide(self, context: RoutingContext) -> RoutingDecision:
-        """Read the report's ``raised_in`` fields and the oracle's episodes."""
-        verdict, why = self._judge(context)
+        """Read the types; compare with the report of the decision before."""
+        verdict, why = _judge(context)
+        last = context.earlier[-1] if context.earlier and not context.audit_failed else None
+        if last is not None and last.failures == failures(context.report):
+            verdict = "fix_test" if last.verdict == "fix_code" else "fix_code"
+            why = f"{last.verdict} left the report as it was, so the other program is next; {why}"
         return RoutingDecision(verdict=verdict, explanation=why, policy="rules")
 
-    def _judge(self, context: RoutingContext) -> tuple[Verdict, str]:
-        report = context.report
-        if context.audit_failed:
-            return "fix_code", "the tests pass but the audit of the task instances fails"
-        if not report.cases:
-            at_fault = report.raised_in == "tests" or report.outcome in ("no_tests", "load_tests")
-            where = report.raised_in or report.outcome
-            return ("fix_test" if at_fault else "fix_code"), f"no test ran: {report.message} (raised in {where})"
-        for case in report.cases:
-            if case.outcome in ("passed", "not_run"):
-                continue
-            short = case.episode is not None and case.episode.get("outcome") not in ("success", None)
-            if case.raised_in == "tests" and not short:
-                return "fix_test", f"{case.id} {case.outcome} in the tests themselves: {case.message}"
-            if case.outcome in ("no_assertion", "skipped", "expected_failure"):
-                return "fix_test", f"{case.id} checks nothing ({case.outcome})"
-            reason = f"the oracle ended in {case.episode['outcome']}" if case.episode and short else case.message
-            return "fix_code", f"{case.id} {case.outcome}: {reason}"
+
+def _judge(context: RoutingContext) -> tuple[Verdict, str]:
+    report = context.report
+    if context.audit_failed:
+        return "fix_code", "the tests pass but the audit of the task instances fails"
+    if not report.cases:
+        at_fault = report.raised_in == "tests" or report.outcome in ("no_tests", "load_tests")
+        where = report.raised_in or report.outcome
+        return ("fix_test" if at_fault else "fix_code"), f"no test ran: {report.message} (raised in {where})"
+    failed = [case for case in report.cases if case.outcome not in ("passed", "not_run")]
+    if not failed:
         return "fix_test", f"the tests as a whole are {report.outcome}: {report.message}"
+    first = next(filter(_speaks_against_program, failed), None)
+    if first is None:
+        return "fix_test", f"{failed[0].id} {failed[0].outcome} in the tests themselves: {failed[0].message}"
+    reason = (
+        f"the oracle ended in {first.episode['outcome']}" if first.episode and _fell_short(first) else first.message
+    )
+    return "fix_code", f"{first.id} {first.outcome}: {reason}"
+
+
+def _speaks_against_program(case: TestCase) -> bool:
+    if case.outcome in ("no_assertion", "skipped", "expected_failure"):
+        return False
+    return case.raised_in != "tests" or (case.outcome == "failed" and _fell_short(case))
+
+
+def _fell_short(case: TestCase) -> bool:
+    """Whether the oracle itself ended its episode without reaching its goals."""
+    return case.episode is not None and case.episode.get("outcome") not in ("success", "stopped", None)
 
 
 class AlwaysCode:

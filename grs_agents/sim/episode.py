@@ -8,7 +8,7 @@ from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import GrsError
 
 Outcome = Literal[
-    "success", "partial", "step_limit", "unreachable", "dropped", "toppled", "target_occupied",
+    "success", "stopped", "partial", "step_limit", "unreachable", "dropped", "toppled", "target_occupied",
     "target_too_small", "no_free_space", "nothing_to_do", "simulated_step_limit", "object_limit", "vertex_limit",
     "error",
 ]  # fmt: skip
@@ -165,7 +165,7 @@ class Recorder:
             return Stop("step_limit", f"step limit: {count}, reward {self.reward:.2f}{last}", names)
         if self.stop is not None:
             return self.stop
-        return Stop("partial", f"stopped by the caller: {count}, reward {self.reward:.2f}{last}", names)
+        return Stop("stopped", f"stopped by the caller: {count}, reward {self.reward:.2f}{last}", names)
 
 
 _latest: list[Recorder] = []

@@ -12,7 +12,7 @@ from tests.models.conftest import Json, rich_scene, scenes
 from tests.models.roles import fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
 
 OUTCOMES = (
-    "partial", "step_limit", "unreachable", "dropped", "toppled", "target_occupied", "target_too_small",
+    "stopped", "partial", "step_limit", "unreachable", "dropped", "toppled", "target_occupied", "target_too_small",
     "no_free_space", "nothing_to_do", "error",
 )  # fmt: skip
 

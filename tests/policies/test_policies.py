@@ -1,12 +1,13 @@
 """The built-in routing policies, and how one's own is found."""
 
+from dataclasses import replace
 from typing import Any, cast
 
 import pytest
 
 from grs_agents.agents import Agents, TaskDefinition
 from grs_agents.errors import ConfigError, UnknownNameError
-from grs_agents.policies import POLICIES, RoutingContext, RoutingDecision, load_policy
+from grs_agents.policies import POLICIES, Routed, RoutingContext, RoutingDecision, failures, load_policy
 from grs_agents.sandbox import TestCase, TestReport
 
 TASK = TaskDefinition.model_validate({"task-name": "t", "task-description": "d", "assets-used": ["a"]})
@@ -50,6 +51,10 @@ def context(
         (context("failed", [case("error", "tests")]), "fix_test"),
         (context("failed", [case("failed", "tests", {"outcome": "step_limit", "reward": 0.5})]), "fix_code"),
         (context("failed", [case("failed", "tests", {"outcome": "success", "reward": 1.0})]), "fix_test"),
+        (context("failed", [case("failed", "tests", {"outcome": "partial", "reward": 0.5})]), "fix_code"),
+        (context("failed", [case("failed", "tests", {"outcome": "stopped", "reward": 0.0})]), "fix_test"),
+        (context("failed", [case("error", "tests", {"outcome": "stopped", "reward": 0.0})]), "fix_test"),
+        (context("failed", [case("error", "tests"), case("error", "simulation")]), "fix_code"),
         (context("failed", [case("no_assertion", None)]), "fix_test"),
         (context("failed", [case("expected_failure", "tests", {"outcome": "partial", "reward": 0.5})]), "fix_test"),
         (context("tampered", [case("tampered", "tests")]), "fix_test"),
@@ -68,6 +73,19 @@ def test_rules_judge_by_where_the_error_was_raised(given: RoutingContext, verdic
     decision = load_policy("rules").decide(given)
     assert (decision.verdict, decision.policy) == (verdict, "rules")
     assert decision.explanation
+
+
+def test_rules_turn_to_the_other_side_while_the_report_stays_as_it_is() -> None:
+    given = context("failed", [case("error", "tests")])
+    verdicts: list[str] = []
+    for _ in range(4):
+        decision = load_policy("rules").decide(given)
+        verdicts.append(decision.verdict)
+        routed = Routed(failures=failures(given.report), verdict=decision.verdict)
+        given = replace(given, earlier=(*given.earlier, routed))
+    assert verdicts == ["fix_test", "fix_code", "fix_test", "fix_code"]
+    other = context("failed", [case("error", "simulation")])
+    assert load_policy("rules").decide(replace(other, earlier=given.earlier)).verdict == "fix_code"
 
 
 def test_always_code_never_blames_the_tests() -> None:

@@ -11,7 +11,7 @@ from grs_agents.models.offline.program import write_program
 from grs_agents.models.offline.text import Json, PromptText
 from grs_agents.models.offline.things import Thing, read_things
 
-_MISSED = frozenset({"dropped", "partial", "step_limit", "target_occupied"})
+_MISSED = frozenset({"dropped", "partial", "step_limit", "stopped", "target_occupied"})
 _LARGER = 1.25
 _ELSEWHERE = "stand somewhere free"
 """Stands in those that put an object elsewhere than the photo shows it."""

@@ -38,7 +38,7 @@ def judge(evidence: Evidence, history: str = "") -> tuple[str, str]:
 
 def _tests_fault(evidence: Evidence) -> str:
     """What speaks against the tests; empty where the oracle fell short or nothing was raised in them."""
-    if any(oracle.outcome != "partial" for oracle in evidence.oracles):
+    if any(oracle.outcome != "stopped" for oracle in evidence.oracles):
         return ""
     for case in evidence.cases:
         if case.where == "tests":
