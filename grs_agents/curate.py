@@ -167,11 +167,10 @@ def _described(
     for _ in range(_TRIES):
         try:
             answer = invoke(model, [message])
-            words = parse_json(str(answer.text), AssetWords)
+            words = parse_json(answer.text, AssetWords)
         except (ReplyProblem, ReplyError) as error:
             told(f"{asset.name}: {error}")
             continue
-        usage = answer.usage_metadata
         return DescribedAsset(
             asset=asset.name,
             words=words,
@@ -179,8 +178,8 @@ def _described(
             prompt=_prompt_hash(),
             content=_content(asset),
             date=datetime.now(UTC).isoformat(timespec="seconds"),
-            input_tokens=usage["input_tokens"] if usage else 0,
-            output_tokens=usage["output_tokens"] if usage else 0,
+            input_tokens=answer.input_tokens,
+            output_tokens=answer.output_tokens,
         )
     return None
 

@@ -2,8 +2,18 @@
 
 from grs_agents.agents import examples, roles
 from grs_agents.agents.agent import Agents
+from grs_agents.agents.earlier import EarlierReplies
 from grs_agents.agents.types import Description, Match, NoReply, RouterReply, TaskDefinition, Verdict
 
 __all__ = [
-    "Agents", "Description", "Match", "NoReply", "RouterReply", "TaskDefinition", "Verdict", "examples", "roles",
-]  # fmt: skip
+    "Agents",
+    "Description",
+    "EarlierReplies",
+    "Match",
+    "NoReply",
+    "RouterReply",
+    "TaskDefinition",
+    "Verdict",
+    "examples",
+    "roles",
+]

@@ -1,12 +1,11 @@
 """An agent: a prompt, a chat model and a strict parser; every exchange is an event."""
 
 import base64
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 from uuid import uuid4
 
 import cv2
@@ -14,16 +13,17 @@ from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 
 from grs_agents import content
+from grs_agents.agents.earlier import EarlierReplies, digest
 from grs_agents.agents.prompt import render
 from grs_agents.agents.reply import ReplyError
 from grs_agents.agents.types import NoReply
-from grs_agents.config import Config
+from grs_agents.config import Config, ModelConfig
 from grs_agents.foreign import member
 from grs_agents.foreign.pictures import read_picture
-from grs_agents.models import ReplyProblem, chat_model, invoke
-from grs_agents.trace import EventLog, Prompt, Reply
+from grs_agents.models import OFFLINE, Answer, ReplyProblem, Retries, chat_model, invoke
+from grs_agents.trace import EventLog, Note, Prompt, Reply
 
-Answer = TypeVar("Answer")
+Parsed = TypeVar("Parsed")
 IMAGE_SIDE = 1024
 """Longer sides are scaled down to this many pixels before a picture is sent."""
 
@@ -36,11 +36,13 @@ class Agents:
         config: names the model, the prompt and the retries of each role.
         log: where each prompt and reply is recorded.
         folder: the run folder; images are given relative to it.
+        earlier: replies that were paid for before the run was interrupted.
     """
 
     config: Config
     log: EventLog
     folder: Path
+    earlier: EarlierReplies = field(default_factory=EarlierReplies)
     _models: dict[str, BaseChatModel] = field(default_factory=dict[str, BaseChatModel])
 
     def model(self, role: str) -> BaseChatModel:
@@ -55,9 +57,9 @@ class Agents:
         self,
         role: str,
         values: Mapping[str, str],
-        parse: Callable[[str], Answer],
+        parse: Callable[[str], Parsed],
         images: Sequence[str] = (),
-    ) -> Answer | NoReply:
+    ) -> Parsed | NoReply:
         """Ask ``role`` and parse its reply; a reply that does not parse is asked for again with the error.
 
         Args:
@@ -94,41 +96,47 @@ class Agents:
     def _exchange(
         self, role: str, messages: list[BaseMessage], text: str, images: Sequence[str]
     ) -> tuple[str | None, str]:
-        model = self.config.model_for(role).model
-
+        """The text of the reply, or None and why there is none that can be used."""
+        spec = self.config.model_for(role)
+        prompt = digest(role, spec, messages)
+        if (earlier := self.earlier.take(prompt)) is not None:
+            self.log.append(Note(level="info", text=f"the reply to {earlier.call} was paid for and is used again"))
+            return (None, earlier.error) if earlier.error else (earlier.text, "")
         call = f"{role}-{uuid4().hex[:8]}"
-        self.log.append(Prompt(call=call, role=role, model=model, text=text, images=tuple(images)))
+        self.log.append(Prompt(call=call, role=role, model=spec.model, text=text, images=tuple(images), digest=prompt))
         begin = time.perf_counter()
+        answer, error, answered = Answer(""), "", True
         try:
-            answer = invoke(self.model(role), messages)
+            answer = invoke(self.model(role), messages, Retries(deadline=deadline(spec)))
         except ReplyProblem as problem:
-            seconds = time.perf_counter() - begin
-            self.log.append(Reply(call=call, role=role, model=model, text="", seconds=seconds, error=str(problem)))
-            return None, str(problem)
-        usage = answer.usage_metadata
-        cached = usage.get("input_token_details", {}).get("cache_read", 0) if usage else 0
-        self.log.append(
-            Reply(
-                call=call,
-                role=role,
-                model=model,
-                text=str(answer.text),
-                input_tokens=usage["input_tokens"] if usage else 0,
-                output_tokens=usage["output_tokens"] if usage else 0,
-                cached_tokens=cached,
-                cost=_cost(answer.response_metadata),
-                seconds=time.perf_counter() - begin,
-                finish_reason=str(answer.response_metadata.get("finish_reason", "")),
+            answer, error = problem.answer or answer, str(problem)
+            return None, error
+        except BaseException as problem:
+            error, answered = f"{type(problem).__name__}: {problem}", False
+            raise
+        finally:
+            self.log.append(
+                Reply(
+                    call=call,
+                    role=role,
+                    model=spec.model,
+                    text=answer.text,
+                    input_tokens=answer.input_tokens,
+                    output_tokens=answer.output_tokens,
+                    cached_tokens=answer.cached_tokens,
+                    cost=answer.cost,
+                    seconds=time.perf_counter() - begin,
+                    finish_reason=answer.finish_reason,
+                    error=error,
+                    answered=answered,
+                )
             )
-        )
-        return str(answer.text), ""
+        return answer.text, ""
 
 
-def _cost(metadata: Mapping[str, Any]) -> float | None:
-    """What the provider says that the answer cost, US dollars; None where it does not tell."""
-    usage = metadata.get("token_usage")
-    told = cast(Mapping[str, Any], usage).get("cost") if isinstance(usage, Mapping) else None
-    return float(told) if isinstance(told, int | float) and math.isfinite(told) else None
+def deadline(spec: ModelConfig) -> float | None:
+    """The seconds that one call of a model may take; the offline model, which asks nobody, has as long as it needs."""
+    return None if spec.model == OFFLINE else spec.timeout
 
 
 def image_block(path: Path) -> dict[str, str]:

@@ -41,7 +41,8 @@ def parse_json(text: str, model: type[Model]) -> Model:
     body = text if text.lstrip().startswith("{") else fenced(text, "json")
     try:
         value: Any = json.loads(body)
-    except json.JSONDecodeError as error:
+        json.dumps(value, ensure_ascii=False).encode()  # refuses half a surrogate pair, which no file can hold
+    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and what is nested too deeply
         raise ReplyError(f"the block is not JSON: {error}") from error
     try:
         return model.model_validate(value)
@@ -83,6 +84,6 @@ def _is_program(text: str) -> bool:
         return False
     try:
         ast.parse(text)
-    except (SyntaxError, ValueError):
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # the last is the parser's word for too deep
         return False
     return True

@@ -21,7 +21,7 @@ class ModelConfig(Frozen):
         base_url: another endpoint that speaks the provider's protocol.
         key_variable: the NAME of the environment variable that holds the key, never the key.
         temperature: passed on where given.
-        timeout: seconds for one call.
+        timeout: seconds for one call, from the request to the last byte of the reply.
         max_tokens: the longest reply.
     """
 

@@ -5,6 +5,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from operator import attrgetter
 from typing import Any, cast
 from urllib.parse import urlsplit
 
@@ -12,6 +13,8 @@ from langchain_core.language_models.chat_models import BaseChatModel
 
 from grs_agents.config import ModelConfig
 from grs_agents.errors import ConfigError, UnknownNameError
+from grs_agents.models.bounds import bound_bodies
+from grs_agents.models.keys import holds_key, said
 
 OFFLINE = "offline"
 PLACEHOLDER_KEY = "not-needed"
@@ -29,6 +32,8 @@ class Provider:
         key_variable: the environment variable that holds the key by default; empty where none is needed.
         key_argument: the constructor's name for the key.
         length_argument: the constructor's name for the longest reply.
+        http_client: where the model holds its HTTP client, so that the length of replies can be bounded. Only two of
+            the four packages take a client or hooks when a model is made.
         defaults: further arguments; the client's own retries are switched off, ours are in ``retry``.
     """
 
@@ -38,12 +43,20 @@ class Provider:
     key_variable: str
     key_argument: str
     length_argument: str
+    http_client: str
     defaults: Mapping[str, Any]
 
 
 PROVIDERS: Mapping[str, Provider] = {
     "openai": Provider(
-        "langchain_openai", "ChatOpenAI", "openai", "OPENAI_API_KEY", "api_key", "max_tokens", {"max_retries": 0}
+        "langchain_openai",
+        "ChatOpenAI",
+        "openai",
+        "OPENAI_API_KEY",
+        "api_key",
+        "max_tokens",
+        "root_client._client",
+        {"max_retries": 0},
     ),
     "anthropic": Provider(
         "langchain_anthropic",
@@ -52,6 +65,7 @@ PROVIDERS: Mapping[str, Provider] = {
         "ANTHROPIC_API_KEY",
         "api_key",
         "max_tokens",
+        "_client._client",
         {"max_retries": 0, "max_tokens": 8192},
     ),
     "google": Provider(
@@ -61,9 +75,10 @@ PROVIDERS: Mapping[str, Provider] = {
         "GOOGLE_API_KEY",
         "google_api_key",
         "max_output_tokens",
+        "client._api_client._httpx_client",
         {"max_retries": 0},
     ),
-    "ollama": Provider("langchain_ollama", "ChatOllama", "ollama", "", "", "num_predict", {}),
+    "ollama": Provider("langchain_ollama", "ChatOllama", "ollama", "", "", "num_predict", "_client._client", {}),
 }
 
 
@@ -96,10 +111,12 @@ def chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
         **_bounds(name, provider, config),
     }
     try:
-        return cast(BaseChatModel, make(**arguments))
-    except (ValueError, TypeError) as error:
-        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        made = cast(BaseChatModel, make(**arguments))
+        bound_bodies(attrgetter(provider.http_client)(made))
+    except (ValueError, TypeError, AttributeError) as error:
+        first = said(str(error)).splitlines()[0] if str(error) else type(error).__name__
         raise ConfigError(f"model {config.model!r} cannot be made: {first}", "see `grs doctor`") from error
+    return made
 
 
 def installed(provider: str) -> bool:
@@ -134,6 +151,7 @@ def _key(provider: Provider, config: ModelConfig) -> dict[str, str]:
     variable = config.key_variable or provider.key_variable
     if not variable or not provider.key_argument:
         return {}
+    holds_key(variable)
     key = os.environ.get(variable, "")
     if not key and is_loopback(config.base_url):
         key = PLACEHOLDER_KEY

@@ -5,12 +5,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
-from typing import Any, Literal
+from typing import Any
 
 from langchain_core.language_models.chat_models import BaseChatModel
-from langchain_core.messages import AIMessage, BaseMessage
+from langchain_core.messages import BaseMessage
 
 from grs_agents.errors import GrsError
+from grs_agents.models.answer import Answer, ReplyProblem, checked, read_answer
+from grs_agents.models.bounds import within
+from grs_agents.models.keys import said
 
 RETRYABLE_STATUS = frozenset({408, 409, 425, 429, 500, 502, 503, 504, 529})
 _PERMANENT = {
@@ -21,24 +24,10 @@ _PERMANENT = {
     413: "the prompt is too long for this model: use another model",
     422: "the provider refuses the request: check the model's name and base_url",
 }
-_COMPLETE = frozenset({"stop", "end_turn", "stop_sequence", "eos"})
-_CUT_OFF = frozenset({"length", "max_tokens"})
 _TRANSPORT = ("Timeout", "Connect", "Connection", "RemoteProtocol", "ReadError", "WriteError", "Transport")
-_MALFORMED = (ValueError, TypeError, KeyError, IndexError, AttributeError)
-
-Kind = Literal["empty", "refusal", "length", "unfinished"]
-
-
-class ReplyProblem(GrsError):
-    """A reply that arrived but cannot be used; asking again may help.
-
-    Attributes:
-        kind: ``empty``, ``refusal``, ``length`` or ``unfinished`` (no finish reason: the stream was cut off).
-    """
-
-    def __init__(self, kind: Kind, message: str, remedy: str = "") -> None:
-        super().__init__(message, remedy)
-        self.kind = kind
+_MALFORMED = (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError)
+"""What clients raise over an answer that is not what the provider's protocol says."""
+DEADLINE = 120.0
 
 
 @dataclass(frozen=True)
@@ -47,12 +36,14 @@ class Retries:
 
     Attributes:
         tries: calls in all.
+        deadline: seconds for each call, from the request to the last byte of the reply; None for as long as it takes.
         first: seconds before the second try; doubled each time.
         longest: the most seconds ever waited, whatever a Retry-After says.
         sleep: waits so many seconds.
     """
 
     tries: int = 3
+    deadline: float | None = DEADLINE
     first: float = 1.0
     longest: float = 30.0
     sleep: Callable[[float], None] = time.sleep
@@ -63,7 +54,7 @@ class Retries:
         self.sleep(min(self.longest, self.first * 2**attempt if asked is None else asked))
 
 
-def invoke(model: BaseChatModel, messages: Sequence[BaseMessage], retries: Retries | None = None) -> AIMessage:
+def invoke(model: BaseChatModel, messages: Sequence[BaseMessage], retries: Retries | None = None) -> Answer:
     """One usable reply.
 
     Args:
@@ -72,16 +63,17 @@ def invoke(model: BaseChatModel, messages: Sequence[BaseMessage], retries: Retri
         retries: bounds; by default three tries.
 
     Returns:
-        The reply, with ``usage_metadata`` where the provider counts tokens.
+        The reply, without the keys that this process knows.
 
     Raises:
-        ReplyProblem: the reply is empty, refused, cut off at the length limit or has no finish reason.
+        ReplyProblem: the reply is empty, refused, cut off, too long or not what the provider's protocol says.
         GrsError: the provider cannot be reached in so many tries, or refuses the request for good.
     """
     bounds = retries or Retries()
     for attempt in range(bounds.tries):
         try:
-            return checked(model.invoke(list(messages)))
+            message = within(bounds.deadline, lambda: model.invoke(list(messages)))
+            return checked(read_answer(message))
         except GrsError:
             raise
         except Exception as error:  # each provider raises its own; all but the retryable end in one line
@@ -91,31 +83,6 @@ def invoke(model: BaseChatModel, messages: Sequence[BaseMessage], retries: Retri
                 raise _gave_up(error, bounds.tries) from error
             bounds.wait(attempt, error)
     raise GrsError("no try was allowed", "set Retries.tries to 1 or more")
-
-
-def checked(message: AIMessage) -> AIMessage:
-    """``message`` if it is whole.
-
-    Raises:
-        ReplyProblem: it is not.
-    """
-    metadata = message.response_metadata
-    reason = str(metadata.get("finish_reason") or metadata.get("stop_reason") or metadata.get("done_reason") or "")
-    refusal = message.additional_kwargs.get("refusal")
-    text = str(message.text)
-    if refusal or reason.lower() in ("refusal", "content_filter", "safety", "prohibited_content", "blocklist"):
-        raise ReplyProblem("refusal", f"the model refused to answer: {refusal or reason}", "rephrase the prompt")
-    if reason.lower() in _CUT_OFF:
-        raise ReplyProblem(
-            "length", f"the reply was cut off after {len(text)} characters", "raise models.<role>.max_tokens"
-        )
-    if not text.strip():
-        raise ReplyProblem("empty", f"the reply is empty (finish reason {reason or 'missing'})", "ask again")
-    if reason.lower() not in _COMPLETE:
-        raise ReplyProblem(
-            "unfinished", f"the reply has finish reason {reason or 'none'}, so it may be cut off", "ask again"
-        )
-    return message
 
 
 def retry_after(error: BaseException) -> float | None:
@@ -163,6 +130,9 @@ def _final(error: Exception) -> GrsError:
 
 def _gave_up(error: Exception, tries: int) -> GrsError:
     status = _status(error)
+    if status is None and isinstance(error, _MALFORMED):
+        what = f"the provider's answer is malformed in {tries} tries ({type(error).__name__}: {_short(error)})"
+        return ReplyProblem("malformed", what, "check models.<role>.base_url")
     what = f"answers {status}" if status else f"gives no answer ({type(error).__name__})"
     return GrsError(
         f"the model's provider {what} in {tries} tries: {_short(error)}", "try again later, or use another model"
@@ -170,5 +140,6 @@ def _gave_up(error: Exception, tries: int) -> GrsError:
 
 
 def _short(error: Exception) -> str:
-    text = " ".join(str(error).split())
+    """What ``error`` says, without keys: these are removed before the text is cut, which might leave half of one."""
+    text = " ".join(said(str(error)).split())
     return text[:300] or type(error).__name__

@@ -13,7 +13,7 @@ from grs_agents.base import Frozen
 from grs_agents.trace.known import KnownReport, KnownSummary, checked
 from grs_agents.trace.values import JsonObject, Text
 
-VERSION = 2
+VERSION = 3
 """Of this vocabulary: one more whenever a reader of the last one would misread a line."""
 
 
@@ -77,7 +77,10 @@ class NodeEnded(Stamped):
 
 
 class Prompt(Stamped):
-    """What an agent sent to its model; ``call`` joins it to its :class:`Reply`."""
+    """What an agent sent to its model; ``call`` joins it to its :class:`Reply`, of which there is one.
+
+    ``text`` is the last message; ``digest`` is the SHA-256 of the whole conversation, pictures and model settings.
+    """
 
     kind: Literal["prompt"] = "prompt"
     call: Text
@@ -85,10 +88,11 @@ class Prompt(Stamped):
     model: Text
     text: Text
     images: tuple[str, ...] = ()
+    digest: str = ""
 
 
 class Reply(Stamped):
-    """What the model answered; ``error`` says why an answer could not be used.
+    """What the model answered; ``error`` says why an answer could not be used, or why none came (``answered``).
 
     ``cached_tokens`` of the input were read from the provider's cache; ``cost`` is in US dollars, where the provider
     tells it.
@@ -106,6 +110,7 @@ class Reply(Stamped):
     seconds: Seconds = 0.0
     finish_reason: Text = ""
     error: Text = ""
+    answered: bool = True
 
 
 class ProgramVersion(Stamped):

@@ -33,6 +33,12 @@ def test_a_broken_program_is_a_version_like_any_other() -> None:
     assert parse_python("```python\ndef f(:\n```") == "def f(:\n"
 
 
+@pytest.mark.parametrize("deep", ["(" * 100_000, "-" * 100_000 + "1", "import a\x00"])
+def test_what_the_parser_cannot_hold_is_no_bare_program(deep: str) -> None:
+    with pytest.raises(ReplyError):
+        parse_python(f"import a\nb = {deep}")
+
+
 def test_json_by_schema() -> None:
     task = parse_json(
         '```json\n{"task-name": "Pack It!", "task-description": "d", "assets-used": ["a"]}\n```', TaskDefinition
@@ -41,7 +47,19 @@ def test_json_by_schema() -> None:
     assert task.as_json() == {"task-name": "pack-it", "task-description": "d", "assets-used": ["a"]}
 
 
-@pytest.mark.parametrize("body", ["[]", "{}", '{"match": "perhaps"}', "{'match': 'asset'}", "nonsense"])
+@pytest.mark.parametrize(
+    "body",
+    [
+        "[]",
+        "{}",
+        '{"match": "perhaps"}',
+        "{'match': 'asset'}",
+        "nonsense",
+        '{"match": ' + "[" * 100_000 + "]" * 100_000 + "}",
+        '{"match": ' + "9" * 5000 + "}",
+        '{"match": "no_asset", "reason": "half a \\ud800 pair"}',
+    ],
+)
 def test_json_off_schema_is_refused(body: str) -> None:
     with pytest.raises(ReplyError):
         parse_json(f"```json\n{body}\n```", Match)

@@ -1,0 +1,112 @@
+"""What a model answered, as far as GRS uses it, and why an answer cannot be used."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+from langchain_core.messages import AIMessage
+
+from grs_agents.errors import GrsError
+from grs_agents.models.keys import said
+
+_SPELLINGS = ("finish_reason", "stop_reason", "done_reason", "status")
+"""Why a reply ended: OpenAI and Google, Anthropic, Ollama, OpenAI's Responses API."""
+_COMPLETE = frozenset({"stop", "end_turn", "stop_sequence", "eos", "completed"})
+_CUT_OFF = frozenset({"length", "max_tokens"})
+_REFUSED = frozenset({"refusal", "content_filter", "safety", "prohibited_content", "blocklist"})
+_MOST_TOKENS = 2**53
+
+Kind = Literal["empty", "refusal", "length", "unfinished", "malformed", "too_long"]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One reply.
+
+    Attributes:
+        text: what the model wrote.
+        finish_reason: why it ended, in the provider's words; empty where it does not tell.
+        refusal: why the model refuses, where the provider tells that apart from the text.
+        encodable: whether UTF-8 can hold what the model wrote.
+        input_tokens, output_tokens, cached_tokens: as the provider counts; 0 where it does not tell.
+        cost: US dollars; None where the provider does not tell.
+    """
+
+    text: str
+    finish_reason: str = ""
+    refusal: str = ""
+    encodable: bool = True
+    input_tokens: int = 0
+    output_tokens: int = 0
+    cached_tokens: int = 0
+    cost: float | None = None
+
+
+class ReplyProblem(GrsError):
+    """A reply that arrived but cannot be used; asking again may help.
+
+    Attributes:
+        kind: ``empty``, ``refusal``, ``length``, ``unfinished`` (no finish reason: the stream was cut off),
+            ``malformed`` (not what the provider's protocol says) or ``too_long``.
+        answer: the reply, as far as it could be read.
+    """
+
+    def __init__(self, kind: Kind, message: str, remedy: str = "", answer: Answer | None = None) -> None:
+        super().__init__(message, remedy)
+        self.kind = kind
+        self.answer = answer
+
+
+def read_answer(message: AIMessage) -> Answer:
+    """What ``message`` holds, without keys."""
+    text, usage = str(message.text), message.usage_metadata
+    metadata: Mapping[str, Any] = message.response_metadata
+    reason = next((metadata[name] for name in _SPELLINGS if metadata.get(name)), "")
+    return Answer(
+        text=said(text),
+        finish_reason=said(str(reason)),
+        refusal=said(str(message.additional_kwargs.get("refusal") or "")),
+        encodable=not any("\ud800" <= letter <= "\udfff" for letter in text),
+        input_tokens=_tokens(usage["input_tokens"]) if usage else 0,
+        output_tokens=_tokens(usage["output_tokens"]) if usage else 0,
+        cached_tokens=_tokens(usage.get("input_token_details", {}).get("cache_read", 0)) if usage else 0,
+        cost=_cost(metadata),
+    )
+
+
+def checked(answer: Answer) -> Answer:
+    """``answer`` if it is whole.
+
+    Raises:
+        ReplyProblem: it is not.
+    """
+    reason = answer.finish_reason.lower()
+    if answer.refusal or reason in _REFUSED:
+        what = f"the model refused to answer: {answer.refusal or answer.finish_reason}"
+        raise ReplyProblem("refusal", what, "rephrase the prompt", answer)
+    if reason in _CUT_OFF:
+        what = f"the reply was cut off after {len(answer.text)} characters"
+        raise ReplyProblem("length", what, "raise models.<role>.max_tokens", answer)
+    if not answer.text.strip():
+        what = f"the reply is empty (finish reason {answer.finish_reason or 'missing'})"
+        raise ReplyProblem("empty", what, "ask again", answer)
+    if not answer.encodable:
+        raise ReplyProblem("malformed", "the reply holds half a surrogate pair, which is no text", "ask again", answer)
+    if reason not in _COMPLETE:
+        what = f"the reply has finish reason {answer.finish_reason or 'none'}, so it may be cut off"
+        raise ReplyProblem("unfinished", what, "ask again", answer)
+    return answer
+
+
+def _tokens(told: int | None) -> int:
+    return told if told is not None and 0 <= told < _MOST_TOKENS else 0
+
+
+def _cost(metadata: Mapping[str, Any]) -> float | None:
+    usage = metadata.get("token_usage")
+    told = cast(Mapping[str, Any], usage).get("cost") if isinstance(usage, Mapping) else None
+    try:
+        return float(told) if isinstance(told, int | float) and math.isfinite(told) else None
+    except OverflowError:  # a whole number beyond every float
+        return None
