@@ -14,7 +14,7 @@ PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "base", "__version__"}),
-    frozenset({"files", "foreign", "pretrained", "terminal", "workspace"}),
+    frozenset({"files", "foreign", "interrupts", "pretrained", "terminal", "workspace"}),
     frozenset({"content", "config", "trace"}),
     frozenset({"library"}),
     frozenset({"sim", "scene", "sandbox", "models"}),

@@ -4,12 +4,12 @@ import contextlib
 import errno
 import io
 import logging
-import signal
 import sys
 import traceback
 from collections.abc import Sequence
 from typing import Any, cast
 
+from grs_agents import interrupts
 from grs_agents.errors import GrsError, InputError
 from grs_agents.terminal import VisibleFormatter, say
 
@@ -18,22 +18,23 @@ _LONGEST_PATH = 4096
 _UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM)
 """What the system says of a path that somebody named; nothing of ours is missing then."""
 
+_INTERRUPTED = 130
+"""Exit status, as shells give it for Ctrl-C."""
+
 
 def main() -> None:
     """Run the command line; a user's error is one line on stderr and exit status 2, ours is 3 with its traceback.
 
     A request to end (SIGTERM) is an interruption like Ctrl-C.
     """
-    from grs_agents.cli.app import app
-
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    if logging.lastResort is not None:
-        logging.lastResort.setFormatter(VisibleFormatter())
+    interrupts.catch()
     try:
+        from grs_agents.cli.app import app
+
+        if logging.lastResort is not None:
+            logging.lastResort.setFormatter(VisibleFormatter())
         _check(sys.argv[1:])
         sys.exit(_status(app))
-    except KeyboardInterrupt:
-        sys.exit(130)
     except GrsError as error:
         say(f"grs: {error}", error=True)
         sys.exit(error.exit_status)
@@ -42,6 +43,8 @@ def main() -> None:
             _report(error)
         say(f"grs: cannot use {str(error.filename)[:200]}: {error.strerror}; name another file or folder", error=True)
         sys.exit(InputError.exit_status)
+    except KeyboardInterrupt:
+        sys.exit(_INTERRUPTED)
     except Exception as error:
         _report(error)
 

@@ -1,5 +1,6 @@
 """``grs run`` and ``grs scene``."""
 
+import shlex
 import sys
 import traceback
 from collections.abc import Callable, Generator
@@ -51,6 +52,9 @@ def run_graph(
         _print_end(command, ended.folder, ended.record)
     if ended.problem is not None:
         _print_problem(ended.problem, ended.folder)
+    if ended.record.status == "interrupted" and command == "run":
+        again = shlex.join(["grs", "run", str(scene), "--out", str(ended.folder), "--resume"])
+        print(f"interrupted; to go on: {again}", file=sys.stderr)
     return ended.record.exit_status or 0
 
 

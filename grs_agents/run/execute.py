@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from grs_agents.agents import Agents
+from grs_agents import interrupts
+from grs_agents.agents import Agents, EarlierReplies
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
 from grs_agents.files import unwritable
@@ -60,17 +61,21 @@ def execute(order: Order, views: Views) -> Outcome:
         views: what follows the log.
 
     Raises:
-        InputError: the scene does not exist, the run folder cannot be made or resumed, or the configuration
-            names what does not exist.
+        InputError: the scene does not exist, the run folder cannot be made or resumed or is in use, or the
+            configuration names what does not exist.
     """
-    folder, record, config = open_run(order)
-    if order.resume and record.status in EXIT_STATUS:
-        return Outcome(folder, record)
-    record.write(folder)
+    with open_run(order) as (folder, record, config):
+        if order.resume and record.status in EXIT_STATUS:
+            return Outcome(folder, record)
+        return _executed(order, views, folder, record.write(folder), config)
+
+
+def _executed(order: Order, views: Views, folder: Path, record: RunRecord, config: Config) -> Outcome:
     problem: GrsError | None = None
     state: State = {}
     try:
         with EventLog(folder / "events.jsonl") as log, views(folder, log):
+            log.subscribe(_start_nothing_more)
             record, problem = _follow(order, config, folder, log, record, state)
     except (Exception, KeyboardInterrupt) as error:  # the log or a view could not be opened or closed
         if record.status == "running":
@@ -92,6 +97,12 @@ def _follow(
     except (Exception, KeyboardInterrupt) as error:
         record, problem = _failed(record, error, folder)
     return _finished(record, log, state).write(folder), problem
+
+
+def _start_nothing_more(event: Event) -> None:
+    """Let no node start once the run was asked to end, though the exception that said so was lost on its way."""
+    if event.kind == "node_started" and interrupts.requested():
+        raise KeyboardInterrupt
 
 
 def _verdict(order: Order, record: RunRecord, state: State) -> RunRecord:
@@ -202,11 +213,12 @@ def _checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointSaver[
 
 def _services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> Services:
     """What the nodes work with."""
-    visits = Counter(event.node for event in read_events(log.path) if event.kind == "node_started")
+    events = read_events(log.path)
+    visits = Counter(event.node for event in events if event.kind == "node_started")
     return Services(
         config=config,
         log=log,
-        agents=Agents(config=config, log=log, folder=folder),
+        agents=Agents(config=config, log=log, folder=folder, earlier=EarlierReplies(events)),
         policy=load_policy(config.policy),
         sandbox=sandbox,
         folder=folder.resolve(),

@@ -1,6 +1,7 @@
 """Open a run: all that can be known to be wrong is refused here, before anything ran and before a folder is made."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -11,8 +12,8 @@ from grs_agents.config import Config, validated
 from grs_agents.errors import ConfigError
 from grs_agents.models import chat_model
 from grs_agents.policies import load_policy
-from grs_agents.run.folder import new_folder, old_folder
-from grs_agents.run.record import EXIT_STATUS, RunRecord, versions
+from grs_agents.run.folder import held, new_folder, old_folder, refuse_used
+from grs_agents.run.record import EXIT_STATUS, RunRecord, read_record, versions
 from grs_agents.scene import check_source, scene_name
 from grs_agents.toolkit import load_tool
 
@@ -43,24 +44,31 @@ class Order:
     nested: bool = False
 
 
-def open_run(order: Order) -> tuple[Path, RunRecord, Config]:
-    """Check the order, then make the run's folder or open the one to go on with.
+@contextmanager
+def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
+    """Check the order, then make the run's folder or open the one to go on with, and keep other processes out of it.
 
-    Returns:
+    Yields:
         The folder, the record to write into it (of an ended run: the one that is there), the configuration.
 
     Raises:
-        InputError: there is no such scene, or the run folder cannot be made or resumed.
+        InputError: there is no such scene, or the run folder cannot be made or resumed, or another process runs in it.
         ConfigError: the configuration names what does not exist, or a graph that cannot do what was ordered.
     """
     if order.resume:
         folder, record = old_folder(order.out, order.source, order.command)
         config = validated(record.config)
         if record.status in EXIT_STATUS:
-            return folder, record, config
+            yield folder, record, config
+            return
         check_names(config, order.command, order.given)
-        update = {"status": "running", "reason": "", "exit_status": None, "attempts": record.attempts + 1}
-        return folder, record.model_copy(update=update), config
+        with held(folder):
+            record = read_record(folder)  # another process may have written it before it let go
+            if record.status not in EXIT_STATUS:
+                update = {"status": "running", "reason": "", "exit_status": None, "attempts": record.attempts + 1}
+                record = record.model_copy(update=update)
+            yield folder, record, config
+        return
     config = order.config
     check_source(order.source)
     check_names(config, order.command, order.given)
@@ -75,7 +83,9 @@ def open_run(order: Order) -> tuple[Path, RunRecord, Config]:
         versions=versions(),
         seeds=tuple(config.seed + step for step in range(config.audit.seeds)),
     )
-    return folder, record, config
+    with held(folder):
+        refuse_used(folder)  # another process may have been quicker
+        yield folder, record, config
 
 
 def check_names(config: Config, command: str, given: Mapping[str, Any]) -> None:

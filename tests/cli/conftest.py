@@ -1,8 +1,9 @@
 """A chat-completions server on loopback that answers as a scripted model would."""
 
 import base64
+import contextlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
@@ -24,12 +25,18 @@ class ScriptedServer:
         roles: role of each request, in order.
         images: how many pictures each role was shown.
         spoilt: replies given to a role before it answers as it should; ``{reply}`` stands for that answer.
+        refused: what a role is told with status 401 in place of an answer.
+        bodies: what was asked, in order.
+        arrived: called with each request before it is answered.
     """
 
     url: str = ""
     roles: list[str] = field(default_factory=list[str])
     images: dict[str, int] = field(default_factory=dict[str, int])
     spoilt: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
+    refused: dict[str, str] = field(default_factory=dict[str, str])
+    bodies: list[str] = field(default_factory=list[str])
+    arrived: Callable[[], None] = lambda: None
 
     def answer(self, body: dict[str, Any]) -> str:
         """The scripted reply: the rules of the offline model, over the wire of another provider."""
@@ -59,7 +66,12 @@ def scripted_server() -> Iterator[ScriptedServer]:
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+            script.bodies.append(json.dumps(body["messages"]))
+            script.arrived()
             message = {"role": "assistant", "content": script.answer(body)}
+            if refusal := script.refused.get(script.roles[-1]):
+                self.send(401, {"error": {"message": refusal}})
+                return
             reply = {
                 "id": "1",
                 "object": "chat.completion",
@@ -74,8 +86,12 @@ def scripted_server() -> Iterator[ScriptedServer]:
                     "cost": 0.25,
                 },
             }
+            with contextlib.suppress(OSError):  # the client was killed
+                self.send(200, reply)
+
+        def send(self, status: int, reply: dict[str, Any]) -> None:
             data = json.dumps(reply).encode()
-            self.send_response(200)
+            self.send_response(status)
             self.send_header("Content-Type", "application/json")
             self.send_header("Content-Length", str(len(data)))
             self.end_headers()

@@ -1,0 +1,166 @@
+"""Runs that are killed, asked to end, or shared by two processes, and providers that say what they must not."""
+
+import json
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import pytest
+
+from grs_agents.trace import Decision, Prompt, Reply, read_events
+from tests.cli.command import grs
+
+KEY = "sk-0123456789-of-mine"
+LOSSY = """
+import contextlib, os, pathlib, signal
+from grs_agents import content
+
+def build():
+    marker = pathlib.Path(__file__).with_suffix(".done")
+    if not marker.exists():
+        marker.touch()
+        with contextlib.suppress(BaseException):
+            os.kill(os.getpid(), signal.SIGNAL)
+    return content.load_module("graphs", "grs").build()
+"""
+"""A graph that gets a signal before its first node, and drops the exception that tells of it."""
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "grs_agents", *arguments]
+
+
+def asking(server: Any) -> list[str]:
+    """Options that make the scripted server every role's model, the matcher's too."""
+    names = ["models.default=openai:any", f"models.base_url={server.url}", "tools.match=match_both"]
+    return [part for name in names for part in ("--set", name)]
+
+
+def test_a_run_killed_in_match_pays_for_no_reply_twice(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
+    pytest.importorskip("langchain_openai")
+    scripted_server.spoilt["describe"] = ["none of your business"]  # so that a second question is among what was paid
+    out = tmp_path / "run"
+    running: list[subprocess.Popen[bytes]] = []
+    started = Event()
+
+    def kill_at_the_fifth() -> None:
+        started.wait()
+        if len(scripted_server.bodies) == 5:
+            running[0].kill()
+            running[0].wait()
+
+    scripted_server.arrived = kill_at_the_fifth
+    order = ["run", str(small_scene), "--out", str(out), "--json"]
+    with subprocess.Popen(command(*order, *asking(scripted_server)), stdout=subprocess.DEVNULL) as process:
+        running.append(process)
+        started.set()
+    paid = scripted_server.bodies[:4]
+    nodes = [event.node for event in read_events(out / "events.jsonl") if event.kind == "node_started"]
+    assert nodes == ["comprehend", "match"]
+    done = grs(*order, "--resume", folder=tmp_path)
+    assert json.loads(done.stdout)["status"] == "accepted", done.stderr
+    assert not set(paid) & set(scripted_server.bodies[4:])
+    assert [times for times in Counter(scripted_server.bodies).values() if times > 1] == [2]  # asked when it was killed
+    events = read_events(out / "events.jsonl")
+    answered = Counter(event.call for event in events if isinstance(event, Reply))
+    asked = Counter(event.call for event in events if isinstance(event, Prompt))
+    assert set(answered.values()) == set(asked.values()) == {1}
+    assert len(asked - answered) == 1 and not answered - asked
+    assert len(answered) == len(scripted_server.bodies) - 1
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+def test_a_signal_before_the_first_node_is_not_lost(tmp_path: Path, small_scene: Path, name: str) -> None:
+    graphs = tmp_path / "content" / "graphs"
+    graphs.mkdir(parents=True)
+    (graphs / "lossy.py").write_text(LOSSY.replace("SIGNAL", name))
+    out = tmp_path / "run"
+    order = command("--content", str(graphs.parent), "run", str(small_scene), "--out", str(out))
+    done = subprocess.run([*order, "--set", "graph=lossy"], capture_output=True, text=True, check=False)
+    assert done.returncode == 130, done.stderr
+    assert f"grs run {small_scene} --out {out} --resume" in done.stderr
+    assert json.loads((out / "run.json").read_text())["status"] == "interrupted"
+    if name == "SIGTERM":
+        again = subprocess.run([*order, "--resume", "--json"], capture_output=True, text=True, check=False)
+        assert json.loads(again.stdout)["status"] == "accepted", again.stderr
+
+
+def test_two_processes_do_not_run_in_one_folder(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
+    pytest.importorskip("langchain_openai")
+    asked, go_on = Event(), Event()
+
+    def hold() -> None:
+        asked.set()
+        go_on.wait()
+
+    scripted_server.arrived = hold
+    order = ["run", str(small_scene), "--out", str(tmp_path / "run")]
+    with subprocess.Popen(command(*order, *asking(scripted_server)), stdout=subprocess.DEVNULL) as process:
+        try:
+            assert asked.wait(120)
+            second = grs(*order, "--resume", folder=tmp_path)
+            seen = grs("show", str(tmp_path / "run"), folder=tmp_path)
+        finally:
+            go_on.set()
+    assert second.returncode == 2
+    assert f"in use by process {process.pid}" in second.stderr and "--out" in second.stderr
+    assert seen.returncode == 0 and "comprehend" in seen.stdout
+    assert process.returncode == 0
+    events = read_events(tmp_path / "run" / "events.jsonl")
+    assert [event.sequence for event in events] == list(range(len(events)))
+    assert sum(event.kind == "run_started" for event in events) == 1
+
+
+@pytest.mark.parametrize("role", ["task", "describe"])
+def test_an_echoed_key_is_written_nowhere(
+    tmp_path: Path, small_scene: Path, scripted_server: Any, monkeypatch: pytest.MonkeyPatch, role: str
+) -> None:
+    pytest.importorskip("langchain_openai")
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    scripted_server.spoilt["describe"] = [f"Your key is {KEY}.\n{{reply}}"]
+    scripted_server.refused["task"] = f"{'x' * 280} wrong key {KEY}"
+    if role == "describe":
+        scripted_server.refused = {"describe": f"no such account: {KEY}"}
+    done = grs("run", str(small_scene), "--out", "run", *asking(scripted_server), folder=tmp_path)
+    assert done.returncode == 3 and "401" in done.stderr
+    half = KEY[:12]
+    assert half not in done.stdout + done.stderr
+    files = [file for file in (tmp_path / "run").rglob("*") if file.is_file()]
+    assert {"run.json", "events.jsonl", "checkpoint.sqlite", "trace.rrd"} <= {file.name for file in files}
+    assert [file for file in files if half.encode() in file.read_bytes()] == []
+    assert "[removed]" in (tmp_path / "run" / "events.jsonl").read_text()
+
+
+def test_every_prompt_has_one_reply_with_what_it_cost(tmp_path: Path, small_scene: Path, scripted_server: Any) -> None:
+    pytest.importorskip("langchain_openai")
+    scripted_server.spoilt["describe"] = ["half a \ud800 pair", ""]
+    scripted_server.refused["task"] = "the account is closed"
+    done = grs("run", str(small_scene), "--out", "run", *asking(scripted_server), folder=tmp_path)
+    assert done.returncode == 3
+    events = read_events(tmp_path / "run" / "events.jsonl")
+    prompts = [event.call for event in events if isinstance(event, Prompt)]
+    replies = [event for event in events if isinstance(event, Reply)]
+    assert prompts == [reply.call for reply in replies]
+    *answered, last = replies
+    assert {(reply.input_tokens, reply.output_tokens, reply.cost) for reply in answered} == {(10, 5, 0.25)}
+    assert {reply.finish_reason for reply in answered} == {"stop"}
+    assert [bool(reply.error) for reply in answered[:3]] == [True, True, False]
+    assert (last.role, last.answered) == ("task", False) and "the account is closed" in last.error
+
+
+def test_rules_turn_to_the_other_program_when_a_fix_changed_nothing(
+    tmp_path: Path, small_scene: Path, scripted_server: Any
+) -> None:
+    pytest.importorskip("langchain_openai")
+    tests = "import unittest\n\nclass TestIt(unittest.TestCase):\n    def test_a(self):\n        nowhere()\n"
+    broken = f"```python\n{tests}```"
+    scripted_server.spoilt = {"tests": [broken], "fix_tests": [broken]}
+    options = [*asking(scripted_server), "--set", "policy=rules"]
+    done = grs("run", str(small_scene), "--out", "run", "--json", *options, folder=tmp_path)
+    assert json.loads(done.stdout)["status"] == "accepted", done.stderr
+    decisions = [event for event in read_events(tmp_path / "run" / "events.jsonl") if isinstance(event, Decision)]
+    assert [decision.verdict for decision in decisions] == ["fix_test", "fix_code", "fix_test"]
+    assert "left the report as it was" in decisions[1].explanation
