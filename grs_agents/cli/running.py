@@ -54,7 +54,7 @@ def run_graph(
         _print_problem(ended.problem, ended.folder)
     if ended.record.status == "interrupted" and command == "run":
         again = shlex.join(["grs", "run", str(scene), "--out", str(ended.folder), "--resume"])
-        print(f"interrupted; to go on: {again}", file=sys.stderr)
+        say(f"interrupted; to go on: {again}", error=True)
     return ended.record.exit_status or 0
 
 
