@@ -7,9 +7,9 @@ import signal
 import subprocess
 import sys
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from langgraph.graph import StateGraph
@@ -17,6 +17,7 @@ from langgraph.graph import StateGraph
 from grs_agents import content, serving
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.run import read_record
+from grs_agents.state import RunState
 from grs_agents.trace import read_events
 from tests.needs import needs
 from tests.views.looking import free_port
@@ -32,13 +33,18 @@ def test_langgraph_json_serves_every_graph() -> None:
         assert isinstance(getattr(serving, name), StateGraph)
 
 
+def given(**fields: Any) -> RunState:
+    """What a request sends."""
+    return cast(RunState, fields)
+
+
 def test_a_served_graph_leaves_a_run_and_streams_its_nodes(
     tmp_path: Path, sample_scene: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    steps = list(
+    steps: list[Any] = list(
         serving.scene.compile().stream(
-            {"scene_path": str(sample_scene)},
+            given(scene_path=str(sample_scene)),
             {"configurable": {"set": ["seed=3"]}},
             stream_mode="updates",
             subgraphs=True,
@@ -65,21 +71,21 @@ def test_a_served_graph_leaves_a_run_and_streams_its_nodes(
 def test_what_a_request_leaves_out_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="names no scene"):
-        serving.grs.compile().invoke({"max_fixes": 3})
+        serving.grs.compile().invoke(given(max_fixes=3))
     with pytest.raises(InputError, match="nowhere"):
-        serving.grs.compile().invoke({"scene_path": "nowhere"})
+        serving.grs.compile().invoke(given(scene_path="nowhere"))
     (tmp_path / "photo").mkdir()
     with pytest.raises(ConfigError, match="needs task and scene"):
-        serving.router.compile().invoke({"scene_path": str(content.path("assets", "scenes") / "groceries")})
+        serving.router.compile().invoke(given(scene_path=str(content.path("assets", "scenes") / "groceries")))
     with pytest.raises(ConfigError, match="policy"):
         serving.grs.compile().invoke(
-            {"scene_path": str(content.path("assets", "scenes") / "groceries")},
+            given(scene_path=str(content.path("assets", "scenes") / "groceries")),
             {"configurable": {"set": ["policy=none_such"]}},
         )
 
 
 @contextlib.contextmanager
-def langgraph_dev(folder: Path) -> Iterator[str]:
+def langgraph_dev(folder: Path) -> Generator[str]:
     """The address of a development server."""
     port = free_port()
     address = f"http://127.0.0.1:{port}"

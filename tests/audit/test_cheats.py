@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -95,7 +96,7 @@ def creeps_into_place(task: Trial, env: Environment) -> None:
     slope = task.fill_template("box/box-template.urdf", {"DIM": (0.35, 0.12, 0.02)})
     env.add_object(slope, ((0.5, 0.3, 0.12), tilt), "fixed")
 
-    def block(along: float, kind: str) -> int:
+    def block(along: float, kind: Literal["rigid", "fixed"]) -> int:
         return env.add_object(GREEN, ((0.5 + 0.03 * x + along * z, 0.3, 0.12 + 0.03 * z - along * x), tilt), kind)
 
     task.want(env.add_object(RED, A), 0.5, -0.1, 0.01)

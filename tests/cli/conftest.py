@@ -40,8 +40,8 @@ class ScriptedServer:
 
     def answer(self, body: dict[str, Any]) -> str:
         """The scripted reply: the rules of the offline model, over the wire of another provider."""
-        parts = body["messages"][0]["content"]
-        parts = [{"type": "text", "text": parts}] if isinstance(parts, str) else parts
+        content = body["messages"][0]["content"]
+        parts: list[dict[str, Any]] = [{"type": "text", "text": content}] if isinstance(content, str) else content
         text = "\n".join(part["text"] for part in parts if part["type"] == "text")
         role = text.split("\n", 1)[0].removeprefix("# Role: ").strip()
         urls = [part["image_url"]["url"] for part in parts if part["type"] == "image_url"]
@@ -97,7 +97,7 @@ def scripted_server() -> Iterator[ScriptedServer]:
             self.end_headers()
             self.wfile.write(data)
 
-        def log_request(self, *_: object) -> None:
+        def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
             """Stay silent."""
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)

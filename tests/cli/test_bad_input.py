@@ -14,6 +14,7 @@ import pytest
 from grs_agents import content
 from tests.cli.command import Done, grs
 from tests.needs import needs
+from tests.pictures import read_picture
 
 
 def copy_scene(sample_scene: Path, folder: Path) -> Path:
@@ -49,7 +50,7 @@ def other_size(scene: Path) -> None:
 
 
 def no_depth(scene: Path) -> None:
-    depth = cv2.imread(str(scene / "depth.png"), cv2.IMREAD_UNCHANGED)
+    depth = read_picture(scene / "depth.png")
     cv2.imwrite(str(scene / "depth.png"), np.zeros_like(depth))
 
 
@@ -76,7 +77,7 @@ def missing_value(scene: Path) -> None:
 
 
 def no_plane(scene: Path) -> None:
-    depth = cv2.imread(str(scene / "depth.png"), cv2.IMREAD_UNCHANGED)
+    depth = read_picture(scene / "depth.png")
     noise = np.random.default_rng(0).integers(500, 3000, depth.shape)
     cv2.imwrite(str(scene / "depth.png"), noise.astype(np.uint16))
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.cli.command import grs
+from tests.pictures import read_picture
 from tests.scene.conftest import Thing, render
 from tests.scene.room import write
 
@@ -23,8 +24,8 @@ def photo(sample_scene: Path) -> dict[str, Any]:
     """The sample scene as arrays."""
     camera = json.loads((sample_scene / "camera.json").read_text())
     return {
-        "rgb": cv2.imread(str(sample_scene / "rgb.png"))[..., ::-1],
-        "depth": cv2.imread(str(sample_scene / "depth.png"), cv2.IMREAD_UNCHANGED) * camera["depth_scale"],
+        "rgb": read_picture(sample_scene / "rgb.png")[..., ::-1],
+        "depth": read_picture(sample_scene / "depth.png") * camera["depth_scale"],
         "K": np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1]]),
         "masks": cv2.imread(str(sample_scene / "labels.png"), cv2.IMREAD_UNCHANGED),
         "T_robot_cam": np.array(camera["T_robot_cam"]),

@@ -1,13 +1,14 @@
 """Matching by features and by a model, on a small synthesised scene with its true masks."""
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from grs_agents.correspondence.asking import by_both, by_model, shuffled
-from grs_agents.correspondence.clip import by_clip, open_clip_embedder
+from grs_agents.correspondence.clip import Picture, by_clip, open_clip_embedder
 from grs_agents.correspondence.matching import by_features, offered
 from grs_agents.correspondence.types import MatchRequest, Segment
 from grs_agents.errors import ConfigError
@@ -55,7 +56,7 @@ def test_a_model_is_shown_everything_in_a_seeded_order(photo: tuple[MatchRequest
     request, _ = photo
     told: list[tuple[int, list[str], bool, bool]] = []
 
-    def ask(segment: Segment, assets: list[Shown], worded: bool, pictured: bool) -> MatchEvidence:
+    def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
         told.append((segment.id, [one.name for one in assets], worded, pictured))
         return MatchEvidence(match="asset", asset=assets[0].name, reason="the first")
 
@@ -72,7 +73,7 @@ def test_the_hybrid_shows_five(photo: tuple[MatchRequest, dict[int, str]]) -> No
     request, _ = photo
     counts: list[int] = []
 
-    def ask(segment: Segment, assets: list[Shown], worded: bool, pictured: bool) -> MatchEvidence:
+    def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
         counts.append(len(assets))
         return MatchEvidence(match="no_object", reason="a shadow")
 
@@ -90,7 +91,7 @@ def test_clip_takes_the_most_similar_or_none(photo: tuple[MatchRequest, dict[int
     (tmp_path / "manifest.json").write_text(manifest.model_dump_json())
     few = Library(tmp_path)
 
-    def colors(pictures: "list[np.ndarray]") -> np.ndarray:
+    def colors(pictures: Sequence[Picture]) -> np.ndarray:
         means = np.array([picture.reshape(-1, 3).mean(axis=0) for picture in pictures]) + 1.0
         return means / np.linalg.norm(means, axis=1, keepdims=True)
 
@@ -99,7 +100,7 @@ def test_clip_takes_the_most_similar_or_none(photo: tuple[MatchRequest, dict[int
         one.match == "asset" and one.scores[one.asset or ""] >= 0.5 and one.asset in names for one in alike.values()
     )
 
-    def opposite(pictures: "list[np.ndarray]") -> np.ndarray:
+    def opposite(pictures: Sequence[Picture]) -> np.ndarray:
         return colors(pictures) * (-1.0 if len(pictures) == len(request.segments) else 1.0)
 
     assert all(one.match == "no_object" for one in by_clip(request, few, opposite).matches.values())

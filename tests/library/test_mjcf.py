@@ -3,7 +3,6 @@
 import math
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,9 +11,12 @@ from hypothesis import strategies as st
 from grs_agents.errors import InputError
 from grs_agents.library.mjcf import read_mjcf
 from grs_agents.library.shapes import rotation_matrix
+from grs_agents.sim.engine import mujoco
 
-CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n"
-CUBE += "f 1 3 4\nf 1 4 2\nf 5 6 8\nf 5 8 7\nf 1 2 6\nf 1 6 5\nf 3 7 8\nf 3 8 4\nf 1 5 7\nf 1 7 3\nf 2 4 8\nf 2 8 6\n"
+CUBE = (
+    "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n"
+    "f 1 3 4\nf 1 4 2\nf 5 6 8\nf 5 8 7\nf 1 2 6\nf 1 6 5\nf 3 7 8\nf 3 8 4\nf 1 5 7\nf 1 7 3\nf 2 4 8\nf 2 8 6\n"
+)
 
 
 def mjcf(body: str, before: str = "", attributes: str = "") -> str:

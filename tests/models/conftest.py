@@ -128,7 +128,7 @@ def server() -> Iterator[tuple[Scripted, str]]:
     script = Scripted()
 
     class Handler(BaseHTTPRequestHandler):
-        def log_message(self, *args: Any) -> None:
+        def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
             """Stay silent."""
 
         def do_POST(self) -> None:

@@ -156,7 +156,15 @@ def test_what_the_audit_rejects_is_fixed_and_then_accepted(state: RunState, make
     ended = after_generation(state, services)
     assert (ended["status"], ended["fixes"]) == ("accepted", 1), ended["reason"]
     assert [event.node for event in kinds(services, "node_ended")] == [
-        "generate_sim", "generate_tests", "run_tests", "audit", "route", "fix_code", "run_tests", "audit", "conclude",
-    ]  # fmt: skip
+        "generate_sim",
+        "generate_tests",
+        "run_tests",
+        "audit",
+        "route",
+        "fix_code",
+        "run_tests",
+        "audit",
+        "conclude",
+    ]
     [fix] = [event for event in kinds(services, "prompt") if event.role == "fix_code"]
     assert "audit: failed" in fix.text and "unreachable" in fix.text

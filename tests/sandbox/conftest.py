@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -59,7 +60,7 @@ def execute(sandbox: Sandbox) -> Execute:
 def check(sandbox: Sandbox) -> Callable[..., TestReport]:
     """Run a test program against a simulation program that need not be one."""
 
-    def call(tests: str, simulation: str = "", limits: Limits = SMALL, **fields: object) -> TestReport:
+    def call(tests: str, simulation: str = "", limits: Limits = SMALL, **fields: Any) -> TestReport:
         programs = TestRun(simulation=simulation, tests=tests, **fields)
         return run_tests(sandbox, "plain_tests", programs, limits)
 

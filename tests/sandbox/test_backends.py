@@ -20,8 +20,16 @@ from tests.sandbox.test_host import HOST, OUTCOMES
 
 Execute = Callable[..., CallResult]
 
-SHOWN = ("masked signals", "stopped", "thread storm", "many files", "memory", "descriptor flood", "segfault")
-SHOWN += ("close all pipes",)
+SHOWN = (
+    "masked signals",
+    "stopped",
+    "thread storm",
+    "many files",
+    "memory",
+    "descriptor flood",
+    "segfault",
+    "close all pipes",
+)
 SANDBOX_EXEC = '#!/bin/sh\n[ "$1" = -p ] || exit 64\nshift 2\nexec "$@"\n'
 
 

@@ -34,7 +34,7 @@ def peak_mib() -> float:
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "part" in metafunc.fixturenames:
-        programs = int(metafunc.config.getoption("hostile_programs"))
+        programs = int(metafunc.config.getoption("hostile_programs") or 0)
         metafunc.parametrize("part", range(max(1, programs // EACH)))
 
 

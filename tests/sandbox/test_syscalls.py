@@ -20,7 +20,7 @@ OF_32_BITS = re.compile(r"_time64$|64_64$|^(fcntl64|statfs64|fstatfs64|truncate6
 
 
 def in_header(header: Path) -> dict[str, int]:
-    found = re.findall(r"#define\s+__NR(?:3264)?_(\w+)\s+(\d+)", header.read_text())
+    found: list[tuple[str, str]] = re.findall(r"#define\s+__NR(?:3264)?_(\w+)\s+(\d+)", header.read_text())
     return {OTHER_NAMES.get(name, name): int(number) for name, number in found}
 
 

@@ -55,7 +55,7 @@ def photo(
     rows, columns = np.indices((seen_by.height, seen_by.width))
     flat = [(columns - seen_by.cx) / seen_by.fx, (rows - seen_by.cy) / seen_by.fy, np.ones(rows.shape)]
     rays, eye = np.stack(flat, axis=-1) @ pose[:3, :3].T, pose[:3, 3]
-    depth, owner = np.full(rows.shape, np.inf), np.full(rows.shape, -1)
+    depth, owner = np.full(rows.shape, np.inf), np.full(rows.shape, -1, np.int64)
     for number, (low, high) in enumerate(boxes):
         first, second = (low - eye) / rays, (high - eye) / rays
         near, far = np.minimum(first, second).max(axis=-1), np.maximum(first, second).min(axis=-1)
@@ -66,7 +66,7 @@ def photo(
     shaken = depth + noise * depth**2 * np.random.default_rng(0).normal(size=depth.shape)
     rgb = np.array(_COLORS, np.uint8)[owner]
     frame = RGBDFrame(rgb, np.where(owner < 0, 0, shaken).astype(np.float32), seen_by, Path("room"))
-    return frame, points, owner.astype(np.int64)
+    return frame, np.asarray(points, np.float64), owner
 
 
 def write(frame: RGBDFrame, folder: Path) -> Path:

@@ -6,14 +6,15 @@ import cv2
 import numpy as np
 
 from grs_agents.scene import annotate, candidates_of, find_table, save_candidates, save_frame
+from tests.pictures import read_picture
 from tests.scene.conftest import Rendered
 
 
 def test_a_frame_is_kept_as_it_was(rendered: Rendered, tmp_path: Path) -> None:
     files = save_frame(rendered.frame, tmp_path)
-    rgb = cv2.cvtColor(cv2.imread(str(tmp_path / files["rgb"])), cv2.COLOR_BGR2RGB)
+    rgb = cv2.cvtColor(read_picture(tmp_path / files["rgb"], cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
     assert np.array_equal(rgb, rendered.frame.rgb)
-    depth = cv2.imread(str(tmp_path / files["depth"]), cv2.IMREAD_UNCHANGED)
+    depth = read_picture(tmp_path / files["depth"])
     assert np.abs(depth * 0.001 - rendered.frame.depth).max() < 0.0006
 
 
@@ -24,10 +25,10 @@ def test_candidates_are_kept_with_their_masks(rendered: Rendered, tmp_path: Path
     assert [record.id for record in records] == [1, 2, 3, 4]
     assert [record.hollow for record in records] == [False, False, True, False]
     for record, one in zip(records, found, strict=True):
-        mask = cv2.imread(str(tmp_path / record.mask), cv2.IMREAD_UNCHANGED)
+        mask = read_picture(tmp_path / record.mask)
         assert np.array_equal(mask > 0, one.mask)
         assert (tmp_path / record.crop).is_file()
-    labels = cv2.imread(str(tmp_path / "scene/masks.png"), cv2.IMREAD_UNCHANGED)
+    labels = read_picture(tmp_path / "scene/masks.png")
     assert np.array_equal(labels, rendered.labels)
 
 

@@ -109,7 +109,8 @@ def test_a_large_photo_is_asked_about_at_its_full_size(rendered: Rendered) -> No
     camera, frame = rendered.frame.camera, rendered.frame
     twice = {key: getattr(camera, key) * 3 for key in ("fx", "fy", "width", "height")}
     twice |= {key: (getattr(camera, key) + 0.5) * 3 - 0.5 for key in ("cx", "cy")}
-    rgb, depth = (np.repeat(np.repeat(one, 3, axis=0), 3, axis=1) for one in (frame.rgb, frame.depth))
+    rows, columns = np.indices(frame.depth.shape).repeat(3, axis=1).repeat(3, axis=2)
+    rgb, depth = frame.rgb[rows, columns], frame.depth[rows, columns]
     large = RGBDFrame(rgb, depth, camera.model_copy(update=twice), frame.source)
     seen: list[tuple[Image, Mask]] = []
 

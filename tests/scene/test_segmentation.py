@@ -3,11 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from grs_agents.scene import RGBDFrame, find_table, read_scene, segment
+from tests.pictures import read_picture
 from tests.scene.conftest import Rendered, Thing, render
 
 
@@ -53,7 +53,7 @@ def test_an_empty_table_has_no_segments() -> None:
 
 def test_the_sample_scene_has_its_eleven_objects(sample_scene: Path) -> None:
     labels = _segment(read_scene(sample_scene))
-    truth = cv2.imread(str(sample_scene / "labels.png"), cv2.IMREAD_UNCHANGED)
+    truth = read_picture(sample_scene / "labels.png")
     assert labels.max() == 11
     assert min(_ious(labels, truth)) > 0.75
 
@@ -64,6 +64,6 @@ def test_the_sample_scene_has_its_eleven_objects(sample_scene: Path) -> None:
 )
 def test_real_scenes(real_scenes: Path, name: str, share: float) -> None:
     labels = _segment(read_scene(real_scenes / name))
-    overlaps = _ious(labels, cv2.imread(str(real_scenes / name / "labels.png"), cv2.IMREAD_UNCHANGED))
+    overlaps = _ious(labels, read_picture(real_scenes / name / "labels.png"))
     assert np.mean([overlap > 0.5 for overlap in overlaps]) >= share
     assert labels.max() <= 1.2 * len(overlaps) + ("6dof" in name)

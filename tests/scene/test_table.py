@@ -19,7 +19,8 @@ def test_a_calibrated_frame_is_kept(rendered: Rendered) -> None:
     table = find_table(rendered.frame, np.random.default_rng(0))
     assert table.origin == "calibrated"
     assert table.height == pytest.approx(0, abs=0.002)
-    assert np.allclose(table.T_robot_cam, np.array(rendered.frame.camera.T_robot_cam), atol=0.002)
+    given = rendered.frame.camera.T_robot_cam
+    assert given is not None and np.allclose(table.T_robot_cam, given, atol=0.002)
 
 
 def test_a_frame_without_calibration_agrees_with_the_calibrated_one(rendered: Rendered) -> None:

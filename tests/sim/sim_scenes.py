@@ -8,7 +8,7 @@ from grs_agents.base import Pose
 from grs_agents.sim import Environment, Episode, Task
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-Scene = Callable[[Task, Environment], None]
+Scene = Callable[[Task, Environment], object]
 
 
 class Scripted(Task):

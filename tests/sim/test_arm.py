@@ -81,7 +81,9 @@ def block_at(x: float, y: float, robot: str, turn: float = 0.0) -> Environment:
     ("start", "end", "turn"),
     [((0.4, -0.3), (0.5, 0.3), 0.0), ((0.55, 0.2), (0.45, -0.1), 2.0), ((0.5, 0), (0.5, 0.25), -3)],
 )
-def test_every_arm_picks_a_block_and_places_it_turned(robot, start, end, turn) -> None:
+def test_every_arm_picks_a_block_and_places_it_turned(
+    robot: str, start: tuple[float, float], end: tuple[float, float], turn: float
+) -> None:
     env = block_at(*start, robot)
     quaternion = (0.0, 0.0, float(np.sin(turn / 2)), float(np.cos(turn / 2)))
     result = env.pick_place(at(*start, 0.04), ((*end, 0.04), quaternion))

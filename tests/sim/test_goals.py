@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ POSE = ((0.5, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))
 
 
 def goal(**changes):
-    given = {
+    given: dict[str, Any] = {
         "objs": [1, 2], "matches": np.ones((2, 1)), "targ_poses": [POSE], "replace": True, "rotations": True,
         "metric": "pose", "params": None, "step_max_reward": 1.0, "symmetries": None,
     } | changes  # fmt: skip

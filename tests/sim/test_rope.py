@@ -103,7 +103,7 @@ def test_beads_of_another_size_and_a_rope_between_poses() -> None:
 
 
 def test_what_is_not_held_follows_at_its_distance() -> None:
-    beads = np.column_stack([np.arange(5) * 0.02, np.zeros(5)])
+    beads = np.array([(0.02 * number, 0.0) for number in range(5)])
     after = dragged(beads, 0, np.array([0.0, 0.1]))
     assert after[0] == pytest.approx((0.0, 0.1))
     assert np.linalg.norm(np.diff(after, axis=0), axis=1) == pytest.approx(0.02)

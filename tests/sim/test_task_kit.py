@@ -1,25 +1,32 @@
 import numpy as np
 import pytest
-from sim_scenes import Scripted, at, pose_goal
+from sim_scenes import Scene, Scripted, at, pose_goal
 
-from grs_agents.sim import Environment, TaskInstance, instantiate, p, rollout, utils
+from grs_agents.base import Quat, Vec3
+from grs_agents.sim import Environment, Task, TaskInstance, instantiate, p, rollout, utils
 
 
-def played(scene) -> Environment:
+def played(scene: Scene) -> Environment:
     env = Environment(task=Scripted(scene))
     env.reset()
     return env
 
 
+def task_of(env: Environment) -> Task:
+    """The task that was set."""
+    assert isinstance(env.task, Task)
+    return env.task
+
+
 def test_the_true_image_shows_each_object_where_it_stands_at_its_height() -> None:
     env = played(lambda task, env: env.add_object("HOPE/Milk.urdf", at(0.5, 0.1, 0.095)))
-    color, height, owner = env.task.get_true_image(env)
+    color, height, owner = task_of(env).get_true_image(env)
     row, column = utils.xyz_to_pix((0.5, 0.1, 0), env.bounds, env.pix_size)
     assert color.shape == (320, 160, 3)
     assert owner[row, column] == 1
     assert height[row, column] == pytest.approx(env.get_object_size(1)[2], abs=0.002)
     rows, columns = np.nonzero(owner == 1)
-    low = utils.pix_to_xyz((rows.min(), columns.min()), height, env.bounds, env.pix_size)
+    low = utils.pix_to_xyz((rows.min(), columns.min()), height.astype(np.float64), env.bounds, env.pix_size)
     assert low[:2] == pytest.approx(p.getAABB(1)[0][:2], abs=0.005)
     assert owner[10, 10] == 0
     assert height[10, 10] == pytest.approx(0, abs=1e-4)
@@ -55,14 +62,16 @@ def test_sizes_colours_points_and_names() -> None:
         assert not task.check_require_obj("HOPE/Unicorn.urdf")
         assert len(task.get_kitting_shapes(5)) == 5
 
-    red, green, blue, _ = played(scene).objects[0].color
+    color = played(scene).objects[0].color
+    assert color is not None
+    red, green, blue, _ = color
     assert red > green > blue
 
 
 def test_points_are_spread_over_a_mesh_that_is_scaled_and_placed() -> None:
     env = played(lambda task, env: None)
     pose = at(0.5, 0.1, 0.0)
-    found = env.task.get_target_sample_surface_points("kitting/12.obj", (0.003, 0.003, 0.001), pose, num_points=60)
+    found = task_of(env).get_target_sample_surface_points("kitting/12.obj", (0.003, 0.003, 0.001), pose, num_points=60)
     points = np.array([position for position, _ in found])
     assert points.shape == (60, 3)
     size = np.ptp(points, axis=0)
@@ -73,10 +82,10 @@ def test_points_are_spread_over_a_mesh_that_is_scaled_and_placed() -> None:
 
 
 def test_the_seed_draws_the_points_over_a_mesh() -> None:
-    def points(seed: int) -> list[object]:
+    def points(seed: int) -> list[tuple[Vec3, Quat]]:
         env = Environment(task=Scripted(lambda task, env: None), seed=seed)
         env.reset()
-        return env.task.get_target_sample_surface_points("assets/kitting/00.obj", (1, 1, 1), at(0.5, 0.1, 0.0), 10)
+        return task_of(env).get_target_sample_surface_points("assets/kitting/00.obj", (1, 1, 1), at(0.5, 0.1, 0.0), 10)
 
     assert points(3) == points(3) != points(4)
 
@@ -84,11 +93,11 @@ def test_the_seed_draws_the_points_over_a_mesh() -> None:
 def test_target_points_spread_over_a_shape_as_seen_from_above_and_its_seed_draws_them() -> None:
     pose = ((0.5, 0.1, 0.002), utils.eulerXYZ_to_quatXYZW((0, 0, 0.7)))
     env = played(lambda task, env: None)
-    drawn = env.task.get_target_sample_surface_points("assets/kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
+    drawn = task_of(env).get_target_sample_surface_points("assets/kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
     points = np.array([point for point, _ in drawn])
     assert points.shape == (50, 3)
     assert np.abs(points - pose[0]).max(axis=0) == pytest.approx([0.08, 0.08, 0.002], abs=0.08)
     assert np.ptp(points[:, :2], axis=0).min() > 0.03
     again = played(lambda task, env: None)
-    same = again.task.get_target_sample_surface_points("kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
+    same = task_of(again).get_target_sample_surface_points("kitting/00.obj", (0.006, 0.006, 0.00001), pose, 50)
     np.testing.assert_array_equal(points, np.array([point for point, _ in same]))

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from grs_agents.base import Pose, Vec3
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.sim import utils
 from grs_agents.sim.hull import half_spaces
@@ -14,11 +15,10 @@ LIBRARY = Library()
 AT_ORIGIN = ((0.0, 0.0, 0.0), utils.IDENTITY)
 
 
-def half(axis: int = 0):
+def half(axis: int = 0) -> list[tuple[Pose, Vec3]]:
     """A zone over all places where the coordinate is negative."""
-    center = [0.0, 0.0, 0.0]
-    center[axis] = -1.0
-    return [((tuple(center), utils.IDENTITY), (2.0, 2.0, 2.0))]
+    x, y, z = (-1.0 if axis == own else 0.0 for own in range(3))
+    return [(((x, y, z), utils.IDENTITY), (2.0, 2.0, 2.0))]
 
 
 def model(*colliders: Shape) -> ObjectModel:

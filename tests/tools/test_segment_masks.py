@@ -3,7 +3,6 @@
 import shutil
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -11,12 +10,13 @@ from grs_agents import content
 from grs_agents.errors import InputError
 from grs_agents.scene import find_table, read_scene
 from grs_agents.toolkit import ToolContext
+from tests.pictures import read_picture
 
 
 def test_the_labels_of_the_sample_scene_are_its_candidates(sample_scene: Path, context: ToolContext) -> None:
     tool = content.load_module("tools", "segment_masks")
     frame = read_scene(sample_scene)
-    labels = cv2.imread(str(sample_scene / "labels.png"), cv2.IMREAD_UNCHANGED)
+    labels = read_picture(sample_scene / "labels.png")
     request = tool.Request(frame=frame, table=find_table(frame, np.random.default_rng(0)))
     candidates = tool.run(request, context).candidates
     assert len(candidates) == len(np.unique(labels)) - 1

@@ -45,7 +45,7 @@ def photo_of(things: Sequence[Thing], library: Library) -> tuple[RGBDFrame, Tabl
     camera = Camera(fx=FOCAL, fy=FOCAL, cx=WIDTH / 2, cy=HEIGHT / 2, width=WIDTH, height=HEIGHT, depth_scale=0.001)
     rows, columns = np.indices((HEIGHT, WIDTH))
     local = np.stack([(columns - camera.cx) / FOCAL, (rows - camera.cy) / FOCAL, np.ones((HEIGHT, WIDTH))], axis=-1)
-    picture = cast(Sight(instances(things, library), library), eye, local @ turn.T)
+    picture = cast(Sight(instances(things, library), library), eye, np.asarray(local @ turn.T, np.float64))
     matrix = tuple((*(float(value) for value in row), float(place)) for row, place in zip(turn, eye, strict=True))
     table = TableFrame(T_robot_cam=(*matrix, (0.0, 0.0, 0.0, 1.0)), origin="calibrated", residual=0.0, inliers=0.5)
     return RGBDFrame(picture.color, picture.depth, camera, Path("photo")), table, picture.owner >= 0

@@ -7,7 +7,7 @@ import subprocess
 import tempfile
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from typing import Any
 
 import cv2
@@ -27,7 +27,7 @@ Image = npt.NDArray[np.uint8]
 
 
 @contextlib.contextmanager
-def browser() -> Iterator[Callable[..., Any]]:
+def browser() -> Generator[Callable[..., Any]]:
     """A browser with one empty page; call it with a method, what is below the session's path, and a body."""
     port = free_port()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:

@@ -5,7 +5,7 @@ import os
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 
 import cv2
@@ -27,14 +27,14 @@ def free_port() -> int:
 
 
 @contextlib.contextmanager
-def headless(recording: Path) -> Iterator[ViewerClient]:
+def headless(recording: Path) -> Generator[ViewerClient]:
     """A viewer of 1600 x 900 that has loaded ``recording``."""
     with viewer(recording) as url:
         yield connected(url)
 
 
 @contextlib.contextmanager
-def viewer(*recordings: Path) -> Iterator[str]:
+def viewer(*recordings: Path) -> Generator[str]:
     """The address of a viewer of 1600 x 900 that opens ``recordings`` and waits for more."""
     port = free_port()
     command = [str(rerun_program()), "--headless", "--bind", "127.0.0.1", "--port", str(port)]

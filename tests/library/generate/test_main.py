@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from grs_agents import content
 from grs_agents.library import Library
 from grs_agents.library.generate.__main__ import write_library
 from grs_agents.library.generate.scene import write_scene
+from tests.pictures import read_picture
 
 
 def test_the_committed_library_is_what_the_code_writes(tmp_path: Path) -> None:
@@ -29,6 +29,6 @@ def test_the_committed_scene_is_what_the_code_draws(tmp_path: Path) -> None:
     for name in ("SOURCE.txt", "camera.json", "truth.json"):
         assert (tmp_path / name).read_text() == (shipped / name).read_text()
     for name, bound in (("labels.png", 0.1), ("depth.png", 1.0), ("rgb.png", 2.0)):
-        drawn, kept = (cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED) for folder in (tmp_path, shipped))
+        drawn, kept = (read_picture(folder / name) for folder in (tmp_path, shipped))
         assert drawn.shape == kept.shape
         assert np.abs(drawn.astype(float) - kept).mean() < bound

@@ -2,13 +2,13 @@
 
 import json
 
-import cv2
 import numpy as np
 import pytest
 
 from grs_agents import content
 from grs_agents.library import Library
 from grs_agents.library.generate.scene import GROCERIES
+from tests.pictures import read_picture
 
 FOLDER = content.path("assets", "scenes") / "groceries"
 
@@ -32,9 +32,9 @@ def test_everything_is_within_reach_and_apart() -> None:
 def test_its_files_agree() -> None:
     camera = json.loads((FOLDER / "camera.json").read_text())
     truth = json.loads((FOLDER / "truth.json").read_text())["objects"]
-    rgb = cv2.imread(str(FOLDER / "rgb.png"), cv2.IMREAD_UNCHANGED)
-    depth = cv2.imread(str(FOLDER / "depth.png"), cv2.IMREAD_UNCHANGED)
-    labels = cv2.imread(str(FOLDER / "labels.png"), cv2.IMREAD_UNCHANGED)
+    rgb = read_picture(FOLDER / "rgb.png")
+    depth = read_picture(FOLDER / "depth.png")
+    labels = read_picture(FOLDER / "labels.png")
     assert rgb.shape == (480, 640, 3)
     assert (rgb.dtype, depth.dtype, labels.dtype) == (np.uint8, np.uint16, np.uint8)
     assert depth.shape == labels.shape == (camera["height"], camera["width"])

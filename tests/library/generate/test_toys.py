@@ -1,11 +1,11 @@
 """The toys have the published sizes and a hole where they need one."""
 
-import mujoco
 import numpy as np
 import pytest
 
 from grs_agents.library import Library
 from grs_agents.library.generate.toys import build_toys
+from grs_agents.sim.engine import mujoco
 
 LIBRARY = Library()
 

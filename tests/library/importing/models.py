@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import trimesh
 from PIL import Image
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
 
 RED, BLUE = (220, 30, 30), (30, 60, 200)
 
@@ -53,10 +55,8 @@ def write_many(folder: Path) -> None:
     textured_box(folder / "carton", "carton", (0.07, 0.07, 0.19))
     picture(folder / "carton" / "texture_map.png")
     box = trimesh.creation.box((0.06, 0.16, 0.10))
-    box.visual = trimesh.visual.TextureVisuals(
-        material=trimesh.visual.material.PBRMaterial(baseColorFactor=[20, 160, 60, 255])
-    )
-    (folder / "crate.glb").write_bytes(trimesh.Scene(box).export(file_type="glb"))
+    box.visual = TextureVisuals(material=PBRMaterial(baseColorFactor=[20, 160, 60, 255]))
+    trimesh.Scene(box).export(folder / "crate.glb")
     trimesh.creation.cylinder(33, 80).export(folder / "tin.stl")
     bowl().export(folder / "bowl.ply")
     write_urdf(folder / "robot" / "block.urdf")

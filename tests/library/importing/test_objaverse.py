@@ -9,6 +9,7 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import trimesh
@@ -17,7 +18,7 @@ from grs_agents.errors import InputError
 from grs_agents.library.importing.objaverse import download, load_package, matching
 from tests.needs import require
 
-TOLD = {
+TOLD: dict[str, dict[str, object]] = {
     "a1": {"name": "Red Mug", "tags": [], "license": "by", "faceCount": 12, "user": {"displayName": "ann"}},
     "b2": {"name": "Cup", "tags": [{"name": "mug"}, {"name": "red"}], "license": "by-nc", "faceCount": None},
     "c3": {"name": "Red House", "tags": [], "license": "cc0", "faceCount": 12},
@@ -26,7 +27,7 @@ PLACES = {"a1": "glbs/000-000/a1.glb", "b2": "glbs/000-001/b2.glb", "c3": "glbs/
 
 
 class Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, *args: object) -> None:
+    def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
         pass
 
 
@@ -43,7 +44,7 @@ def host(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (root / "metadata" / f"{folder}.json.gz").write_bytes(gzip.compress(json.dumps(part).encode()))
     for place in PLACES.values():
         (root / place).parent.mkdir(parents=True, exist_ok=True)
-        (root / place).write_bytes(trimesh.Scene(trimesh.creation.box((0.08, 0.1, 0.06))).export(file_type="glb"))
+        trimesh.Scene(trimesh.creation.box((0.08, 0.1, 0.06))).export(root / place)
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(root)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     fetch = package.urllib.request.urlretrieve
@@ -81,6 +82,6 @@ def test_metadata_is_read_folder_by_folder() -> None:
         asked.append(uids)
         return {uid: TOLD[uid] for uid in uids}
 
-    door = SimpleNamespace(_load_object_paths=lambda: PLACES, load_annotations=load)
+    door: Any = SimpleNamespace(_load_object_paths=lambda: PLACES, load_annotations=load)
     assert [one.uid for one in matching(door, "red")] == ["a1", "c3", "b2"]
     assert asked == [["a1"], ["b2", "c3"]]

@@ -24,14 +24,14 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-import mujoco
 import numpy as np
 
 from grs_agents import sim
 from grs_agents.sandbox import channel, wire
 from grs_agents.sim import templates
+from grs_agents.sim.engine import mujoco
 
 libc = ctypes.CDLL(None)
 
@@ -47,13 +47,13 @@ def builtin_functions(pollute: bool) -> Any:
     import builtins
 
     if pollute:
-        vars(builtins).update(sorted=lambda _: "polluted", print=None)
+        builtins.__dict__.update(sorted=lambda _: "polluted", print=None)
     return [sorted([2, 1]), print is None]
 
 
 def numpy_module(pollute: bool) -> Any:
     if pollute:
-        vars(np).update(pi=3, array=None)
+        np.__dict__.update(pi=3, array=None)
     return [np.pi, np.array is None]
 
 
@@ -62,19 +62,21 @@ def numpy_state(pollute: bool) -> Any:
         np.random.seed(7)
         np.seterr(all="raise")
         np.set_printoptions(precision=1)
-    return [np.geterr(), np.get_printoptions()["precision"], np.random.get_state()[1][:3].tolist()]
+    state: Any = np.random.get_state()
+    return [np.geterr(), np.get_printoptions()["precision"], state[1][:3].tolist()]
 
 
 def unittest_module(pollute: bool) -> Any:
     if pollute:
         unittest.TestCase.run = lambda self, result=None: result
-        unittest.TestResult.addFailure = unittest.TestResult.addSuccess
+        result: Any = unittest.TestResult
+        result.addFailure = result.addSuccess
     return [unittest.TestCase.run.__name__, unittest.TestResult.addFailure.__name__]
 
 
 def mujoco_module(pollute: bool) -> Any:
     if pollute:
-        vars(mujoco).update(mj_step=None, MjSpec=None)
+        mujoco.__dict__.update(mj_step=None, MjSpec=None)
         mujoco.MjModel.nq = 7
     return [mujoco.mj_step is None, mujoco.MjSpec is None, mujoco.MjModel.from_xml_string("<mujoco/>").nq]
 
@@ -82,20 +84,21 @@ def mujoco_module(pollute: bool) -> Any:
 def simulation(pollute: bool) -> Any:
     if pollute:
         sim.configure(seed=99)
-        sim.Task.reset = sim.Environment.step = lambda *_: None
+        task, environment = cast(Any, sim.Task), cast(Any, sim.Environment)
+        task.reset = environment.step = lambda *_: None
     return [templates.default_seed(), sim.Task.reset.__name__, sim.Environment.step.__name__]
 
 
 def machinery(pollute: bool) -> Any:
     if pollute:
-        vars(channel).update(send=None, progress=None)
-        vars(wire).update(encode=None)
+        channel.__dict__.update(send=None, progress=None)
+        wire.__dict__.update(encode=None)
     return [channel.send is None, channel.progress is None, wire.encode is None]
 
 
 def json_module(pollute: bool) -> Any:
     if pollute:
-        vars(json).update(dumps=lambda *_, **__: "{}", JSONEncoder=None)
+        json.__dict__.update(dumps=lambda *_, **__: "{}", JSONEncoder=None)
     return json.dumps([1])
 
 
@@ -108,7 +111,7 @@ def modules(pollute: bool) -> Any:
 
 def import_hooks(pollute: bool) -> Any:
     if pollute:
-        sys.meta_path.insert(0, types.SimpleNamespace(find_spec=lambda *_: os._exit(0)))
+        sys.meta_path.insert(0, cast(Any, types.SimpleNamespace(find_spec=lambda *_: os._exit(0))))
         sys.path_hooks.clear()
     return [len(sys.meta_path), len(sys.path_hooks)]
 

@@ -16,14 +16,17 @@ import types
 import unittest
 import unittest.case
 from pathlib import Path
+from typing import Any, cast
 
 
 def assertion() -> None:
-    unittest.TestCase.assertEqual = lambda *_: None
+    case: Any = unittest.TestCase
+    case.assertEqual = lambda *_: None
 
 
 def comparison() -> None:
-    unittest.TestCase._getAssertEqualityFunc = lambda *_: lambda *__, **___: None
+    case: Any = unittest.TestCase
+    case._getAssertEqualityFunc = lambda *_: lambda *__, **___: None
 
 
 def run_of_a_case() -> None:
@@ -40,8 +43,9 @@ def builtin_names() -> None:
 
 
 def every_result_class() -> None:
-    for kind in gc.get_objects():
-        if isinstance(kind, type) and issubclass(kind, unittest.TestResult):
+    for thing in gc.get_objects():
+        if isinstance(thing, type) and issubclass(thing, unittest.TestResult):
+            kind: Any = thing
             kind.addFailure = kind.addError = lambda self, test, *_: self.addSuccess(test)
 
 
@@ -61,7 +65,8 @@ def suite_that_calls_all_a_success() -> None:
 
 
 def part_of_a_case() -> None:
-    unittest.case._Outcome.testPartExecutor = lambda *_, **__: contextlib.nullcontext()
+    cases: Any = unittest.case
+    cases._Outcome.testPartExecutor = lambda *_, **__: contextlib.nullcontext()
 
 
 def loader() -> None:
@@ -70,13 +75,13 @@ def loader() -> None:
 
 
 def silence() -> None:
-    import grs_agents.sandbox.harness
+    import grs_agents.sandbox.results
 
-    grs_agents.sandbox.harness.progress = lambda event: None
+    grs_agents.sandbox.results.progress = lambda event: None
 
 
 def rewritten_events() -> None:
-    import grs_agents.sandbox.harness as machinery
+    import grs_agents.sandbox.results as machinery
 
     send = machinery.progress
     machinery.progress = lambda event: send({**event, "outcome": "passed"} if event.get("phase") == "end" else event)
@@ -113,7 +118,7 @@ def exits_when_the_test_starts() -> None:
 def skips_when_the_test_starts() -> None:
     def trace(frame, *_):
         if frame.f_code.co_name == "test_a":
-            raise unittest.SkipTest
+            raise unittest.SkipTest("")
 
     sys.settrace(trace)
 
@@ -129,13 +134,13 @@ def exits_in_the_end() -> None:
 
 
 def another_unittest() -> None:
-    fake = types.ModuleType("unittest")
+    fake: Any = types.ModuleType("unittest")
     fake.TestCase = object
     sys.modules["unittest"] = fake
 
 
 def import_hook() -> None:
-    sys.meta_path.insert(0, types.SimpleNamespace(find_spec=lambda *_: os._exit(0)))
+    sys.meta_path.insert(0, cast(Any, types.SimpleNamespace(find_spec=lambda *_: os._exit(0))))
 
 
 def another_module() -> None:
@@ -179,4 +184,4 @@ def another_method() -> None:
 def wrapped_run() -> None:
     case = globals().get("TestX")
     if case is not None:
-        case.run = lambda self, result=None: result.startTest(self) or result.addSuccess(self) or result.stopTest(self)
+        case.run = lambda self, result: result.startTest(self) or result.addSuccess(self) or result.stopTest(self)

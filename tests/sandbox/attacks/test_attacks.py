@@ -2,16 +2,18 @@
 
 import pkgutil
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from tests.sandbox.attacks import programs
 from tests.sandbox.attacks.conftest import Door, Make
 from tests.sandbox.attacks.kit import Attack
 
+FOLDER = Path(__file__).parent / "programs"
 PROGRAMS = {
-    info.name: import_module(f"{programs.__name__}.{info.name}") for info in pkgutil.iter_modules(programs.__path__)
+    info.name: import_module(f"tests.sandbox.attacks.programs.{info.name}")
+    for info in pkgutil.iter_modules([str(FOLDER)])
 }
 
 

@@ -1,6 +1,7 @@
 """Nothing of one call is there in the next, whatever it did and however it ended."""
 
 import inspect
+from types import ModuleType
 
 import pytest
 
@@ -11,7 +12,7 @@ from tests.sandbox.attacks.world import Canaries
 ENDINGS = ("value = {'got': 1}", "os._exit(0)", "os.kill(os.getpid(), 9)", "1 / 0")
 
 
-def functions(module: object) -> list[str]:
+def functions(module: ModuleType) -> list[str]:
     """The public functions of a module that it does not import."""
     here = [
         name

@@ -19,7 +19,9 @@ def stack(truth: Truth) -> Any:
 
 def folder_of(folder: Path, truth: Truth) -> Path:
     write(
-        folder / "masks", **{f"{number}__png": png(mask.astype(np.uint8)) for number, mask in enumerate(stack(truth))}
+        folder / "masks",
+        None,
+        **{f"{number}__png": png(mask.astype(np.uint8)) for number, mask in enumerate(stack(truth))},
     )
     return folder
 

@@ -8,9 +8,9 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
+from grs_agents.sim.engine import mujoco
 from tests.sandbox.attacks.kit import World, gets, libc
 
 DEAD = ("crashed by SIGSEGV", "crashed by SIGABRT", "crashed by SIGBUS")

@@ -10,7 +10,7 @@ import struct
 import sys
 import threading
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
 
 from grs_agents.sandbox import progress
 from tests.sandbox.attacks.kit import REFUSED, World, gets
@@ -191,7 +191,7 @@ def afterthoughts(world: World) -> None:
             late()
 
     atexit.register(late)
-    sys.modules["last"] = Last()
+    sys.modules["last"] = cast(Any, Last())
     stop = threading.Event()
     threading.Thread(target=stop.wait, daemon=False).start()
     sys.settrace(lambda *_: None)
