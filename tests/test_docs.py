@@ -124,6 +124,12 @@ def test_the_site_fetches_nothing_from_elsewhere() -> None:
             refuses(output=page, page=SimpleNamespace(file=SimpleNamespace(src_path="a.md")))
 
 
+def test_the_pictures_show_the_present_views() -> None:
+    made = (ROOT / "docs" / "images" / "pictures.sha256").read_text("utf-8").strip()
+    present = runpy.run_path(str(ROOT / "scripts" / "pictures.py"))["digest"]()
+    assert made == present, "renew the pictures: .venv/bin/python scripts/pictures.py"
+
+
 def between(text: str, mark: str) -> str:
     """The part of a page between the comments ``mark: begin`` and ``mark: end``."""
     return text.split(f"<!-- {mark}: begin -->")[1].split(f"<!-- {mark}: end -->", maxsplit=1)[0]
