@@ -53,6 +53,8 @@ def opened(source: str, options: ImportOptions) -> Generator[Opened]:
         raise InputError(
             f"source {source} does not exist", "name a folder, a mesh, URDF, MJCF or archive file, or hope"
         )
+    if not (path.is_file() or path.is_dir()):
+        raise InputError(f"source {source} is neither a regular file nor a folder", "name one of these")
     name = HOPE if source == HOPE else slug_of(path.resolve().name.partition(".")[0])
     if path.is_file() and not is_archive(path):
         folder = Folder(_root_of(path.resolve()), options.limits.bytes)
