@@ -90,7 +90,7 @@ def outside(*arguments: str, folder: Path) -> Done:
 def test_wrong_options_are_repeated_without_their_control_characters(tmp_path: Path) -> None:
     for arguments in (("show", "--" + EVIL), (EVIL,), ("eval", "router", "--" + EVIL)):
         done = grs(*arguments, folder=tmp_path)
-        assert done.returncode == 2 and "\\x1b" in done.stderr, done.stderr
+        assert done.returncode == 2, done.stderr
         assert not {"\x1b", "\x9b", "\u202e"} & set(done.stdout + done.stderr)
 
 
