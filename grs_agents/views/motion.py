@@ -98,7 +98,11 @@ def read_motion(file: Path) -> Motion:
     found = read_npz(file, _ARRAYS, {}, _MOST_BYTES, ("names",))
     times, names = _since_start(found["times"], file), found["names"]
     frames, bodies = len(times), len(np.atleast_1d(names))
-    shapes = {"names": (bodies,), "positions": (frames, bodies, 3), "quaternions": (frames, bodies, 4)}
+    shapes: dict[str, tuple[int, ...]] = {
+        "names": (bodies,),
+        "positions": (frames, bodies, 3),
+        "quaternions": (frames, bodies, 4),
+    }
     shapes["tool"] = (frames, 3)
     for name, shape in shapes.items():
         if found[name].shape != shape:
