@@ -38,19 +38,20 @@ def replaceable(path: Path) -> Path:
 def write_document(path: Path, data: bytes) -> Path:
     """Write ``data`` as `write_bytes` does, or to standard output where ``path`` is ``-``."""
     if path != STANDARD_OUTPUT:
-        return write_bytes(path, data)
+        return write_bytes(replaceable(path), data)
     sys.stdout.buffer.write(data)
     sys.stdout.buffer.flush()
     return path
 
 
 def write_bytes(path: Path, data: bytes) -> Path:
-    """Write ``data`` to ``path`` through a temporary file in the same folder.
+    """Write ``data`` to ``path`` through a temporary file in the same folder. A link is replaced, never followed.
 
     Raises:
         InputError: the folder cannot be written, the disk is full, or ``path`` is there and no regular file.
     """
-    path = replaceable(path)
+    if not path.is_symlink():
+        path = replaceable(path)
     temporary = path.with_name(f".{path.name}.{uuid4().hex[:8]}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from grs_agents import content, terminal
 from grs_agents.errors import InputError
-from grs_agents.files import write_bytes
+from grs_agents.files import replaceable, write_bytes
 from grs_agents.library import Asset, Library
 from grs_agents.library.importing.find import slug_of
 from grs_agents.library.importing.run import Importing
@@ -151,7 +151,7 @@ def show_library(library: Path | None, names: Sequence[str], shipped: bool, out:
     for number, part in enumerate(sheets):
         picture, failed = contact_sheet(known, part, views)
         path = out if len(sheets) == 1 else out.with_stem(f"{out.stem}-{number + 1}")
-        write_bytes(path, png_bytes(picture))
+        write_bytes(replaceable(path), png_bytes(picture))
         say(f"{len(part)} assets in {path}")
         broken |= failed
     for name, reason in broken.items():

@@ -27,9 +27,11 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
     from grs_agents.correspondence.embedding import Vectors, embed
     from grs_agents.correspondence.index import AssetIndex
     from grs_agents.correspondence.matching import offered
-    from grs_agents.errors import GrsError
+    from grs_agents.errors import GrsError, InputError
     from grs_agents.library import Library
 
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is no folder", "name a new folder, or one that holds an index")
     library, index = Library(), AssetIndex(folder)
     assets = {asset.name: asset for asset in offered(library)}
     known = set(index.names())

@@ -102,7 +102,9 @@ def test_a_camera_cannot_command_the_terminal(tmp_path: Path, sample_scene: Path
 
 
 def test_a_program_that_is_checked_cannot_command_the_terminal(tmp_path: Path) -> None:
-    (tmp_path / "program.py").write_text(f"raise ValueError({EVIL + '[bold]loud[/bold]'!r})\n")
+    raised = EVIL + "[bold]loud[/bold]"
+    source = f"from grs_agents.sim import Task\nclass Evil(Task): ...\nraise ValueError({raised!r})\n"
+    (tmp_path / "program.py").write_text(source)
     done = grs("check", "program.py", "--seeds", "1", folder=tmp_path)
     assert done.returncode == 1, done.stderr
     assert not {"\x1b", "\x9b", "\u202e"} & set(done.stdout + done.stderr)

@@ -81,8 +81,8 @@ def block(color: str, number: int) -> dict[str, Any]:
         "size": (0.04, 0.04, 0.04),
         "reachable": True,
         "evidence": "",
-        "mask": "",
-        "crop": "",
+        "mask": "scene/mask.png",
+        "crop": "scene/crop.png",
     }
 
 

@@ -77,7 +77,7 @@ HOSTILE = {
         "leaves the library",
     ),
     "nested": ("<robot name='x'>" + "<link>" * 100 + "</link>" * 100 + "</robot>", "nested deeper"),
-    "long": (f"<robot name='x'>{PLAIN.format('')}<!-- {'DIM0 ' * 300_000} --></robot>", "longer than"),
+    "long": (f"<robot name='x'>{PLAIN.format('')}<!-- {'DIM0 ' * 300_000} --></robot>", "more than"),
 }
 
 
