@@ -35,6 +35,16 @@ def replaceable(path: Path) -> Path:
     return path
 
 
+def check_output(path: Path) -> None:
+    """See that ``path`` may be written as `write_document` does, before the work that makes the document.
+
+    Raises:
+        InputError: it is there and no regular file, or no file can have that name.
+    """
+    if path != STANDARD_OUTPUT:
+        replaceable(path)
+
+
 def write_document(path: Path, data: bytes) -> Path:
     """Write ``data`` as `write_bytes` does, or to standard output where ``path`` is ``-``."""
     if path != STANDARD_OUTPUT:

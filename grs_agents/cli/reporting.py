@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from grs_agents.cli.looking import library_of
-from grs_agents.files import STANDARD_OUTPUT, write_document
+from grs_agents.files import STANDARD_OUTPUT, check_output, write_document
 from grs_agents.run import read_record
 from grs_agents.terminal import say
 from grs_agents.trace import read_events
@@ -24,10 +24,11 @@ def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) ->
     from grs_agents.views.report import report
     from grs_agents.views.report_pictures import Sources
 
-    record = read_record(folder)
+    record, out = read_record(folder), out or folder / "report.html"
+    check_output(out)
     sources = Sources(folder, library_of(folder), str(record.config.get("robot", "ur5e")), show)
     page = report(record.model_dump(mode="json"), read_events(folder / "events.jsonl"), sources)
-    return write_document(out or folder / "report.html", page.encode("utf-8", "replace"))
+    return write_document(out, page.encode("utf-8", "replace"))
 
 
 def report_run(folder: Path, out: Path | None) -> None:

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from grs_agents.cli.looking import rebuilt
 from grs_agents.cli.reporting import write_report
-from grs_agents.files import STANDARD_OUTPUT
+from grs_agents.files import STANDARD_OUTPUT, check_output
 from grs_agents.models import PROVIDERS
 from grs_agents.run import read_record
 from grs_agents.terminal import say
@@ -26,6 +26,7 @@ def share_run(folder: Path, out: Path | None) -> None:
 
     record = read_record(folder)
     path = out or folder.resolve().with_suffix(".zip")
+    check_output(path)
     with working("removing keys and home folders") as show:
         shared = share(folder, path, scrubber(folder, _key_variables(record.config)), partial(_make, show=show))
     tell = partial(say, error=path == STANDARD_OUTPUT)
