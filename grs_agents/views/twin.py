@@ -74,7 +74,7 @@ def twin_picture(
     library: Library,
     camera: dict[str, Any],
     background: str | None = None,
-    width: int = 640,
+    width: int = 480,
 ) -> npt.NDArray[np.uint8]:
     """Objects on the table (H, ``width``, 3) as the camera of the photo would see them, in their own colours.
 
