@@ -112,5 +112,7 @@ class Recording:
 
     def close(self) -> None:
         """Write what is left and the footer."""
-        self._rows.send()
-        self._stream.disconnect()
+        try:
+            self._rows.send()
+        finally:
+            self._stream.disconnect()

@@ -1,6 +1,7 @@
 """The rerun recording of a run: a subscriber of the event log that writes ``trace.rrd`` as the run goes on."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from grs_agents.library import Library
@@ -33,11 +34,12 @@ class RerunView:
         self._live = live is not None
         file = _next_part(run_folder) if self._resumed else run_folder / TRACE
         self._view = EventView(run_folder, library, file, live)
-        for event in earlier:
-            if self._resumed:
-                self._view.skip(event)
-            else:
-                self._view.write(event)
+        show = self._view.skip if self._resumed else self._view.write
+        with ExitStack() as opened:
+            opened.callback(self._view.close)
+            for event in earlier:
+                show(event)
+            opened.pop_all()
 
     def __call__(self, event: Event) -> None:
         """Show one event and put it into the file."""
@@ -81,11 +83,11 @@ def compare(runs: Sequence[tuple[Path, Library]], path: Path) -> Path:
             machine.follow(event)
         columns.append((name, f"/run_{number}", machine.nodes))
     recording = Recording(path, " and ".join(names), comparison(columns))
-    for (folder, library), (_, prefix, _), events in zip(runs, columns, logs, strict=True):
-        view = EventView(folder, library, recording.below(prefix))
-        for event in events:
-            view.write(event)
-    recording.close()
+    with closing(recording):
+        for (folder, library), (_, prefix, _), events in zip(runs, columns, logs, strict=True):
+            view = EventView(folder, library, recording.below(prefix))
+            for event in events:
+                view.write(event)
     return path
 
 
@@ -102,10 +104,10 @@ def record(run_folder: Path, library: Library, path: Path) -> bool:
         InputError: the folder has no readable event log.
     """
     events = read_events(run_folder / "events.jsonl")
-    view = EventView(run_folder, library, path)
-    for event in events:
-        view.write(event)
-    view.close()
+    # A stream that is left open blocks the making of the next one in this process for ever (rerun 0.41).
+    with closing(EventView(run_folder, library, path)) as view:
+        for event in events:
+            view.write(event)
     return bool(events)
 
 
