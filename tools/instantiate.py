@@ -11,7 +11,8 @@ from pydantic import Field, ValidationError
 
 from grs_agents import sandbox
 from grs_agents.base import Frozen
-from grs_agents.sandbox import CallResult, EachResult, Limits, Trace
+from grs_agents.config.limits import Limits
+from grs_agents.sandbox import CallResult, EachResult, Trace
 from grs_agents.sim import InstanceError, TaskInstance, first_fault, names_task, read_instance
 from grs_agents.toolkit import ToolContext, open_library, readable
 
@@ -144,9 +145,9 @@ def _same(first: TaskInstance | Failure, second: TaskInstance | Failure) -> Task
 def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part: load the program, draw an instance for each seed, report each at once."""
     from grs_agents import sim
-    from grs_agents.sim import compatibility
+    from grs_agents.sim.cliport import import_hook
 
-    compatibility.install()
+    import_hook.install()
     library = open_library(request["library_roots"])
     limits, background = Limits.model_validate(request["limits"]), request["background"]
     sim.configure(library, robot=request["robot"], limits=limits, background=background)

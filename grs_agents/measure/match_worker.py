@@ -11,13 +11,14 @@ import numpy as np
 from grs_agents import content
 from grs_agents.agents import Agents, Description, NoReply, roles
 from grs_agents.config import Config, load_config
+from grs_agents.config.limits import Limits
 from grs_agents.correspondence.types import MatchResult, Segment
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.library import Library
 from grs_agents.measure.match_types import Answered, Matching, MatchOrder, Outcome, matching_file
 from grs_agents.nodes.corresponding import asking, measurements
-from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.sandbox import Sandbox
 from grs_agents.scene import (
     Candidate,
     CandidateRecord,

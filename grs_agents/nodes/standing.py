@@ -25,7 +25,7 @@ from grs_agents.scene import (
     load_mask,
     relations,
 )
-from grs_agents.sim.episode import SimulationError
+from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.twin import Known, Reconciled, Segment, Thing, carriers, disentangled, reconcile, report_of
 from grs_agents.workspace import reachable
 

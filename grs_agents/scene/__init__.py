@@ -10,17 +10,10 @@ from grs_agents.scene.leftover import Later, found_later
 from grs_agents.scene.likeness import Deviation, aligned, certain, deviation, upright_of
 from grs_agents.scene.pictures import add_candidates, annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.scene.proposals import Proposal, segment_proposed
-from grs_agents.scene.reading import (
-    CameraFile,
-    DepthEstimate,
-    Estimator,
-    check_source,
-    read_camera,
-    read_masks,
-    read_scene,
-    scene_called,
-    scene_name,
-)
+from grs_agents.scene.reading.camera import CameraFile, read_camera
+from grs_agents.scene.reading.masks import read_masks
+from grs_agents.scene.reading.photo import DepthEstimate, Estimator
+from grs_agents.scene.reading.source import check_source, read_scene, scene_called, scene_name
 from grs_agents.scene.registration import Registered, cost_of, register
 from grs_agents.scene.relations import Body, body_of, relations
 from grs_agents.scene.segmentation import segment

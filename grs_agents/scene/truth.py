@@ -14,8 +14,9 @@ from grs_agents.base import Frozen, Quat, Vec3
 from grs_agents.errors import InputError
 from grs_agents.scene.frame import Array, RGBDFrame
 from grs_agents.scene.geometry import Labels
-from grs_agents.scene.reading import read_masks, read_scene, scene_name
 from grs_agents.scene.reading.bop import is_bop
+from grs_agents.scene.reading.masks import read_masks
+from grs_agents.scene.reading.source import read_scene, scene_name
 from grs_agents.scene.truth_bop import bop_objects
 from grs_agents.scene.types import Aabb
 

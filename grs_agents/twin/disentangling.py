@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
+from grs_agents.engine import mujoco
 from grs_agents.library import Library
 from grs_agents.scene import Mask, Registered, RGBDFrame, TableFrame, UprightBox, cost_of, register
 from grs_agents.scene.candidates import quaternion
-from grs_agents.sim.engine import mujoco
-from grs_agents.sim.world import World, build, place
+from grs_agents.sim.world.compilation import World, build, place
 from grs_agents.twin.parting import depth_of, overlaps
 from grs_agents.twin.resting import prepare
 from grs_agents.twin.settle import instances, on_table

@@ -7,7 +7,7 @@ import numpy as np
 from grs_agents.library import Library
 from grs_agents.scene import RGBDFrame, TableFrame
 from grs_agents.scene.frame import Mask
-from grs_agents.sim.rendering import Sight, cast
+from grs_agents.sim.world.rendering import Sight, cast
 from grs_agents.twin.settle import instances, on_table
 from grs_agents.twin.thing import Thing
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.sim.engine import mujoco
-from grs_agents.sim.world import World
+from grs_agents.engine import mujoco
+from grs_agents.sim.world.compilation import World
 
 Floats = npt.NDArray[np.float64]
 TABLE = -1

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from grs_agents.sim.engine import mujoco
-from grs_agents.sim.world import World
+from grs_agents.engine import mujoco
+from grs_agents.sim.world.compilation import World
 from grs_agents.twin.parting import deepest
 
 EASED = 0.0005

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from grs_agents.base import Pose
+from grs_agents.engine import mujoco
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.sim.engine import mujoco
-from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import build, place
+from grs_agents.sim.instance.instance import InstanceObject
+from grs_agents.sim.world.compilation import build, place
 from grs_agents.twin.parting import STEPS, Way, deepest, part
 from grs_agents.twin.resting import ease, fall, prepare
 from grs_agents.twin.thing import Thing

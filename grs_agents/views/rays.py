@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.sim.engine import mujoco
+from grs_agents.engine import mujoco
 
 _LIGHT = np.array([0.2, -0.3, 0.93])
 _GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)

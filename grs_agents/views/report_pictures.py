@@ -11,7 +11,7 @@ from grs_agents.errors import GrsError, InputError
 from grs_agents.foreign import present
 from grs_agents.foreign.pictures import read_picture
 from grs_agents.library import Library
-from grs_agents.sim.instance import TaskInstance
+from grs_agents.sim.instance.instance import TaskInstance
 from grs_agents.trace import Event, NodeStarted, Rollout, SceneStage
 from grs_agents.views.film import Shot, pictures
 from grs_agents.views.objects import Rectangle, label_of, name_of, rectangles

@@ -9,8 +9,8 @@ import rerun as rr
 
 from grs_agents.foreign import member, present
 from grs_agents.library import Library
-from grs_agents.sim.instance import InstanceGoal, InstanceObject, TaskInstance
-from grs_agents.sim.world import model_of
+from grs_agents.sim.instance.instance import InstanceGoal, InstanceObject, TaskInstance
+from grs_agents.sim.world.compilation import model_of
 from grs_agents.trace import Rollout
 from grs_agents.views.glyphs import drawable
 from grs_agents.views.motion import Motion, holds, instance_of, read_motion, read_seconds

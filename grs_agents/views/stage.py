@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.engine import mujoco
 from grs_agents.errors import InputError
 from grs_agents.library import Library, Shape
-from grs_agents.sim import world
-from grs_agents.sim.arm import Arm
-from grs_agents.sim.engine import mujoco
-from grs_agents.sim.instance import InstanceObject, TaskInstance
-from grs_agents.sim.spatula import fit_spatula
-from grs_agents.sim.utils import COLORS
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.spatula import fit_spatula
+from grs_agents.sim.cliport.utils import COLORS
+from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
+from grs_agents.sim.world import compilation
 from grs_agents.views.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -69,7 +69,7 @@ class Stage:
     """
 
     def __init__(self, props: Props, library: Library) -> None:
-        spec = world.new_spec(world.TIMESTEP)
+        spec = compilation.new_spec(compilation.TIMESTEP)
         spec.visual.global_.offwidth = spec.visual.global_.offheight = _LARGEST_PICTURE
         spec.visual.quality.offsamples, spec.visual.quality.shadowsize = props.samples, _SHADOWS
         spec.visual.headlight.ambient = (0.35, 0.35, 0.35)
@@ -80,7 +80,7 @@ class Stage:
                 fit_spatula(spec)
         for item in props.objects:
             body = spec.worldbody.add_body(name=f"object_{item.id}", mocap=True)
-            shapes = world.model_of(item, library)
+            shapes = compilation.model_of(item, library)
             for index, shape in enumerate(shapes.visuals or shapes.colliders):
                 paint = _color(item, shape, library, props.textures)
                 _add_shape(spec, body, shape, library, f"object_{item.id}_{index}", paint)

@@ -15,8 +15,8 @@ from grs_agents.library import Library, Shape
 from grs_agents.library.color import COLORS
 from grs_agents.library.shapes import moved, rotation_matrix
 from grs_agents.library.views import FINER, Lens, paint, samples_of
-from grs_agents.sim.instance import InstanceObject
-from grs_agents.sim.world import model_of
+from grs_agents.sim.instance.instance import InstanceObject
+from grs_agents.sim.world.compilation import model_of
 
 FloatArray = npt.NDArray[np.float64]
 _NEAREST = 0.01

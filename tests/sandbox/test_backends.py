@@ -13,7 +13,8 @@ import pytest
 
 import grs_agents
 from grs_agents.config import Config
-from grs_agents.sandbox import CallResult, Choice, Limits, Sandbox, SandboxError, TestReport, hardening
+from grs_agents.config.limits import Limits
+from grs_agents.sandbox import CallResult, Choice, Sandbox, SandboxError, TestReport, hardening
 from grs_agents.sandbox.settings import ENVIRONMENT
 from tests.sandbox.processes import ends
 from tests.sandbox.test_host import HOST, OUTCOMES

@@ -2,7 +2,8 @@
 
 import pytest
 
-from grs_agents.sandbox import EachResult, Limits, Sandbox, call_each
+from grs_agents.config.limits import Limits
+from grs_agents.sandbox import EachResult, Sandbox, call_each
 
 CODE = """
 import os

@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from grs_agents.engine import mujoco
 from grs_agents.sandbox import hardening, kernel, landlock, seccomp
 from grs_agents.sandbox.resources import Allowance
-from grs_agents.sim.engine import mujoco
 from tests.needs import needs
 from tests.sandbox.confined import NOBODY, PACKAGE, PYTHON, USERS, Got, forked, hardened
 

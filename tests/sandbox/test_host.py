@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 import grs_agents
+from grs_agents.config.limits import Limits
 from grs_agents.errors import UnknownNameError
-from grs_agents.sandbox import CallResult, Limits, Sandbox, SandboxError
+from grs_agents.sandbox import CallResult, Sandbox, SandboxError
 from tests.sandbox.processes import ends
 
 Execute = Callable[..., CallResult]

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 import grs_agents
-from grs_agents.sandbox import Limits, Sandbox, exchange, process
+from grs_agents.config.limits import Limits
+from grs_agents.sandbox import Sandbox, exchange, process
 from grs_agents.sandbox.backends import Choice
 from tests.sandbox.conftest import BACKENDS
 from tests.sandbox.processes import ends

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from grs_agents.sandbox import CallOutcome, CallResult, Limits, Sandbox, TestReport, TestRun, run_tests
+from grs_agents.config.limits import Limits
+from grs_agents.sandbox import CallOutcome, CallResult, Sandbox, TestReport, TestRun, run_tests
 
 Check = Callable[..., TestReport]
 SHORT = Limits(wall_seconds=1, memory_mib=128, output_mib=1)

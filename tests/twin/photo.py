@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from grs_agents.engine import mujoco
 from grs_agents.library import Library
 from grs_agents.scene import Camera, RGBDFrame, TableFrame
 from grs_agents.scene.frame import Mask
-from grs_agents.sim.engine import mujoco
-from grs_agents.sim.rendering import Sight, cast
-from grs_agents.sim.world import World, build, place
+from grs_agents.sim.world.compilation import World, build, place
+from grs_agents.sim.world.rendering import Sight, cast
 from grs_agents.twin import Thing
 from grs_agents.twin.resting import prepare
 from grs_agents.twin.settle import instances

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.sim.world import World
+from grs_agents.sim.world.compilation import World
 from grs_agents.twin.parting import Way, deepest, overlaps, part
 from tests.twin.photo import BLOCK, MILK, standing, world_of
 

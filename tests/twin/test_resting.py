@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grs_agents.sim.engine import mujoco
+from grs_agents.engine import mujoco
 from grs_agents.twin.parting import deepest
 from grs_agents.twin.resting import ease, fall
 from tests.twin.photo import BLOCK, standing, world_of

@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from grs_agents.engine import mujoco
 from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Library
 from grs_agents.sim import TaskInstance, rollout
-from grs_agents.sim.arms import get_arm
-from grs_agents.sim.engine import mujoco
+from grs_agents.sim.arms.registry import get_arm
 from grs_agents.trace import NodeStarted, Rollout
 from grs_agents.views import film
 from grs_agents.views.film import Shot, pictures, rollout_of, watch, write_film

@@ -8,7 +8,7 @@ from rerun.chunk import RrdReader
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.sim.instance import InstanceObject, TaskInstance
+from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
 from grs_agents.trace import Rollout
 from grs_agents.views.blueprint import blueprint
 from grs_agents.views.paths import Paths
