@@ -11,10 +11,9 @@ from grs_agents.errors import GrsError
 from grs_agents.library import Library
 from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.cliport.goal_arguments import Goal
 from grs_agents.sim.cliport.task import Task
 from grs_agents.sim.instance.episode import Episode, stop_of
-from grs_agents.sim.instance.goal import Relation
+from grs_agents.sim.instance.goal import Goal, Relation
 from grs_agents.sim.instance.instance import InstanceGoal, InstanceRelation, InstanceZone, TaskInstance
 from grs_agents.sim.motion.reach import Suits
 from grs_agents.sim.world.recording import Recording

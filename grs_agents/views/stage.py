@@ -12,9 +12,9 @@ from grs_agents.errors import InputError
 from grs_agents.library import Library, Shape
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.spatula import fit_spatula
-from grs_agents.sim.cliport.utils import COLORS
 from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
 from grs_agents.sim.world import compilation
+from grs_agents.sim.world.colors import COLORS
 from grs_agents.views.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]

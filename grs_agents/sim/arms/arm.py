@@ -16,7 +16,7 @@ from grs_agents.errors import InputError
 from grs_agents.sim.arms.arm_model import Gap, Posture, arm_model
 from grs_agents.sim.arms.joint_paths import blend, evenly, knots, turns_about_z
 from grs_agents.sim.arms.reach_table import ReachTable, tabulate
-from grs_agents.sim.arms.ur5e_kinematics import DOWN
+from grs_agents.sim.arms.robot import DOWN
 
 FloatArray = npt.NDArray[np.float64]
 HOME: Final[Vec3] = (0.35, 0.0, 0.42)

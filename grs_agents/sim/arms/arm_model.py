@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.engine import mujoco
-from grs_agents.sim.arms.ur5e_kinematics import DOWN
+from grs_agents.sim.arms.robot import DOWN
 
 FloatArray = npt.NDArray[np.float64]
 _TOLERANCE: Final = 1e-4

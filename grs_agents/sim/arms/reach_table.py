@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from grs_agents.sim.arms.arm_model import Posture
 from grs_agents.sim.arms.joint_paths import turns_about_z
-from grs_agents.sim.arms.ur5e_kinematics import DOWN
+from grs_agents.sim.arms.robot import DOWN
 
 FloatArray = npt.NDArray[np.float64]
 _RADII: Final = np.arange(0.14, 1.2, 0.025)

@@ -99,3 +99,7 @@ def add_tool(flange: Any, position: Sequence[float], quaternion: Sequence[float]
         pos=(0, 0, TOOL_LENGTH - 0.01), rgba=(0.1, 0.1, 0.1, 1.0), **shared,
     )  # fmt: skip
     cup.add_site(name="tip", pos=(0, 0, TOOL_LENGTH), size=(0.003, 0.003, 0.003))
+
+
+DOWN: Final = np.diag([1.0, -1.0, -1.0])
+"""The rotation of the tool that points straight down, not turned."""

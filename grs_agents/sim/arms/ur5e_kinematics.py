@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.sim.arms.robot import TOOL_LENGTH
+from grs_agents.sim.arms.robot import DOWN, TOOL_LENGTH
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -24,8 +24,6 @@ D4: Final = 0.1333
 D5: Final = 0.0997
 D6: Final = 0.0996
 TURN: Final = 2 * np.pi
-DOWN: Final = np.diag([1.0, -1.0, -1.0])
-"""The rotation of the tool that points straight down, not turned."""
 REACH: Final = 0.85
 """Nominal reach of the arm from its base axis, metres."""
 NEAREST: Final = 0.22

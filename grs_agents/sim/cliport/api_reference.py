@@ -11,6 +11,7 @@ from grs_agents.sim.cliport.task import Task
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.instance import goal
 from grs_agents.sim.world import templates
+from grs_agents.sim.world.colors import COLORS
 
 _TASK = ("add_goal", "get_random_pose", "get_random_size", "fill_template", "make_piles", "make_ropes")
 _ENVIRONMENT = ("add_object", "get_object_pose", "get_object_size", "set_color", "reset", "step")
@@ -52,7 +53,7 @@ def api_reference() -> str:
     for name in _UTILS:
         function = getattr(utils, name)
         lines.append(f"- `utils.{name}{_signature(function)}`: {_text(function).splitlines()[0]}")
-    lines.append(f"- `utils.COLORS`: {', '.join(utils.COLORS)}")
+    lines.append(f"- `utils.COLORS`: {', '.join(COLORS)}")
     call = pybullet.getBasePositionAndOrientation
     lines.append(f"- `p.getBasePositionAndOrientation(id)`: {_text(call).splitlines()[0]}")
     return "\n".join(lines) + "\n"

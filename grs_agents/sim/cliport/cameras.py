@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.engine import mujoco
-from grs_agents.sim.cliport import utils
+from grs_agents.geometry import transforms
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.world import rendering
 from grs_agents.sim.world.rendering import FRONT, LEFT, RIGHT, View
@@ -29,7 +29,7 @@ def config_of(view: View) -> CameraConfig:
         "image_size": (view.height, view.width),
         "intrinsics": (focal, 0.0, view.width / 2, 0.0, focal, view.height / 2, 0.0, 0.0, 1.0),
         "position": view.position,
-        "rotation": utils.quat(rotation[[1, 2, 3, 0]]),
+        "rotation": transforms.quat(rotation[[1, 2, 3, 0]]),
         "zrange": (0.01, 10.0),
         "noise": False,
     }
@@ -47,7 +47,7 @@ def photograph(sight: rendering.Sight, config: Mapping[str, Any]) -> rendering.P
     try:
         height, width = (int(count) for count in config["image_size"])
         fx, _, cx, _, fy, cy, *_ = (float(number) for number in config["intrinsics"])
-        position, rotation = utils.vec3(config["position"]), utils.quat(config["rotation"])
+        position, rotation = transforms.vec3(config["position"]), transforms.quat(config["rotation"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise SimulationError(
             f"render_camera: {error!r} in the camera's configuration",
@@ -59,5 +59,5 @@ def photograph(sight: rendering.Sight, config: Mapping[str, Any]) -> rendering.P
         )
     pixels: FloatArray = np.indices((height, width)).astype(np.float64) + 0.5
     local = np.stack([(pixels[1] - cx) / fx, (pixels[0] - cy) / fy, np.ones((height, width))], axis=-1)
-    directions = local @ utils.rotation_matrix(rotation).T
+    directions = local @ transforms.rotation_matrix(rotation).T
     return rendering.cast(sight, np.array(position), directions)

@@ -9,7 +9,7 @@ from grs_agents.errors import GrsError
 from grs_agents.library import Library
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.cliport import end_effectors, pybullet
-from grs_agents.sim.cliport.goal_arguments import as_goal, as_pose
+from grs_agents.sim.cliport.goal_arguments import as_goal
 from grs_agents.sim.cliport.observation import Observation
 from grs_agents.sim.cliport.workcell import Workcell
 from grs_agents.sim.goals.strict_score import StrictScorer
@@ -19,6 +19,7 @@ from grs_agents.sim.motion.pick_place import PickPlace, PickPlaceResult
 from grs_agents.sim.motion.push import Push, PushResult
 from grs_agents.sim.world import templates
 from grs_agents.sim.world.budget import DEFAULT_BUDGET, Budget
+from grs_agents.sim.world.tabletop import as_pose
 
 Action = Mapping[str, Any]
 Info = dict[Any, Any]

@@ -1,47 +1,15 @@
 """Goals as programs state them: checked, in one shape, and in CLIPort's order of fields."""
 
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Pose, Vec3
-from grs_agents.sim.cliport import utils
+from grs_agents.base import Pose
 from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.goal import Relation
-
-Metric = Literal["pose", "zone", "relation"]
-Zone = tuple[Pose, Vec3]
-"""Pose of a zone's centre and its full extents, metres."""
-
-
-class Goal(NamedTuple):
-    """One goal; unpacks in CLIPort's order.
-
-    Attributes:
-        objs: object ids.
-        matches: (objects, targets) zeros and ones.
-        targ_poses: target poses.
-        replace: objects may share a target.
-        rotations: the target's yaw is asked for.
-        metric: ``pose``, ``zone`` or ``relation``.
-        params: the zones of a ``zone`` goal.
-        step_max_reward: reward for the whole goal.
-        symmetries: for each object, radians after which it looks the same; 0 = any yaw.
-        relation: what a ``relation`` goal asks for; it has no targets.
-    """
-
-    objs: list[int]
-    matches: npt.NDArray[np.int64]
-    targ_poses: list[Pose]
-    replace: bool
-    rotations: bool
-    metric: Metric
-    params: list[Zone]
-    step_max_reward: float
-    symmetries: list[float]
-    relation: Relation | None = None
+from grs_agents.sim.instance.goal import Goal, Relation, Zone
+from grs_agents.sim.world.tabletop import as_pose, is_number, is_vector
 
 
 def make_goal(
@@ -73,22 +41,6 @@ def make_goal(
         numbers, _matches(matches, len(numbers), len(targets)), targets, bool(replace), bool(rotations),
         "zone" if metric == "zone" else "pose", zones, reward, _symmetries(symmetries, own_symmetries),
     )  # fmt: skip
-
-
-def named(goal: Goal) -> list[int]:
-    """Ids of all objects that a goal speaks of."""
-    other = goal.relation.reference if goal.relation is not None else None
-    return goal.objs if other is None else [*goal.objs, other]
-
-
-def worth_one(goals: Sequence[Goal]) -> tuple[list[Goal], str]:
-    """The goals with rewards that add up to 1, and a word on it if they had to be scaled."""
-    total = sum(goal.step_max_reward for goal in goals)
-    if not goals or abs(total - 1) <= 0.01:
-        return list(goals), ""
-    shares = [goal.step_max_reward / total if total > 0 else 1 / len(goals) for goal in goals]
-    scaled = [goal._replace(step_max_reward=share) for goal, share in zip(goals, shares, strict=True)]
-    return scaled, f"the goals' step_max_reward add up to {total:.2f}, scaled to 1"
 
 
 def _typed(relation: Relation, reward: float) -> Goal:
@@ -133,7 +85,7 @@ def doubts(objs: Any, matches: Any, targ_poses: Any, metric: str, params: Any, s
 
 def _objects(objs: Any) -> tuple[list[int], list[float]]:
     try:
-        items: list[Any] = [objs] if _is_number(objs) or _is_pair(objs) else list(objs)
+        items: list[Any] = [objs] if is_number(objs) or _is_pair(objs) else list(objs)
     except TypeError as error:
         raise SimulationError(f"add_goal: objs is {objs!r}", "give ids that env.add_object returned") from error
     if not items:
@@ -151,21 +103,9 @@ def _is_real(value: Any) -> bool:
     return True
 
 
-def _is_number(value: Any) -> bool:
-    return bool(np.isscalar(value))
-
-
-def _is_vector(value: Any, *lengths: int) -> bool:
-    """Whether something is a flat row of as many numbers as one of ``lengths``."""
-    try:
-        return len(value) in lengths and all(_is_number(number) for number in value)
-    except TypeError:
-        return False
-
-
 def _is_pair(item: Any) -> bool:
     """Whether something is CLIPort's ``(id, (symmetry, None))`` rather than several ids."""
-    return isinstance(item, tuple) and len(cast(tuple[Any, ...], item)) == 2 and not _is_number(item[1])
+    return isinstance(item, tuple) and len(cast(tuple[Any, ...], item)) == 2 and not is_number(item[1])
 
 
 def _object(item: Any) -> tuple[int, float]:
@@ -173,38 +113,18 @@ def _object(item: Any) -> tuple[int, float]:
     symmetry, number = 0.0, item
     if isinstance(item, tuple):
         number, detail = cast(tuple[Any, Any], item)
-        first = detail if _is_number(detail) else detail[0]
-        symmetry = float(first) if _is_number(first) else 0.0
+        first = detail if is_number(detail) else detail[0]
+        symmetry = float(first) if is_number(first) else 0.0
     if not isinstance(number, int | np.integer) or isinstance(number, bool):
         raise SimulationError(f"add_goal: objs holds {number!r}", "give ids that env.add_object returned")
     return int(cast(int, number)), symmetry
 
 
-def as_pose(value: Any, what: str) -> Pose:
-    """A pose from a pair of position (m) and quaternion (xyzw), or from a position alone.
-
-    Raises:
-        SimulationError: it is not such a pair of finite numbers.
-    """
-    if (plain := utils.plain_pose(value)) is not None:
-        return plain
-    try:
-        if _is_vector(value, 3):
-            value = (value, utils.IDENTITY)
-        position = np.asarray(value[0], dtype=np.float64).ravel()
-        rotation = np.asarray(value[1] if len(value) > 1 and value[1] is not None else utils.IDENTITY, dtype=np.float64)
-    except (TypeError, ValueError, IndexError) as error:
-        raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw))") from error
-    if position.shape != (3,) or rotation.shape != (4,) or not np.isfinite([*position, *rotation]).all():
-        raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw)), all finite")
-    return (utils.vec3(position), utils.quat(rotation))
-
-
 def _poses(targ_poses: Any) -> list[Pose]:
     if targ_poses is None or len(targ_poses) == 0:
         return []
-    bare_pose = len(targ_poses) == 2 and _is_vector(targ_poses[0], 3) and _is_vector(targ_poses[1], 4)
-    if bare_pose or _is_vector(targ_poses, 3):
+    bare_pose = len(targ_poses) == 2 and is_vector(targ_poses[0], 3) and is_vector(targ_poses[1], 4)
+    if bare_pose or is_vector(targ_poses, 3):
         return [as_pose(targ_poses, "add_goal: targ_poses")]
     return [as_pose(pose, "add_goal: targ_poses") for pose in targ_poses]
 
@@ -213,7 +133,7 @@ def _zones(params: Any) -> list[Zone]:
     entries = list(cast(Sequence[Any], params)) if isinstance(params, list | tuple) else []
     if len(entries) == 2 and isinstance(entries[0], dict):
         return _zones(entries[1])  # CLIPort's (object points, zones): the points are sampled here
-    if len(entries) == 2 and _is_vector(entries[1], 2, 3):
+    if len(entries) == 2 and is_vector(entries[1], 2, 3):
         return [_zone(entries)]
     if not entries:
         raise SimulationError("add_goal: metric 'zone' needs params", "give params=[(zone_pose, zone_size)]")
@@ -238,7 +158,7 @@ def _has_negative_zone(metric: str, params: Any) -> bool:
     if metric != "zone":
         return False
     entries = params[1] if len(params) == 2 and isinstance(params[0], dict) else params
-    bare = len(entries) == 2 and _is_vector(entries[1], 2, 3)
+    bare = len(entries) == 2 and is_vector(entries[1], 2, 3)
     sizes = [entries[1]] if bare else [entry[1] for entry in entries]
     return any(bool((np.asarray(size, dtype=np.float64) < 0).any()) for size in sizes)
 
@@ -264,9 +184,9 @@ def _matches(matches: Any, objects: int, targets: int) -> npt.NDArray[np.int64]:
 def _symmetries(symmetries: Any, own: Sequence[float]) -> list[float]:
     if symmetries is None:
         return list(own)
-    given: list[Any] = [symmetries] if _is_number(symmetries) else list(symmetries)
+    given: list[Any] = [symmetries] if is_number(symmetries) else list(symmetries)
     try:
-        values = [float(value if _is_number(value) else value[0]) for value in given]
+        values = [float(value if is_number(value) else value[0]) for value in given]
     except (TypeError, ValueError, IndexError):
         values = []
     if not values or not np.isfinite(values).all():

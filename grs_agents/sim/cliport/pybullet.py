@@ -3,7 +3,8 @@
 from typing import Any, Final, Literal
 
 from grs_agents.base import Quat, Vec3
-from grs_agents.sim.cliport import pybullet_bodies, utils
+from grs_agents.geometry import transforms
+from grs_agents.sim.cliport import pybullet_bodies
 from grs_agents.sim.cliport.pybullet_bodies import GEOM_BOX, GEOM_CYLINDER, GEOM_MESH, GEOM_SPHERE
 from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
 from grs_agents.sim.instance.instance import InstanceTie
@@ -70,7 +71,7 @@ def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[A
 
 def resetBasePositionAndOrientation(bodyUniqueId: int, posObj: Any, ornObj: Any, *_: Any, **__: Any) -> None:
     """Set an object down at a pose at once."""
-    _environment().place_object(bodyUniqueId, (utils.vec3(posObj), utils.quat(ornObj)))
+    _environment().place_object(bodyUniqueId, (transforms.vec3(posObj), transforms.quat(ornObj)))
 
 
 def getNumBodies(*_: Any, **__: Any) -> int:
@@ -82,12 +83,12 @@ def multiplyTransforms(
     positionA: Any, orientationA: Any, positionB: Any, orientationB: Any, *_: Any, **__: Any
 ) -> tuple[Vec3, Quat]:
     """Transform B, given in the frame of A, in the frame that A is given in."""
-    return utils.multiply((positionA, orientationA), (positionB, orientationB))
+    return transforms.multiply((positionA, orientationA), (positionB, orientationB))
 
 
 def invertTransform(position: Any, orientation: Any, *_: Any, **__: Any) -> tuple[Vec3, Quat]:
     """The inverse of a transform."""
-    return utils.invert((position, orientation))
+    return transforms.invert((position, orientation))
 
 
 def createConstraint(
@@ -99,8 +100,8 @@ def createConstraint(
     jointAxis: Any,
     parentFramePosition: Any,
     childFramePosition: Any,
-    parentFrameOrientation: Any = utils.IDENTITY,
-    childFrameOrientation: Any = utils.IDENTITY,
+    parentFrameOrientation: Any = transforms.IDENTITY,
+    childFrameOrientation: Any = transforms.IDENTITY,
     *_: Any,
     **__: Any,
 ) -> int:
@@ -120,8 +121,8 @@ def createConstraint(
             kind=_JOINTS[jointType],
             parent=parentBodyUniqueId,
             child=childBodyUniqueId,
-            parent_frame=(utils.vec3(parentFramePosition), utils.quat(parentFrameOrientation)),
-            child_frame=(utils.vec3(childFramePosition), utils.quat(childFrameOrientation)),
+            parent_frame=(transforms.vec3(parentFramePosition), transforms.quat(parentFrameOrientation)),
+            child_frame=(transforms.vec3(childFramePosition), transforms.quat(childFrameOrientation)),
         )
     )
 
@@ -155,7 +156,7 @@ def createMultiBody(
     baseCollisionShapeIndex: int = -1,
     baseVisualShapeIndex: int = -1,
     basePosition: Any = None,
-    baseOrientation: Any = utils.IDENTITY,
+    baseOrientation: Any = transforms.IDENTITY,
     *_: Any,
     **__: Any,
 ) -> int:
@@ -184,12 +185,12 @@ def __getattr__(name: str) -> Any:
 
 def getEulerFromQuaternion(quaternion: Quat) -> Vec3:
     """(x, y, z, w) to roll, pitch, yaw in radians."""
-    return utils.quatXYZW_to_eulerXYZ(quaternion)
+    return transforms.quatXYZW_to_eulerXYZ(quaternion)
 
 
 def getQuaternionFromEuler(eulerAngles: Vec3) -> Quat:
     """Roll, pitch, yaw in radians to (x, y, z, w)."""
-    return utils.eulerXYZ_to_quatXYZW(eulerAngles)
+    return transforms.eulerXYZ_to_quatXYZW(eulerAngles)
 
 
 def stepSimulation(*_: Any) -> None:

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.sim.cliport import utils
+from grs_agents.geometry import transforms
 from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
 from grs_agents.sim.world import templates
 from grs_agents.sim.world.tabletop import Tabletop
@@ -53,7 +53,9 @@ def add_shape(kind: int, radius: float, half_extents: Sequence[float], length: f
         GEOM_BOX: tuple(2 * float(half) for half in half_extents),
         GEOM_CYLINDER: (2 * radius, 2 * radius, length),
     }
-    _shapes.append(PlainShape(kind, utils.vec3(extents[kind]), None if color is None else tuple(map(float, color))))
+    _shapes.append(
+        PlainShape(kind, transforms.vec3(extents[kind]), None if color is None else tuple(map(float, color)))
+    )
     return len(_shapes) - 1
 
 
@@ -75,6 +77,6 @@ def add_body(env: Tabletop, mass: float, collision: int, visual: int, position: 
     shape, seen = _shapes[collision if collision >= 0 else visual], _shapes[visual if visual >= 0 else collision]
     template = _TEMPLATES[shape.kind] if collision >= 0 else _MARK
     urdf = templates.fill(env.library, template, {"DIM": shape.size})
-    pose = ((0.0, 0.0, 0.0) if position is None else utils.vec3(position), utils.quat(rotation))
+    pose = ((0.0, 0.0, 0.0) if position is None else transforms.vec3(position), transforms.quat(rotation))
     category = "rigid" if mass > 0 and collision >= 0 else "fixed"
     return env.add_object(urdf, pose, category, color=None if seen.color is None else list(np.asarray(seen.color)))

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.sim.cliport import utils
+from grs_agents.geometry import transforms
 from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.instance.instance import InstanceTie
 from grs_agents.sim.motion import placement
@@ -44,11 +44,14 @@ def make(
     for parent, child in pairwise(numbers):
         env.tie(
             InstanceTie(
-                kind="point", parent=parent, child=child,
-                parent_frame=((spacing, 0.0, 0.0), utils.IDENTITY), child_frame=((0.0, 0.0, 0.0), utils.IDENTITY),
+                kind="point",
+                parent=parent,
+                child=child,
+                parent_frame=((spacing, 0.0, 0.0), transforms.IDENTITY),
+                child_frame=((0.0, 0.0, 0.0), transforms.IDENTITY),
             )
-        )  # fmt: skip
-    targets = [(utils.vec3(first + (index + 0.5) * step), utils.IDENTITY) for index in range(n_parts)]
+        )
+    targets = [(transforms.vec3(first + (index + 0.5) * step), transforms.IDENTITY) for index in range(n_parts)]
     matches = np.clip(np.eye(n_parts) + np.eye(n_parts)[::-1], 0, 1)
     return [(number, (0.0, None)) for number in numbers], targets, matches
 
@@ -68,7 +71,7 @@ def _beads(env: Tabletop, points: FloatArray, radius: float, color_name: str) ->
     steps = np.diff(points, axis=0, append=2 * points[-1:] - points[-2:-1])
     numbers: list[int] = []
     for index, ((x, y), (dx, dy)) in enumerate(zip(points, steps, strict=True)):
-        rotation = utils.eulerXYZ_to_quatXYZW((0.0, 0.0, float(np.arctan2(dy, dx))))
+        rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(np.arctan2(dy, dx))))
         shade = "white" if index in (0, len(points) - 1) else color
         numbers.append(env.add_object(urdf, ((float(x), float(y), radius), rotation), color=shade))
     return numbers
@@ -84,7 +87,7 @@ def _lay(env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: 
             pose = placement.random_pose(size, bounds, standing, env.rng, env.arm)
             if pose is None:
                 break
-            points = curve @ turn(utils.yaw_of(pose[1])).T + np.asarray(pose[0][:2])
+            points = curve @ turn(transforms.yaw_of(pose[1])).T + np.asarray(pose[0][:2])
             if env.arm.reachable(np.column_stack([points, np.full(count, 2 * radius)])).all():
                 return points
     raise NoFreeSpaceError(

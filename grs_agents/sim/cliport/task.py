@@ -9,7 +9,7 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Quat
 from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.cliport.goal_arguments import Goal, doubts, make_goal, named
+from grs_agents.sim.cliport.goal_arguments import doubts, make_goal
 from grs_agents.sim.cliport.kitting import kitting_objects
 from grs_agents.sim.cliport.task_helpers import TaskKit
 from grs_agents.sim.expert.oracle import Oracle
@@ -17,6 +17,7 @@ from grs_agents.sim.expert.push_oracle import PushOracle
 from grs_agents.sim.goals import published_score
 from grs_agents.sim.goals.task_accounting import Ledger
 from grs_agents.sim.instance.episode import NoFreeSpaceError
+from grs_agents.sim.instance.goal import Goal, named
 from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.motion import placement
 from grs_agents.sim.world import templates

@@ -8,12 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
-from grs_agents.sim.cliport import rope, top_down_maps, utils
+from grs_agents.geometry import transforms
+from grs_agents.sim.cliport import rope, top_down_maps
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.cliport.goal_arguments import as_pose
 from grs_agents.sim.goals.task_accounting import Ledger
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.world import templates
+from grs_agents.sim.world.colors import COLORS
+from grs_agents.sim.world.tabletop import as_pose
 
 FloatArray = npt.NDArray[np.float64]
 _GRAIN: Final = "block/small.urdf"
@@ -64,14 +66,14 @@ class TaskKit:
 
     def add_corner_anchor_for_pose(self, env: Environment, pose: Any) -> int:
         """Mark a pose on the table with an L of two thin lines that nothing touches; returns its id."""
-        placed = as_pose(pose if len(pose) == 2 else (pose, utils.IDENTITY), "add_corner_anchor_for_pose")
+        placed = as_pose(pose if len(pose) == 2 else (pose, transforms.IDENTITY), "add_corner_anchor_for_pose")
         corner = templates.fill(env.library, "corner/corner-template.urdf", _CORNER)
         return env.add_object(corner, placed, "fixed")
 
     def color_random_brown(self, obj: int) -> None:
         """Paint an object a random shade of brown."""
         shade = float(self.rng.uniform(0.5, 1.5))
-        self.grs.env.set_color(obj, [shade * channel for channel in utils.COLORS["brown"]])
+        self.grs.env.set_color(obj, [shade * channel for channel in COLORS["brown"]])
 
     def check_require_obj(self, path: str) -> bool:
         """Whether the library has an asset."""
@@ -95,7 +97,7 @@ class TaskKit:
         found: list[int] = []
         for cell in env.rng.permutation(cells)[: self.num_blocks]:
             x, y = low + (cell + 0.5) * 0.2 / side
-            rotation = utils.eulerXYZ_to_quatXYZW((0.0, 0.0, float(env.rng.uniform(-np.pi, np.pi))))
+            rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(env.rng.uniform(-np.pi, np.pi))))
             found.append(env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=block_color))
         return found
 
@@ -154,7 +156,7 @@ class TaskKit:
         library, name = self.grs.env.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
         mesh: Any = trimesh.load_mesh(library.mesh_path(name))
         points = _over(np.asarray(mesh.triangles, dtype=np.float64) * np.asarray(scale), num_points, self.rng)
-        return [(utils.vec3(point), utils.IDENTITY) for point in utils.apply(pose, points.T).T]
+        return [(transforms.vec3(point), transforms.IDENTITY) for point in transforms.apply(pose, points.T).T]
 
     get_sphere_object_points = get_box_object_points
     get_mesh_object_points = get_box_object_points

@@ -1,36 +1,56 @@
 """Colours and rigid transforms under the names that CLIPort programs use; quaternions are (x, y, z, w)."""
 
-import math
 import random
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Pose, Quat, Vec3
+from grs_agents.base import Vec3
+from grs_agents.geometry.transforms import (
+    IDENTITY,
+    apply,
+    eulerXYZ_to_quatXYZW,
+    invert,
+    multiply,
+    multiply_quaternions,
+    plain_pose,
+    quat,
+    quatXYZW_to_eulerXYZ,
+    rotation_matrix,
+    vec3,
+    yaw_of,
+)
+from grs_agents.sim.world.colors import COLORS
+
+__all__ = [
+    "COLORS",
+    "COLORS_NAMES",
+    "EVAL_COLORS",
+    "IDENTITY",
+    "TRAIN_COLORS",
+    "FloatArray",
+    "apply",
+    "assembling_kit_shapes",
+    "eulerXYZ_to_quatXYZW",
+    "get_colors",
+    "get_colors_names",
+    "invert",
+    "map_kit_scale",
+    "multiply",
+    "multiply_quaternions",
+    "pix_to_xyz",
+    "plain_pose",
+    "quat",
+    "quatXYZW_to_eulerXYZ",
+    "rotation_matrix",
+    "vec3",
+    "xyz_to_pix",
+    "yaw_of",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
-COLORS: dict[str, list[float]] = {
-    "blue": [78 / 255, 121 / 255, 167 / 255],
-    "red": [255 / 255, 87 / 255, 89 / 255],
-    "green": [89 / 255, 169 / 255, 79 / 255],
-    "orange": [242 / 255, 142 / 255, 43 / 255],
-    "yellow": [237 / 255, 201 / 255, 72 / 255],
-    "purple": [176 / 255, 122 / 255, 161 / 255],
-    "pink": [255 / 255, 157 / 255, 167 / 255],
-    "cyan": [118 / 255, 183 / 255, 178 / 255],
-    "brown": [156 / 255, 117 / 255, 95 / 255],
-    "white": [1.0, 1.0, 1.0],
-    "gray": [186 / 255, 176 / 255, 172 / 255],
-    "indigo": [75 / 255, 0.0, 130 / 255],
-    "violet": [143 / 255, 0.0, 1.0],
-    "black": [0.05, 0.05, 0.05],
-    "silver": [192 / 255, 192 / 255, 192 / 255],
-    "gold": [1.0, 215 / 255, 0.0],
-}
-"""Colour name to [r, g, b], each 0..1; lists, since programs append the alpha to them."""
 
 COLORS_NAMES = list(COLORS)
 TRAIN_COLORS = ["blue", "red", "green", "yellow", "brown", "gray", "cyan"]
@@ -45,8 +65,6 @@ assembling_kit_shapes = dict(
     )
 )  # fmt: skip
 """What the kitting shapes look like, by number."""
-
-IDENTITY: Quat = (0.0, 0.0, 0.0, 1.0)
 
 
 def get_colors_names(mode: str) -> list[str]:
@@ -66,113 +84,6 @@ def get_colors(mode: str, n_colors: int = -1, **_: object) -> tuple[list[list[fl
 def map_kit_scale(size: Sequence[float]) -> list[float]:
     """The ``SCALE`` of a kitting shape spoken of by a size (m): (0.03, 0.03, 0.02) gives the usual (3, 3, 1) / 1000."""
     return [size[0] / 10, size[1] / 10, size[2] / 20]
-
-
-def vec3(values: Sequence[float] | FloatArray) -> Vec3:
-    """The first three numbers of ``values`` as plain floats."""
-    return (float(values[0]), float(values[1]), float(values[2]))
-
-
-def quat(values: Sequence[float] | FloatArray) -> Quat:
-    """The four numbers of ``values`` as a unit quaternion (x, y, z, w)."""
-    if len(values) != 4:
-        return IDENTITY
-    x, y, z, w = map(float, values)
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
-    if not math.isfinite(norm) or norm < 1e-9:
-        return IDENTITY
-    return (x / norm, y / norm, z / norm, w / norm)
-
-
-def plain_pose(value: Any) -> Pose | None:
-    """The pose that a pair of three and four finite numbers is, the usual way to write one; None for anything else."""
-    try:
-        (x, y, z), (a, b, c, d) = value
-        numbers = (x, y, z, a, b, c, d)
-        if not all(isinstance(number, float | int) for number in numbers) or not math.isfinite(sum(numbers)):
-            return None
-        return vec3((x, y, z)), quat((a, b, c, d))
-    except (TypeError, ValueError, OverflowError):
-        return None
-
-
-def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:
-    """Roll, pitch, yaw in radians (fixed axes x, then y, then z) to (x, y, z, w).
-
-    Example: ``utils.eulerXYZ_to_quatXYZW((0, 0, np.pi / 2))`` turns by 90 degrees about the vertical.
-    """
-    roll, pitch, yaw = (float(angle) / 2 for angle in rotation)
-    cr, sr, cp, sp, cy, sy = (
-        np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw),
-    )  # fmt: skip
-    return quat(
-        (
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        )
-    )
-
-
-def quatXYZW_to_eulerXYZ(quaternion_xyzw: Sequence[float]) -> Vec3:
-    """(x, y, z, w) to roll, pitch, yaw in radians (fixed axes)."""
-    x, y, z, w = quat(quaternion_xyzw)
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return (float(roll), float(pitch), float(yaw))
-
-
-def yaw_of(quaternion: Sequence[float]) -> float:
-    """The rotation about the vertical, radians in (-pi, pi]."""
-    return quatXYZW_to_eulerXYZ(quaternion)[2]
-
-
-def rotation_matrix(quaternion: Sequence[float]) -> FloatArray:
-    """The 3 x 3 matrix of (x, y, z, w)."""
-    x, y, z, w = quat(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> Quat:
-    """The rotation ``second`` followed by ``first``."""
-    ax, ay, az, aw = first
-    bx, by, bz, bw = second
-    return quat(
-        (
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        )
-    )
-
-
-def multiply(pose0: Pose, pose1: Pose) -> Pose:
-    """``pose1``, given in the frame of ``pose0``, in the frame that ``pose0`` is given in."""
-    position = np.asarray(pose0[0], dtype=np.float64) + rotation_matrix(pose0[1]) @ np.asarray(pose1[0])
-    return (vec3(position), multiply_quaternions(quat(pose0[1]), quat(pose1[1])))
-
-
-def invert(pose: Pose) -> Pose:
-    """The inverse transform: ``multiply(pose, invert(pose))`` is the identity."""
-    x, y, z, w = quat(pose[1])
-    back: Quat = (-x, -y, -z, w)
-    return (vec3(-(rotation_matrix(back) @ np.asarray(pose[0], dtype=np.float64))), back)
-
-
-def apply(pose: Pose, position: FloatArray | Sequence[float]) -> FloatArray:
-    """Transform one point (3,) or many points (3, N) by ``pose``."""
-    points = np.asarray(position, dtype=np.float64)
-    offset = np.asarray(pose[0], dtype=np.float64)
-    return rotation_matrix(pose[1]) @ points + (offset if points.ndim == 1 else offset[:, None])
 
 
 def xyz_to_pix(position: Sequence[float], bounds: FloatArray, pixel_size: float) -> tuple[int, int]:

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.sim.cliport import cameras, end_effectors, utils
-from grs_agents.sim.cliport.goal_arguments import as_pose
+from grs_agents.geometry import transforms
+from grs_agents.sim.cliport import cameras, end_effectors
 from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
 from grs_agents.sim.motion import reach, tool_paths
 from grs_agents.sim.world.recording import Recording
 from grs_agents.sim.world.rendering import Sight
-from grs_agents.sim.world.tabletop import Tabletop
+from grs_agents.sim.world.tabletop import Tabletop, as_pose
 
 FloatArray = npt.NDArray[np.float64]
 _SPEED: Final = 1.0
@@ -92,7 +92,9 @@ class Workcell(Tabletop):
             raise UnreachableError(
                 f"{reach.at(position)} {reach.reach_note(position, self.arm)}", "give a pose within reach"
             )
-        joints = self.arm.solve_poses(np.array([position]), utils.rotation_matrix(rotation)[None], physics.commanded)
+        joints = self.arm.solve_poses(
+            np.array([position]), transforms.rotation_matrix(rotation)[None], physics.commanded
+        )
         how = f"with the tool tilted by {np.linalg.norm(tilt):.2f} rad" if tilted else "with the tool down"
         if not self.arm.within_limits(joints):
             raise UnreachableError(f"{reach.at(position)} cannot be reached {how}", "give a pose within reach")

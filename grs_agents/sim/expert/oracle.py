@@ -5,14 +5,14 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.goal_arguments import Goal
+from grs_agents.geometry import transforms
 from grs_agents.sim.expert import placement_planner
 from grs_agents.sim.expert.rope_planner import RopePlanner, chain
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.support import toppled
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.motion.grasp import find_hold
 from grs_agents.sim.motion.placement import Spot
 from grs_agents.sim.motion.reach import Blocked, Suits, reach_note
@@ -211,6 +211,6 @@ def _action(number: int, hold: Vec3, spot: Spot, view: SceneView) -> Action:
     lift = hold[2] - view.outline(number).low
     place = (spot.center[0] + cos * x - sin * y, spot.center[1] + sin * x + cos * y, spot.height + lift)
     return {
-        "pose0": (hold, utils.IDENTITY),
-        "pose1": (place, utils.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn))),
+        "pose0": (hold, transforms.IDENTITY),
+        "pose1": (place, transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn))),
     }

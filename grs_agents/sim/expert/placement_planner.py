@@ -7,13 +7,13 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.goal_arguments import Goal, Zone
+from grs_agents.geometry import transforms
 from grs_agents.sim.expert.pose_placement import pose_target
 from grs_agents.sim.expert.relation_placement import RelationPlanner
 from grs_agents.sim.expert.zone_packing import members_of, pack, why_not
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.goal import Goal, Zone
 from grs_agents.sim.motion.placement import Region, Spot, find_spot, turned
 from grs_agents.sim.motion.reach import Blocked, Suits, Target, wrap
 from grs_agents.sim.world.footprints import Prism, rest_heights
@@ -78,7 +78,7 @@ def _still_good(planned: Planned, number: int, view: SceneView, lift: float) -> 
     pose, spot = view.pose(number), planned.spot
     if (
         float(np.abs(np.subtract(pose[0], planned.pose[0])).max()) > 0.003
-        or abs(wrap(utils.yaw_of(pose[1]) - utils.yaw_of(planned.pose[1]))) > 0.03
+        or abs(wrap(transforms.yaw_of(pose[1]) - transforms.yaw_of(planned.pose[1]))) > 0.03
     ):
         return False
     shape = turned(view.outline(number), np.asarray(pose[0][:2]), spot.turn)
@@ -121,6 +121,6 @@ def _goal_areas(view: SceneView, number: int) -> list[Prism]:
         for other in goal.objs if goal.metric == "pose" else ():
             center = np.asarray(view.pose(other)[0][:2])
             for target in goal.targ_poses if other != number else ():
-                shape = turned(view.outline(other), center, utils.yaw_of(target[1]) - view.yaw(other))
+                shape = turned(view.outline(other), center, transforms.yaw_of(target[1]) - view.yaw(other))
                 found.append(Prism(shape.outline + np.asarray(target[0][:2]), 0.0, 1.0))
     return found

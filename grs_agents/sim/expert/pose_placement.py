@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.goal_arguments import Goal, named
+from grs_agents.geometry import transforms
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.support import steady
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Goal, named
 from grs_agents.sim.motion.placement import Spot, turned
 from grs_agents.sim.motion.reach import TALLEST_STACK, Blocked, FloatArray, Suits, Target, at, reach_note, wrap
 from grs_agents.sim.world.footprints import Prism, gaps, inside_margin, near, rest_height, turn
@@ -126,12 +126,12 @@ def _mass_center(number: int, view: SceneView) -> FloatArray:
     """Where (2,) the centre of mass of an object lies from its origin, seen from above as it stands."""
     volume, (position, rotation) = view.volume(number), view.pose(number)
     center = volume.points @ volume.weights
-    return utils.apply((position, rotation), center[:, None])[:2, 0] - np.asarray(position[:2])
+    return transforms.apply((position, rotation), center[:, None])[:2, 0] - np.asarray(position[:2])
 
 
 def _turns(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
     """Turns (rad) that the target allows: along it rather than askew, so that neighbours find room."""
-    asked = utils.yaw_of(target[1]) - view.yaw(number)
+    asked = transforms.yaw_of(target[1]) - view.yaw(number)
     if symmetry > 0:
         return [wrap(asked, symmetry)]
     if all(shape.kind in ("cylinder", "sphere") for shape in view.model(number).colliders):
@@ -161,7 +161,7 @@ def _to_come(number: int, target: Pose, task: ScoredTask, view: SceneView) -> li
             if rows and place is not target and _distance(place, target) < _AROUND:
                 other = goal.objs[rows[0]]
                 body = view.outline(other)
-                angle = wrap(utils.yaw_of(place[1]) - view.yaw(other), np.pi / 2)
+                angle = wrap(transforms.yaw_of(place[1]) - view.yaw(other), np.pi / 2)
                 shape = turned(body, np.asarray(view.pose(other)[0][:2]), angle)
                 low = place[0][2] - (body.high - body.low) / 2
                 found.append(Prism(shape.outline + place[0][:2], low, low + body.high - body.low, other))

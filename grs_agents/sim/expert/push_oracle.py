@@ -7,15 +7,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.geometry import transforms
 from grs_agents.sim.arms.spatula import BLADE_THICKNESS, BLADE_WIDTH
-from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.goal_arguments import Goal
 from grs_agents.sim.expert.oracle import Action, Oracle
 from grs_agents.sim.expert.push_prediction import Pieces, Strokes, clear_starts, joined, predict
 from grs_agents.sim.goals.relation_rules import reference_of, zone_of
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.motion.push import HEIGHT, poses_of
 from grs_agents.sim.world.footprints import gaps, rectangle, turn
 from grs_agents.sim.world.tabletop import Tabletop
@@ -93,7 +93,7 @@ class PushOracle(Oracle):
         self._tried = [*self._tried[-_TRIED:], np.hstack([start, end])]
         back = strokes.along[best] * BLADE_THICKNESS / 2
         first, last = poses_of(start - back, end - back)
-        return {"pose0": (first, utils.IDENTITY), "pose1": (last, utils.IDENTITY)}
+        return {"pose0": (first, transforms.IDENTITY), "pose1": (last, transforms.IDENTITY)}
 
     def _passable(self, strokes: Strokes, gain: FloatArray, scene: "_Scene") -> Iterator[int]:
         """Strokes worth their effort, best first, that the arm can make and that were not made already."""
@@ -225,13 +225,13 @@ def _places(goal: Goal, row: int, spread: float, pos_eps: float, view: SceneView
         return [
             Place(
                 np.asarray(pose[0][:2]), np.maximum(np.asarray(size[:2]) - 2 * spread - 0.002, 0.004),
-                utils.yaw_of(pose[1]),
+                transforms.yaw_of(pose[1]),
             )
             for pose, size in zones
         ]  # fmt: skip
     targets = [goal.targ_poses[int(index)] for index in np.flatnonzero(goal.matches[row])]
     side = np.full(2, 1.2 * pos_eps)
-    return [Place(np.asarray(target[0][:2]), side, utils.yaw_of(target[1])) for target in targets]
+    return [Place(np.asarray(target[0][:2]), side, transforms.yaw_of(target[1])) for target in targets]
 
 
 def _emptiest(places: list[Place], points: FloatArray) -> list[Place]:

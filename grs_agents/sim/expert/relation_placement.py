@@ -9,14 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.goal_arguments import Goal
+from grs_agents.geometry import transforms
 from grs_agents.sim.expert.zone_packing import pack, turns_for, why_not
 from grs_agents.sim.goals.relation_rules import holds_when, reference_of, shortfall, zone_of
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.instance.goal import Relation
+from grs_agents.sim.instance.goal import Goal, Relation
 from grs_agents.sim.motion.placement import Region, Spot, find_spot, turned
 from grs_agents.sim.motion.reach import Blocked, FloatArray, Suits, Target, at, reach_note, wrap
 from grs_agents.sim.world.footprints import Prism, gaps, rest_heights
@@ -86,9 +85,9 @@ def predicted(spot: Spot, number: int, view: SceneView) -> SceneView:
 
 def _pose_at(spot: Spot, number: int, view: SceneView) -> Pose:
     (_, _, z), rotation = view.pose(number)
-    about = ((0.0, 0.0, 0.0), utils.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn)))
-    turned_by = utils.multiply(about, ((0.0, 0.0, 0.0), rotation))[1]
-    return (spot.center[0], spot.center[1], spot.height + z - view.outline(number).low), utils.quat(turned_by)
+    about = ((0.0, 0.0, 0.0), transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn)))
+    turned_by = transforms.multiply(about, ((0.0, 0.0, 0.0), rotation))[1]
+    return (spot.center[0], spot.center[1], spot.height + z - view.outline(number).low), transforms.quat(turned_by)
 
 
 def _checked(
@@ -194,7 +193,7 @@ def _more(first: Sequence[Spot], relation: Relation, number: int, view: SceneVie
     yield from first
     reference = reference_of(relation)
     (position, rotation), size = zone_of(reference, view)
-    region = Region((position[0], position[1]), (size[0], size[1]), utils.yaw_of(rotation))
+    region = Region((position[0], position[1]), (size[0], size[1]), transforms.yaw_of(rotation))
     body, center = view.outline(number), view.pose(number)[0]
     turns = turns_for(number, region, view)
     for gap in _GAPS:

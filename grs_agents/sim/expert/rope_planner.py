@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.sim.cliport.goal_arguments import Goal
 from grs_agents.sim.goals.scene_view import SceneView
+from grs_agents.sim.instance.goal import Goal
 
 FloatArray = npt.NDArray[np.float64]
 _SAMPLES: Final = 24

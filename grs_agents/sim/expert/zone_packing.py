@@ -6,11 +6,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.goal_arguments import Zone
+from grs_agents.geometry import transforms
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Zone
 from grs_agents.sim.motion.placement import Region, Spot, find_spot, turned
 from grs_agents.sim.motion.reach import TALLEST_STACK, Blocked, FloatArray, Suits, Target, at, reach_note, wrap
 from grs_agents.sim.world.footprints import Prism, gaps, inside_margin
@@ -22,7 +22,7 @@ GAPS: Final = (0.025, 0.012, 0.006, 0.003)
 def region_of(zone: Zone) -> Region:
     """A zone seen from above."""
     (position, rotation), size = zone
-    return Region((position[0], position[1]), (size[0], size[1]), utils.yaw_of(rotation))
+    return Region((position[0], position[1]), (size[0], size[1]), transforms.yaw_of(rotation))
 
 
 def members_of(zone: Zone, task: ScoredTask) -> list[int]:

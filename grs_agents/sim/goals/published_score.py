@@ -3,8 +3,8 @@
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.goal_arguments import Goal
+from grs_agents.geometry import transforms
+from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.world.collision_volumes import Volume, share_inside
 
@@ -23,7 +23,7 @@ def pose_matches(
 ) -> bool:  # fmt: skip
     """Whether ``pose`` is at ``target``: xy within ``pos_eps`` metres, yaw within ``rot_eps`` radians."""
     distance = float(np.hypot(pose[0][0] - target[0][0], pose[0][1] - target[0][1]))
-    turn = angle_between(utils.yaw_of(pose[1]), utils.yaw_of(target[1]), symmetry)
+    turn = angle_between(transforms.yaw_of(pose[1]), transforms.yaw_of(target[1]), symmetry)
     return distance < pos_eps and turn < rot_eps
 
 

@@ -6,11 +6,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.goal_arguments import Zone
+from grs_agents.geometry import transforms
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.support import rests, supporters, toppled
-from grs_agents.sim.instance.goal import UPRIGHT_WITHIN, Kind, Relation
+from grs_agents.sim.instance.goal import UPRIGHT_WITHIN, Kind, Relation, Zone
 from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.world.collision_volumes import share_inside
 from grs_agents.sim.world.footprints import distance, inside_margin
@@ -54,9 +53,9 @@ def zone_of(number: int, view: SceneView) -> Zone:
     """The rectangle that an object covers, as a zone: its pose and extents, metres."""
     low, high = view.model(number).bounds
     pose = view.pose(number)
-    center = utils.apply(pose, (np.add(low, high) / 2).reshape(3, 1)).ravel()
-    upright = utils.eulerXYZ_to_quatXYZW((0.0, 0.0, utils.yaw_of(pose[1])))
-    return (utils.vec3(center), upright), utils.vec3(np.subtract(high, low))
+    center = transforms.apply(pose, (np.add(low, high) / 2).reshape(3, 1)).ravel()
+    upright = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, transforms.yaw_of(pose[1])))
+    return (transforms.vec3(center), upright), transforms.vec3(np.subtract(high, low))
 
 
 def _inside(relation: Relation, number: int, view: SceneView) -> str:

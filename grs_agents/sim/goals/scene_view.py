@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
 from grs_agents.library import ObjectModel
-from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.goal_arguments import Goal
+from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.world.collision_volumes import Volume
 from grs_agents.sim.world.footprints import Prism, footprint, inside_margin, prisms, turn
 from grs_agents.sim.world.tabletop import Tabletop
@@ -76,7 +76,7 @@ class SceneView:
 
     def yaw(self, number: int) -> float:
         """How it is turned about the vertical, radians."""
-        return utils.yaw_of(self.pose(number)[1])
+        return transforms.yaw_of(self.pose(number)[1])
 
     def tilt(self, number: int) -> float:
         """The angle between its own z axis and the vertical, radians."""

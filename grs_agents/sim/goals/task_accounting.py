@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.sim.cliport.goal_arguments import Goal, worth_one
 from grs_agents.sim.goals import published_score
 from grs_agents.sim.goals.relation_rules import shortfalls
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.goal import Goal, worth_one
 from grs_agents.sim.instance.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS
 from grs_agents.sim.world.tabletop import Tabletop
 

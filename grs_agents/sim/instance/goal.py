@@ -3,10 +3,12 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, cast
+from typing import Any, Final, Literal, NamedTuple, cast
 
 import numpy as np
+import numpy.typing as npt
 
+from grs_agents.base import Pose, Vec3
 from grs_agents.sim.instance.episode import SimulationError
 
 Kind = Literal["inside", "on", "stacked", "near", "aligned", "upright", "in_zone"]
@@ -109,3 +111,53 @@ def _ids(objs: Any) -> tuple[int, ...]:
     if isinstance(objs, Iterable):
         return tuple(_id(number) for number in cast(Iterable[Any], objs))
     return (_id(objs),)
+
+
+Metric = Literal["pose", "zone", "relation"]
+
+Zone = tuple[Pose, Vec3]
+"""Pose of a zone's centre and its full extents, metres."""
+
+
+class Goal(NamedTuple):
+    """One goal; unpacks in CLIPort's order.
+
+    Attributes:
+        objs: object ids.
+        matches: (objects, targets) zeros and ones.
+        targ_poses: target poses.
+        replace: objects may share a target.
+        rotations: the target's yaw is asked for.
+        metric: ``pose``, ``zone`` or ``relation``.
+        params: the zones of a ``zone`` goal.
+        step_max_reward: reward for the whole goal.
+        symmetries: for each object, radians after which it looks the same; 0 = any yaw.
+        relation: what a ``relation`` goal asks for; it has no targets.
+    """
+
+    objs: list[int]
+    matches: npt.NDArray[np.int64]
+    targ_poses: list[Pose]
+    replace: bool
+    rotations: bool
+    metric: Metric
+    params: list[Zone]
+    step_max_reward: float
+    symmetries: list[float]
+    relation: Relation | None = None
+
+
+def named(goal: Goal) -> list[int]:
+    """Ids of all objects that a goal speaks of."""
+    other = goal.relation.reference if goal.relation is not None else None
+    return goal.objs if other is None else [*goal.objs, other]
+
+
+def worth_one(goals: Sequence[Goal]) -> tuple[list[Goal], str]:
+    """The goals with rewards that add up to 1, and a word on it if they had to be scaled."""
+    total = sum(goal.step_max_reward for goal in goals)
+    if not goals or abs(total - 1) <= 0.01:
+        return list(goals), ""
+    shares = [goal.step_max_reward / total if total > 0 else 1 / len(goals) for goal in goals]
+    scaled = [goal._replace(step_max_reward=share) for goal, share in zip(goals, shares, strict=True)]
+    return scaled, f"the goals' step_max_reward add up to {total:.2f}, scaled to 1"

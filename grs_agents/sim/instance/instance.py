@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from grs_agents.base import Frozen, Pose, Quat, Vec3
-from grs_agents.sim.cliport import utils
+from grs_agents.geometry import transforms
 from grs_agents.sim.instance.goal import REFERENCED, Kind
 
 LARGEST_POSITION = 2.0
@@ -236,7 +236,7 @@ class TaskInstance(Frozen):
 
 def _place(pose: Pose, point: Vec3) -> Vec3:
     """A point of an object's own frame in the robot frame, metres."""
-    return utils.vec3(utils.apply(pose, np.reshape(point, (3, 1))).ravel())
+    return transforms.vec3(transforms.apply(pose, np.reshape(point, (3, 1))).ravel())
 
 
 __all__ = [

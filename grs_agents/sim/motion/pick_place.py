@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
 from grs_agents.sim.arms.robot import CUP_RADIUS
-from grs_agents.sim.cliport import utils
 from grs_agents.sim.motion import grasp
 from grs_agents.sim.motion.tool_paths import (
     Pace,
@@ -84,12 +84,14 @@ class PickPlace:
 
         What is held is turned, and tilted, as ``place`` is against ``pick``.
         """
-        turn, tilt = split(utils.multiply_quaternions(utils.quat(place[1]), utils.invert(((0, 0, 0), pick[1]))[1]))
-        ready = self._ready(utils.vec3(pick[0]), utils.vec3(place[0]), turn)
-        grasped, note = self._pick(utils.vec3(pick[0]), ready)
+        turn, tilt = split(
+            transforms.multiply_quaternions(transforms.quat(place[1]), transforms.invert(((0, 0, 0), pick[1]))[1])
+        )
+        ready = self._ready(transforms.vec3(pick[0]), transforms.vec3(place[0]), turn)
+        grasped, note = self._pick(transforms.vec3(pick[0]), ready)
         if grasped is None:
             return PickPlaceResult(None, False, note)
-        note = self._place(grasped, ToolPose(utils.vec3(place[0]), self.yaw + turn, tilt))
+        note = self._place(grasped, ToolPose(transforms.vec3(place[0]), self.yaw + turn, tilt))
         return PickPlaceResult(grasped, note == "placed", note)
 
     def _ready(self, pick: Vec3, place: Vec3, turn: float) -> float:

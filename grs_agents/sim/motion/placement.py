@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.cliport import utils
 from grs_agents.sim.world.footprints import Prism, gaps, inside_margin, rectangle, rest_heights, turn
 
 FloatArray = npt.NDArray[np.float64]
@@ -42,7 +42,7 @@ def random_pose(
         free = _free(outline, z, offsets, bounds, obstacles, arm, gap)
         if free.any():
             chosen = offsets[int(np.argmax(free))]
-            rotation = utils.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
+            rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
             return (float(chosen[0]), float(chosen[1]), z / 2), rotation
     return None
 

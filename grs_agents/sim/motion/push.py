@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
 from grs_agents.sim.arms.joint_paths import ramped
 from grs_agents.sim.arms.spatula import BLADE_THICKNESS, BLADE_WIDTH
-from grs_agents.sim.cliport import utils
 from grs_agents.sim.motion.pick_place import FREE_SPEED, PickPlace
 from grs_agents.sim.motion.reach import at, wrap
 from grs_agents.sim.motion.tool_paths import ToolPose
@@ -79,17 +79,17 @@ class Push(PickPlace):
         physics, points = self.physics, straight(self.physics.timestep, start, end)
         yaw = self._over(start, end, points)
         if yaw is None:
-            return f"the arm cannot reach {at(utils.vec3(start))} with the tool down{self._hindrance}"
+            return f"the arm cannot reach {at(transforms.vec3(start))} with the tool down{self._hindrance}"
         low, high = self._poses(start, yaw)
         self._descend(high, low, lambda: bool(physics.touched()))
         under = sorted(physics.touched())
         if under and physics.tip[2] > HEIGHT + 0.004:
             self._retreat()
-            return f"the blade came down on {self.names[under[0]]} at {at(utils.vec3(start))}"
+            return f"the blade came down on {self.names[under[0]]} at {at(transforms.vec3(start))}"
         path = self.arm.solve(points, np.full(len(points), yaw), physics.commanded)
         if not self._possible(path):
             self._retreat()
-            return f"the arm cannot push on from {at(low.point)} to {at(utils.vec3(end))}{self._hindrance}"
+            return f"the arm cannot push on from {at(low.point)} to {at(transforms.vec3(end))}{self._hindrance}"
         physics.follow(path)
         physics.arrive(path[-1])
         self._retreat()
@@ -97,7 +97,9 @@ class Push(PickPlace):
 
     def _poses(self, start: FloatArray, yaw: float) -> tuple[ToolPose, ToolPose]:
         """Where a stroke begins, and above it."""
-        return ToolPose(utils.vec3(start), yaw), ToolPose(utils.vec3(start + np.array([0.0, 0.0, _ABOVE])), yaw)
+        return ToolPose(transforms.vec3(start), yaw), ToolPose(
+            transforms.vec3(start + np.array([0.0, 0.0, _ABOVE])), yaw
+        )
 
     def _over(self, start: FloatArray, end: FloatArray, points: FloatArray) -> float | None:
         """Go above the start; the yaw of the blade there, which may be turned end for end, None if there is no way.

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Quat, Vec3
+from grs_agents.geometry import transforms
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.joint_paths import ramped, turns_about_z
-from grs_agents.sim.cliport import utils
 from grs_agents.sim.world.footprints import Prism
 from grs_agents.sim.world.suction import HOLDING_FORCE
 
@@ -37,7 +37,7 @@ class ToolPose:
 
     def moved(self, offset: FloatArray) -> "ToolPose":
         """The pose shifted by (3,) metres."""
-        return ToolPose(utils.vec3(np.asarray(self.point) + offset), self.yaw, self.tilt)
+        return ToolPose(transforms.vec3(np.asarray(self.point) + offset), self.yaw, self.tilt)
 
 
 @dataclass(frozen=True)
@@ -62,11 +62,11 @@ def split(rotation: Quat) -> tuple[float, Vec3]:
     yaw = 2 * float(np.arctan2(z, w))
     yaw = float((yaw + np.pi) % (2 * np.pi) - np.pi)
     half = -yaw / 2
-    swing = utils.multiply_quaternions(rotation, (0.0, 0.0, float(np.sin(half)), float(np.cos(half))))
+    swing = transforms.multiply_quaternions(rotation, (0.0, 0.0, float(np.sin(half)), float(np.cos(half))))
     vector = np.array(swing[:3]) * (1.0 if swing[3] >= 0 else -1.0)
     sine = float(np.linalg.norm(vector))
     angle = 2 * float(np.arctan2(sine, abs(swing[3])))
-    return (yaw, (0.0, 0.0, 0.0)) if angle < _UPRIGHT else (yaw, utils.vec3(vector / sine * angle))
+    return (yaw, (0.0, 0.0, 0.0)) if angle < _UPRIGHT else (yaw, transforms.vec3(vector / sine * angle))
 
 
 def upward(tilt: Vec3) -> FloatArray:

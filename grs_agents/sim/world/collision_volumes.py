@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
 from grs_agents.geometry.hulls import half_spaces
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.library.mesh_file import read_vertices
-from grs_agents.sim.cliport import utils
 
 FloatArray = npt.NDArray[np.float64]
 _POINTS: Final = 600
@@ -65,10 +65,10 @@ def share_inside(volume: Volume, pose: Pose, zones: Sequence[tuple[Pose, Vec3]],
 
 
 def _share_inside(volume: Volume, pose: Pose, zones: Sequence[tuple[Pose, Vec3]], ceiling: float) -> float:
-    points = utils.apply(pose, volume.points)
+    points = transforms.apply(pose, volume.points)
     inside = np.zeros(points.shape[1], dtype=bool)
     for zone_pose, size in zones:
-        local = utils.apply(utils.invert(zone_pose), points)
+        local = transforms.apply(transforms.invert(zone_pose), points)
         inside |= (np.abs(local[0]) <= size[0] / 2) & (np.abs(local[1]) <= size[1] / 2)
     return min(1.0, round(float(volume.weights[inside & (points[2] < ceiling)].sum()), 9))
 
@@ -108,7 +108,7 @@ class _Solid:
         grid = _grid(self.low, self.high, counts)
         inside = self._inside(grid)
         kept = grid[:, inside] if inside.any() else ((self.low + self.high) / 2)[:, None]
-        return utils.apply((self.shape.position, self.shape.quaternion), kept)
+        return transforms.apply((self.shape.position, self.shape.quaternion), kept)
 
     def _inside(self, grid: FloatArray) -> npt.NDArray[np.bool_]:
         if self.shape.kind in ("box", "mesh"):

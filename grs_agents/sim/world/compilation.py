@@ -13,10 +13,10 @@ from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.arms.robot import ROBOT_CONTYPE
 from grs_agents.sim.arms.spatula import fit_spatula
-from grs_agents.sim.cliport.utils import COLORS
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.instance import InstanceObject, InstanceTie
 from grs_agents.sim.world import templates
+from grs_agents.sim.world.colors import COLORS
 from grs_agents.sim.world.ties import LARGEST_BEAD, add_ties, limp_of
 
 TIMESTEP: Final = 0.004

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
+from grs_agents.geometry import transforms
 from grs_agents.library import ObjectModel, Shape
-from grs_agents.sim.cliport import utils
 
 FloatArray = npt.NDArray[np.float64]
 Value = TypeVar("Value")
@@ -86,8 +86,8 @@ def shape_points(shape: Shape, bounds: tuple[FloatArray, FloatArray]) -> FloatAr
         ring = radius / np.cos(np.pi / _CIRCLE) * np.array([np.cos(angle), np.sin(angle)])
         ends = np.repeat([-half_length, half_length], _CIRCLE)
         points = np.vstack([np.hstack([ring, ring]), ends])
-    turned = utils.IDENTITY if shape.kind == "sphere" else shape.quaternion
-    return utils.apply((shape.position, turned), points)
+    turned = transforms.IDENTITY if shape.kind == "sphere" else shape.quaternion
+    return transforms.apply((shape.position, turned), points)
 
 
 @per_model
@@ -119,9 +119,9 @@ def _points(model: ObjectModel, pose: Pose) -> list[FloatArray]:
     for shape, local in zip(model.colliders, _local_points(model), strict=True):
         if shape.kind == "sphere":
             center = np.asarray(shape.position)[:, None]
-            found.append(utils.apply(pose, center) + (local - center))
+            found.append(transforms.apply(pose, center) + (local - center))
         else:
-            found.append(utils.apply(pose, local))
+            found.append(transforms.apply(pose, local))
     return found
 
 
@@ -135,7 +135,7 @@ def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
 
 def lowest(model: ObjectModel, pose: Pose) -> float:
     """The height of the lowest point of an object's colliders at ``pose``, metres."""
-    x, y, z, w = utils.quat(pose[1])
+    x, y, z, w = transforms.quat(pose[1])
     if x == y == 0:
         return pose[0][2] + _hanging_upright(model)
     upward = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])  # what turns into height
@@ -148,7 +148,7 @@ def footprint(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
         points = np.hstack(_points(model, pose))
     else:
         corners = np.array(np.meshgrid(*zip(*model.bounds, strict=True), indexing="ij"), dtype=np.float64)
-        points = utils.apply(pose, corners.reshape(3, -1))
+        points = transforms.apply(pose, corners.reshape(3, -1))
     return Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
 
 

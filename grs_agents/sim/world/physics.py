@@ -8,9 +8,9 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.engine import mujoco
+from grs_agents.geometry import transforms
 from grs_agents.sim.arms import joint_paths
-from grs_agents.sim.arms.ur5e_kinematics import DOWN
-from grs_agents.sim.cliport import utils
+from grs_agents.sim.arms.robot import DOWN
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world.budget import Budget
@@ -81,21 +81,21 @@ class Physics:
     @property
     def tip(self) -> Vec3:
         """Where the suction cup is, metres."""
-        return utils.vec3(self.data.site_xpos[self.world.tip_site])
+        return transforms.vec3(self.data.site_xpos[self.world.tip_site])
 
     def tip_rotation(self) -> Quat:
         """How the tool is turned from straight down, xyzw."""
         matrix = np.asarray(self.data.site_xmat[self.world.tip_site]).reshape(3, 3) @ DOWN
         rotation = np.empty(4)
         mujoco.mju_mat2Quat(rotation, np.ascontiguousarray(matrix).ravel())
-        return utils.quat(rotation[[1, 2, 3, 0]])
+        return transforms.quat(rotation[[1, 2, 3, 0]])
 
     def pose(self, number: int) -> Pose:
         """Position and rotation (xyzw) of an object."""
         body = self.world.bodies[number]
         w, i, j, k = self.data.xquat[body].tolist()
         x, y, z = self.data.xpos[body].tolist()
-        return (x, y, z), utils.quat((i, j, k, w))
+        return (x, y, z), transforms.quat((i, j, k, w))
 
     def _refuse_tangles(self) -> None:
         """Many bodies one inside another would take minutes a step.

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
 from grs_agents.library import Library, ObjectModel
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.cliport.goal_arguments import as_pose
 from grs_agents.sim.instance.episode import NoFreeSpaceError, Recorder, SimulationError
 from grs_agents.sim.instance.instance import InstanceObject, InstanceTie
 from grs_agents.sim.world import budget as allowance
@@ -316,3 +316,38 @@ class Tabletop:
             self._stale = True
         elif self._physics is not None and not self._stale:
             self._physics.teleport(obj, pose)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is one real number, of Python or of numpy."""
+    return bool(np.isscalar(value))
+
+
+def is_vector(value: Any, *lengths: int) -> bool:
+    """Whether something is a flat row of as many numbers as one of ``lengths``."""
+    try:
+        return len(value) in lengths and all(is_number(number) for number in value)
+    except TypeError:
+        return False
+
+
+def as_pose(value: Any, what: str) -> Pose:
+    """A pose from a pair of position (m) and quaternion (xyzw), or from a position alone.
+
+    Raises:
+        SimulationError: it is not such a pair of finite numbers.
+    """
+    if (plain := transforms.plain_pose(value)) is not None:
+        return plain
+    try:
+        if is_vector(value, 3):
+            value = (value, transforms.IDENTITY)
+        position = np.asarray(value[0], dtype=np.float64).ravel()
+        rotation = np.asarray(
+            value[1] if len(value) > 1 and value[1] is not None else transforms.IDENTITY, dtype=np.float64
+        )
+    except (TypeError, ValueError, IndexError) as error:
+        raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw))") from error
+    if position.shape != (3,) or rotation.shape != (4,) or not np.isfinite([*position, *rotation]).all():
+        raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw)), all finite")
+    return (transforms.vec3(position), transforms.quat(rotation))
