@@ -2,7 +2,7 @@
 
 import pytest
 
-from grs_agents.sim.arms.ur5e_kinematics import NEAREST, REACH
+from grs_agents.sim.arms.ur5e import NEAREST, REACH
 from grs_agents.workspace import FARTHEST, reachable
 from grs_agents.workspace import NEAREST as WORKSPACE_NEAREST
 

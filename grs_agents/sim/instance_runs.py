@@ -15,7 +15,7 @@ from grs_agents.sim.cliport.task import Task
 from grs_agents.sim.instance.episode import Episode, stop_of
 from grs_agents.sim.instance.goal import Goal, Relation
 from grs_agents.sim.instance.instance import InstanceGoal, InstanceRelation, InstanceZone, TaskInstance
-from grs_agents.sim.motion.reach import Suits
+from grs_agents.sim.motion.placement import Suits
 from grs_agents.sim.world.recording import Recording
 
 LEAST_IDLE: Final = 2.0

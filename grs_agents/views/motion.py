@@ -10,8 +10,7 @@ import numpy.typing as npt
 from grs_agents.errors import InputError
 from grs_agents.foreign import read_bytes
 from grs_agents.foreign.arrays import read_npz
-from grs_agents.sim.instance.instance import TaskInstance
-from grs_agents.sim.instance.reading import MAX_BYTES, InstanceError, read_instance
+from grs_agents.sim.instance.instance import MAX_BYTES, InstanceError, TaskInstance, read_instance
 
 Array = npt.NDArray[np.float32]
 _REMEDY = "restore the file or run again"

@@ -11,7 +11,7 @@ from grs_agents.engine import mujoco
 from grs_agents.errors import InputError
 from grs_agents.library import Library, Shape
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.spatula import fit_spatula
+from grs_agents.sim.arms.robot import fit_spatula
 from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
 from grs_agents.sim.world import compilation
 from grs_agents.sim.world.colors import COLORS

@@ -1,4 +1,7 @@
-"""Arms as MuJoCo bodies: serial chains of our own capsules, position actuators, and the suction cup that all share."""
+"""Arms as MuJoCo bodies: serial chains of our own capsules, position actuators, and the suction cup that all share.
+
+The spatula: a flat upright blade in the suction cup's place, for tasks that push along the table.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -103,3 +106,22 @@ def add_tool(flange: Any, position: Sequence[float], quaternion: Sequence[float]
 
 DOWN: Final = np.diag([1.0, -1.0, -1.0])
 """The rotation of the tool that points straight down, not turned."""
+
+
+BLADE_WIDTH: Final = 0.10
+BLADE_HEIGHT: Final = 0.115
+BLADE_THICKNESS: Final = 0.005
+BLADE_BELOW_TIP: Final = 0.003
+"""How far the blade reaches below the tip, metres: a tip at the published 5 mm drags the edge 2 mm above the table."""
+
+
+def fit_spatula(spec: Any) -> None:
+    """Turn the suction cup of an arm in ``spec`` into a blade, across the tool's x axis, its edge below the tip."""
+    length = float(spec.site("tip").pos[2])
+    blade, tool = spec.geom("cup"), spec.geom("tool")
+    blade.type = mujoco.mjtGeom.mjGEOM_BOX
+    blade.size = (BLADE_THICKNESS / 2, BLADE_WIDTH / 2, BLADE_HEIGHT / 2)
+    blade.pos = (0.0, 0.0, length + BLADE_BELOW_TIP - BLADE_HEIGHT / 2)
+    blade.rgba = (0.8, 0.8, 0.8, 1.0)
+    blade.solref = (0.02, 1.0)
+    tool.fromto = (0.0, 0.0, 0.0, 0.0, 0.0, length - BLADE_HEIGHT)

@@ -1,14 +1,21 @@
-"""Cameras under CLIPort's configuration: a dictionary of image size, intrinsics, position and rotation."""
+"""Cameras under CLIPort's configuration: a dictionary of image size, intrinsics, position and rotation.
 
-from collections.abc import Mapping
-from typing import Any
+The workspace seen straight from above, as maps of one size a pixel.
+
+What the cameras see, rendered only when somebody looks.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from grs_agents.engine import mujoco
 from grs_agents.geometry import transforms
+from grs_agents.library import Library
 from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world import rendering
 from grs_agents.sim.world.rendering import FRONT, LEFT, RIGHT, View
 
@@ -61,3 +68,49 @@ def photograph(sight: rendering.Sight, config: Mapping[str, Any]) -> rendering.P
     local = np.stack([(pixels[1] - cx) / fx, (pixels[0] - cy) / fy, np.ones((height, width))], axis=-1)
     directions = local @ transforms.rotation_matrix(rotation).T
     return rendering.cast(sight, np.array(position), directions)
+
+
+_FAR: Final = 100.0
+"""Height of the eye, metres: so far that a thing 0.3 m high leans over by less than a pixel."""
+
+
+def maps(
+    objects: Sequence[InstanceObject], library: Library, bounds: FloatArray, pixel: float
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
+    """Colour (H, W, 3), height above the table (H, W; m), object id (H, W; 0 = none); rows along y, columns along x.
+
+    Args:
+        objects: what stands there; the arm is not seen.
+        library: 3D assets.
+        bounds: (3, 2) lowest and highest x, y, z.
+        pixel: metres a pixel.
+    """
+    columns, rows = (round(float(extent) / pixel) for extent in bounds[:2, 1] - bounds[:2, 0])
+    cells: FloatArray = np.indices((rows, columns)).astype(np.float64) + 0.5
+    x, y = float(bounds[0, 0]) + cells[1] * pixel, float(bounds[1, 0]) + cells[0] * pixel
+    eye = np.array([bounds[0].mean(), bounds[1].mean(), _FAR])
+    directions = np.stack([x - eye[0], y - eye[1], np.full(x.shape, -_FAR)], axis=-1) / _FAR
+    picture = rendering.cast(rendering.Sight(objects, library), eye, directions)
+    height = np.where(picture.depth > 0, _FAR - picture.depth, 0)
+    return picture.color, np.maximum(height, 0).astype(np.float32), np.maximum(picture.owner, 0)
+
+
+class Observation(Mapping[str, Any]):
+    """``color``: three (480, 640, 3) uint8 images; ``depth``: three (480, 640) float32 images, metres."""
+
+    def __init__(self, sight: rendering.Sight) -> None:
+        self._sight = sight
+        self._images: dict[str, tuple[npt.NDArray[Any], ...]] | None = None
+
+    def __getitem__(self, key: str) -> tuple[npt.NDArray[Any], ...]:
+        if key not in ("color", "depth"):
+            raise KeyError(key)
+        images = self._images or rendering.observe(self._sight)
+        self._images = images
+        return images[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(("color", "depth"))
+
+    def __len__(self) -> int:
+        return 2

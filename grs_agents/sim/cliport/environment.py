@@ -9,8 +9,8 @@ from grs_agents.errors import GrsError
 from grs_agents.library import Library
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.cliport import end_effectors, pybullet
+from grs_agents.sim.cliport.cameras import Observation
 from grs_agents.sim.cliport.goal_arguments import as_goal
-from grs_agents.sim.cliport.observation import Observation
 from grs_agents.sim.cliport.workcell import Workcell
 from grs_agents.sim.goals.strict_score import StrictScorer
 from grs_agents.sim.goals.task_accounting import ScoredTask

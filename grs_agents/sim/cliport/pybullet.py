@@ -1,14 +1,90 @@
-"""A few of PyBullet's calls and constants, on the most recent environment; ``from grs_agents.sim import p``."""
+"""A few of PyBullet's calls and constants, on the most recent environment; ``from grs_agents.sim import p``.
 
+PyBullet's way of making bodies from plain shapes; each becomes an object from a template of the library.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final, Literal
+
+import numpy as np
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.geometry import transforms
-from grs_agents.sim.cliport import pybullet_bodies
-from grs_agents.sim.cliport.pybullet_bodies import GEOM_BOX, GEOM_CYLINDER, GEOM_MESH, GEOM_SPHERE
 from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
 from grs_agents.sim.instance.instance import InstanceTie
+from grs_agents.sim.world import templates
 from grs_agents.sim.world.tabletop import Tabletop
+
+GEOM_SPHERE, GEOM_BOX, GEOM_CYLINDER, GEOM_MESH = 2, 3, 4, 5
+_TEMPLATES: Final = {
+    GEOM_SPHERE: "sphere/sphere-template.urdf",
+    GEOM_BOX: "box/box-template.urdf",
+    GEOM_CYLINDER: "cylinder/cylinder-template.urdf",
+}
+_MARK: Final = "zone/zone-template.urdf"
+
+
+@dataclass(frozen=True)
+class PlainShape:
+    """A shape that a program described: its kind ``GEOM_*``, full extents (m), and colour."""
+
+    kind: int
+    size: Vec3
+    color: tuple[float, ...] | None = None
+
+
+_shapes: list[PlainShape] = []
+
+
+def forget() -> None:
+    """Forget every shape, as a new environment begins without any."""
+    _shapes.clear()
+
+
+def add_shape(kind: int, radius: float, half_extents: Sequence[float], length: float, color: Any = None) -> int:
+    """Note a shape; returns its number.
+
+    Raises:
+        UnsupportedError: it is no box, sphere or cylinder.
+    """
+    if kind not in _TEMPLATES:
+        raise UnsupportedError(
+            f"p: a shape of type {kind} is not there", "use p.GEOM_BOX, GEOM_SPHERE or GEOM_CYLINDER"
+        )
+    extents = {
+        GEOM_SPHERE: (2 * radius,) * 3,
+        GEOM_BOX: tuple(2 * float(half) for half in half_extents),
+        GEOM_CYLINDER: (2 * radius, 2 * radius, length),
+    }
+    _shapes.append(
+        PlainShape(kind, transforms.vec3(extents[kind]), None if color is None else tuple(map(float, color)))
+    )
+    return len(_shapes) - 1
+
+
+def add_body(env: Tabletop, mass: float, collision: int, visual: int, position: Any, rotation: Any) -> int:
+    """Add a body of one noted shape to an environment; returns its id.
+
+    What has no mass cannot move; what has no collision shape is a mark on the table. The mass is the template's.
+
+    Raises:
+        SimulationError: there is no such shape.
+    """
+    for number in (collision, visual):
+        if not -1 <= number < len(_shapes):
+            raise SimulationError(
+                f"p.createMultiBody: there is no shape {number}", "use what createCollisionShape returned"
+            )
+    if collision < 0 and visual < 0:
+        raise SimulationError("p.createMultiBody: a body without any shape", "give a collision shape")
+    shape, seen = _shapes[collision if collision >= 0 else visual], _shapes[visual if visual >= 0 else collision]
+    template = _TEMPLATES[shape.kind] if collision >= 0 else _MARK
+    urdf = templates.fill(env.library, template, {"DIM": shape.size})
+    pose = ((0.0, 0.0, 0.0) if position is None else transforms.vec3(position), transforms.quat(rotation))
+    category = "rigid" if mass > 0 and collision >= 0 else "fixed"
+    return env.add_object(urdf, pose, category, color=None if seen.color is None else list(np.asarray(seen.color)))
+
 
 JOINT_PRISMATIC, JOINT_FIXED, JOINT_POINT2POINT = 1, 4, 5
 _JOINTS: Final[dict[int, Literal["point", "fixed"]]] = {JOINT_POINT2POINT: "point", JOINT_FIXED: "fixed"}
@@ -20,7 +96,7 @@ _current: list[Tabletop] = []
 def attach(env: Tabletop) -> None:
     """Make ``env`` the environment that the calls below read."""
     _current[:] = [env]
-    pybullet_bodies.forget()
+    forget()
 
 
 def _environment() -> Tabletop:
@@ -131,7 +207,7 @@ def createCollisionShape(
     shapeType: int, radius: float = 0.5, halfExtents: Any = (1, 1, 1), height: float = 1.0, *_: Any, **__: Any
 ) -> int:
     """Describe a box, a sphere or a cylinder (m) for ``createMultiBody``; returns its number."""
-    return pybullet_bodies.add_shape(shapeType, radius, halfExtents, height)
+    return add_shape(shapeType, radius, halfExtents, height)
 
 
 def createVisualShape(
@@ -148,7 +224,7 @@ def createVisualShape(
 ) -> int:
     """As ``createCollisionShape``; only its colour shows on a body that has a collision shape too."""
     del fileName, meshScale, planeNormal
-    return pybullet_bodies.add_shape(shapeType, radius, halfExtents, length, rgbaColor)
+    return add_shape(shapeType, radius, halfExtents, length, rgbaColor)
 
 
 def createMultiBody(
@@ -162,7 +238,7 @@ def createMultiBody(
 ) -> int:
     """Add a body of one shape; returns its id. Without mass it is fixed, without a collision shape a mark."""
     shapes = (baseCollisionShapeIndex, baseVisualShapeIndex)
-    return pybullet_bodies.add_body(_environment(), baseMass, *shapes, basePosition, baseOrientation)
+    return add_body(_environment(), baseMass, *shapes, basePosition, baseOrientation)
 
 
 def changeDynamics(bodyUniqueId: int, *_: Any, **__: Any) -> None:

@@ -1,6 +1,11 @@
-"""The class that simulation programs derive from."""
+"""The class that simulation programs derive from.
 
+Finding the task in a simulation program.
+"""
+
+import ast
 from collections.abc import Mapping, Sequence
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -10,13 +15,12 @@ from grs_agents.base import Pose, Quat
 from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.goal_arguments import doubts, make_goal
-from grs_agents.sim.cliport.kitting import kitting_objects
-from grs_agents.sim.cliport.task_helpers import TaskKit
+from grs_agents.sim.cliport.task_helpers import TaskKit, kitting_objects
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.expert.push_oracle import PushOracle
-from grs_agents.sim.goals import published_score
+from grs_agents.sim.goals import task_accounting
 from grs_agents.sim.goals.task_accounting import Ledger
-from grs_agents.sim.instance.episode import NoFreeSpaceError
+from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.instance.goal import Goal, named
 from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.motion import placement
@@ -227,7 +231,7 @@ class Task(TaskKit):
 
     def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
         """Whether two poses agree within ``pos_eps`` and ``rot_eps``."""
-        return published_score.pose_matches(pose0, pose1, symmetry, self.pos_eps, self.rot_eps)
+        return task_accounting.pose_matches(pose0, pose1, symmetry, self.pos_eps, self.rot_eps)
 
     def get_lang_goal(self) -> str:
         """The current goal in words, or ``task_completed_desc``."""
@@ -243,3 +247,50 @@ def _standing(env: Environment) -> list[Prism]:
     around the robot."""
     around = [] if env.background is None else prisms(env.library.model(env.background), _ORIGIN)
     return [*(env.outline(item.id) for item in env.objects), *around]
+
+
+def task_class(module: ModuleType) -> type[Task]:
+    """The last ``Task`` subclass that a program defines.
+
+    Raises:
+        SimulationError: it defines none.
+    """
+    found = [
+        value for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, Task) and value.__module__ == module.__name__
+    ]  # fmt: skip
+    if not found:
+        raise SimulationError(
+            f"module {module.__name__} defines no subclass of Task", "define a class that derives from Task"
+        )
+    return found[-1]
+
+
+def names_task(tree: ast.Module) -> bool:
+    """Whether the source of a program has a class that derives from ``Task``, directly or through others in it.
+
+    This reads the source alone, so that the program cannot change the answer. The class may stand under ``if``,
+    ``try`` or ``with``, and ``Task`` may be imported under another name.
+    """
+    nodes = list(ast.walk(tree))
+    imported = {
+        alias.asname or alias.name
+        for node in nodes
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.name == "Task"
+    }
+    bases = {node.name: node.bases for node in nodes if isinstance(node, ast.ClassDef)}
+    known = imported | ({"Task"} - bases.keys())
+    grown = True
+    while grown:
+        derived = {name for name, parents in bases.items() if any(_is_task(base, known) for base in parents)}
+        grown = not derived <= known
+        known |= derived
+    return bool(known & bases.keys())
+
+
+def _is_task(base: ast.expr, known: set[str]) -> bool:
+    if isinstance(base, ast.Attribute):
+        return base.attr == "Task"
+    return isinstance(base, ast.Name) and base.id in known

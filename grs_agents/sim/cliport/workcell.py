@@ -12,7 +12,7 @@ from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.cliport import cameras, end_effectors
 from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
-from grs_agents.sim.motion import reach, tool_paths
+from grs_agents.sim.motion import placement, tool_paths
 from grs_agents.sim.world.recording import Recording
 from grs_agents.sim.world.rendering import Sight
 from grs_agents.sim.world.tabletop import Tabletop, as_pose
@@ -90,16 +90,18 @@ class Workcell(Tabletop):
         tilted, physics = bool(np.any(tilt)), self.physics
         if not tilted and not self.arm.can_reach(position):
             raise UnreachableError(
-                f"{reach.at(position)} {reach.reach_note(position, self.arm)}", "give a pose within reach"
+                f"{placement.at(position)} {placement.reach_note(position, self.arm)}", "give a pose within reach"
             )
         joints = self.arm.solve_poses(
             np.array([position]), transforms.rotation_matrix(rotation)[None], physics.commanded
         )
         how = f"with the tool tilted by {np.linalg.norm(tilt):.2f} rad" if tilted else "with the tool down"
         if not self.arm.within_limits(joints):
-            raise UnreachableError(f"{reach.at(position)} cannot be reached {how}", "give a pose within reach")
+            raise UnreachableError(f"{placement.at(position)} cannot be reached {how}", "give a pose within reach")
         if (gap := self.arm.gap(joints)) is not None:
-            raise UnreachableError(f"{reach.at(position)} cannot be reached {how}: {gap}", "give a pose within reach")
+            raise UnreachableError(
+                f"{placement.at(position)} cannot be reached {how}: {gap}", "give a pose within reach"
+            )
         return joints[0]
 
     def movej(self, targj: Sequence[float] | FloatArray, speed: float = 0.01, timeout: float = 20) -> bool:

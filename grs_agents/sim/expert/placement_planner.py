@@ -14,8 +14,7 @@ from grs_agents.sim.expert.zone_packing import members_of, pack, why_not
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.goal import Goal, Zone
-from grs_agents.sim.motion.placement import Region, Spot, find_spot, turned
-from grs_agents.sim.motion.reach import Blocked, Suits, Target, wrap
+from grs_agents.sim.motion.placement import Blocked, Region, Spot, Suits, Target, find_spot, turned, wrap
 from grs_agents.sim.world.footprints import Prism, rest_heights
 
 _CLIMB: Final = 0.012

@@ -8,13 +8,22 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals.scene_view import SceneView
-from grs_agents.sim.goals.support import steady
+from grs_agents.sim.goals.scene_view import SceneView, steady
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.instance.goal import Goal, named
-from grs_agents.sim.motion.placement import Spot, turned
-from grs_agents.sim.motion.reach import TALLEST_STACK, Blocked, FloatArray, Suits, Target, at, reach_note, wrap
+from grs_agents.sim.motion.placement import (
+    TALLEST_STACK,
+    Blocked,
+    FloatArray,
+    Spot,
+    Suits,
+    Target,
+    at,
+    reach_note,
+    turned,
+    wrap,
+)
 from grs_agents.sim.world.footprints import Prism, gaps, inside_margin, near, rest_height, turn
 
 _ROOM: Final = 0.002

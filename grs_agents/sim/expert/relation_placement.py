@@ -16,8 +16,19 @@ from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.instance.goal import Goal, Relation
-from grs_agents.sim.motion.placement import Region, Spot, find_spot, turned
-from grs_agents.sim.motion.reach import Blocked, FloatArray, Suits, Target, at, reach_note, wrap
+from grs_agents.sim.motion.placement import (
+    Blocked,
+    FloatArray,
+    Region,
+    Spot,
+    Suits,
+    Target,
+    at,
+    find_spot,
+    reach_note,
+    turned,
+    wrap,
+)
 from grs_agents.sim.world.footprints import Prism, gaps, rest_heights
 
 _GAPS: Final = (0.015, 0.006, 0.003)

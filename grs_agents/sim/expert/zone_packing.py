@@ -11,8 +11,20 @@ from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.instance.goal import Zone
-from grs_agents.sim.motion.placement import Region, Spot, find_spot, turned
-from grs_agents.sim.motion.reach import TALLEST_STACK, Blocked, FloatArray, Suits, Target, at, reach_note, wrap
+from grs_agents.sim.motion.placement import (
+    TALLEST_STACK,
+    Blocked,
+    FloatArray,
+    Region,
+    Spot,
+    Suits,
+    Target,
+    at,
+    find_spot,
+    reach_note,
+    turned,
+    wrap,
+)
 from grs_agents.sim.world.footprints import Prism, gaps, inside_margin
 
 GAPS: Final = (0.025, 0.012, 0.006, 0.003)

@@ -7,8 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals.scene_view import SceneView
-from grs_agents.sim.goals.support import rests, supporters, toppled
+from grs_agents.sim.goals.scene_view import SceneView, rests, supporters, toppled
 from grs_agents.sim.instance.goal import UPRIGHT_WITHIN, Kind, Relation, Zone
 from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.world.collision_volumes import share_inside

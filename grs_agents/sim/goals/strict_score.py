@@ -23,8 +23,7 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.sim.goals.relation_rules import shortfalls
-from grs_agents.sim.goals.scene_view import SceneView
-from grs_agents.sim.goals.support import around, marks_under, rests, supporters, toppled
+from grs_agents.sim.goals.scene_view import SceneView, around, marks_under, rests, supporters, toppled
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.world.collision_volumes import share_inside

@@ -1,23 +1,69 @@
-"""Typed objects become a MuJoCo model: colliders, the arm, the table top at z = 0, one suction weld a body."""
+"""Typed objects become a MuJoCo model: colliders, the arm, the table top at z = 0, one suction weld a body.
+
+Ties between objects in a MuJoCo model: joints of ropes, and what is fixed to another thing.
+
+What room the arm itself takes, before anything is put around it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from grs_agents.engine import mujoco
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.library.mesh_surface import solid_volume
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
-from grs_agents.sim.arms.robot import ROBOT_CONTYPE
-from grs_agents.sim.arms.spatula import fit_spatula
+from grs_agents.sim.arms.robot import ROBOT_CONTYPE, fit_spatula
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.instance import InstanceObject, InstanceTie
 from grs_agents.sim.world import templates
 from grs_agents.sim.world.colors import COLORS
-from grs_agents.sim.world.ties import LARGEST_BEAD, add_ties, limp_of
+
+LARGEST_BEAD: Final = 0.05
+"""What is larger and tied at a point is no bead of a rope: the cup must seal on it as on any other thing, metres."""
+_BEAD_ARMATURE: Final = 4e-6
+_BEAD_DAMPING: Final = 6e-5
+"""Of what is tied at a point: added to its inertia (kg m^2), and against its turning (N m s/rad)."""
+
+
+def limp_of(ties: Sequence[InstanceTie]) -> frozenset[int]:
+    """Ids of what a point ties to another."""
+    return frozenset(number for tie in ties if tie.kind == "point" for number in (tie.parent, tie.child))
+
+
+def add_ties(spec: Any, ties: Sequence[InstanceTie], timestep: float) -> None:
+    """One equality of two sites for each tie, between the bodies called ``object_<id>``."""
+    for index, tie in enumerate(ties):
+        _add_tie(spec, tie, index, timestep)
+
+
+def _add_tie(spec: Any, tie: InstanceTie, index: int, timestep: float) -> None:
+    ends = ((tie.parent, tie.parent_frame), (tie.child, tie.child_frame))
+    names: list[str] = []
+    for number, (position, (x, y, z, w)) in ends:
+        names.append(f"tie_{index}_{number}")
+        spec.body(f"object_{number}").add_site(name=names[-1], pos=position, quat=(w, x, y, z))
+    kind = mujoco.mjtEq.mjEQ_CONNECT if tie.kind == "point" else mujoco.mjtEq.mjEQ_WELD
+    equality = spec.add_equality(
+        name=f"tie_{index}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
+    )
+    equality.solref = (2 * timestep, 1.0)
+    if tie.kind == "point":
+        _make_bead(spec, tie)
+
+
+def _make_bead(spec: Any, tie: InstanceTie) -> None:
+    """Small things on a joint are slow to turn: it keeps the joint steady, and balls from rolling off as marbles do."""
+    for number in (tie.parent, tie.child):
+        for joint in spec.body(f"object_{number}").joints:
+            joint.armature, joint.damping = _BEAD_ARMATURE, np.full(3, _BEAD_DAMPING)
+        for geom in spec.body(f"object_{number}").geoms:
+            geom.condim = 3
+
 
 TIMESTEP: Final = 0.004
 Tool = Literal["suction", "spatula"]
@@ -298,3 +344,21 @@ def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -
         spec.add_mesh(name=name, file=str(library.mesh_path(shape.mesh or "")), scale=shape.size)
         geom.meshname = name
     return geom
+
+
+def arm_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
+    """(N, 4) spheres, centre and radius (m, robot frame), around each part of an arm at its home position.
+
+    Args:
+        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
+        library: 3D assets.
+
+    Raises:
+        InputError: its file cannot be read or holds no arm.
+    """
+    arm = get_arm(robot)
+    built = build((), library, arm=arm)
+    built.data.qpos[: arm.dof] = arm.home
+    mujoco.mj_forward(built.model, built.data)
+    mine = built.model.geom_bodyid > 0
+    return np.column_stack([built.data.geom_xpos[mine], built.model.geom_rbound[mine]])

@@ -13,9 +13,7 @@ from grs_agents.library import Library, ObjectModel
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.instance.episode import NoFreeSpaceError, Recorder, SimulationError
 from grs_agents.sim.instance.instance import InstanceObject, InstanceTie
-from grs_agents.sim.world import budget as allowance
-from grs_agents.sim.world import compilation as world
-from grs_agents.sim.world import footprints, templates
+from grs_agents.sim.world import budget, compilation, footprints, templates
 from grs_agents.sim.world.collision_volumes import Volume, volume_of
 from grs_agents.sim.world.colors import rgba
 from grs_agents.sim.world.physics import Physics
@@ -28,7 +26,7 @@ class _Rested:
     """A scene before it settled, its state afterwards, and the steps that this took."""
 
     before: object
-    world: world.World
+    world: compilation.World
     state: Any
     steps: int
 
@@ -42,7 +40,7 @@ class Tabletop:
 
     Args:
         library: 3D assets.
-        budget: simulated steps that its worlds may use together.
+        steps: simulated steps that its worlds may use together.
         arm: the robot behind it.
         seed: of ``rng``; None for the process's default.
 
@@ -52,14 +50,14 @@ class Tabletop:
         places: where every object stood when the scene had settled, by id.
     """
 
-    def __init__(self, library: Library, budget: allowance.Budget, arm: Arm, seed: int | None = None) -> None:
-        self.library, self.budget, self.arm = library, budget, arm
+    def __init__(self, library: Library, steps: budget.Budget, arm: Arm, seed: int | None = None) -> None:
+        self.library, self.budget, self.arm = library, steps, arm
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
         self.recorder = Recorder()
         self.places: dict[int, Pose] = {}
         self.seed(seed)
-        self.timestep = world.TIMESTEP
-        self.tool: world.Tool = "suction"
+        self.timestep = compilation.TIMESTEP
+        self.tool: compilation.Tool = "suction"
         self.background = templates.default_background()
         self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
@@ -69,7 +67,7 @@ class Tabletop:
         self._volumes: dict[int, tuple[ObjectModel, Volume]] = {}
         self._physics: Physics | None = None
         self._stale, self._vertices = False, 0
-        self._world: tuple[object, world.World] | None = None
+        self._world: tuple[object, compilation.World] | None = None
         self._rested: _Rested | None = None
 
     def seed(self, seed: int | None = None) -> int:
@@ -139,9 +137,9 @@ class Tabletop:
         Raises:
             SimulationError: the table is too full for it, or it is too large, or too thin.
         """
-        allowance.check_objects(len(self._objects) + 1)
-        number, shapes = self._next, world.model_of(item, self.library)
-        self._vertices = allowance.with_vertices(self._vertices, shapes, self.library)
+        budget.check_objects(len(self._objects) + 1)
+        number, shapes = self._next, compilation.model_of(item, self.library)
+        self._vertices = budget.with_vertices(self._vertices, shapes, self.library)
         self._objects[number] = item if item.id == number else item.model_copy(update={"id": number})
         self._models[number], self._stale = shapes, True
         return number
@@ -220,7 +218,7 @@ class Tabletop:
 
     def is_free(self, obj: int) -> bool:
         """Whether an object can be moved."""
-        return world.is_free(self.object(obj), self.shapes(obj))
+        return compilation.is_free(self.object(obj), self.shapes(obj))
 
     def get_object_pose(self, obj: int) -> Pose:
         """Position (m) of the centre of an object's box and its rotation (xyzw)."""
@@ -269,12 +267,12 @@ class Tabletop:
             self._stale = False
         return self._physics
 
-    def _built(self, objects: Sequence[InstanceObject]) -> world.World:
+    def _built(self, objects: Sequence[InstanceObject]) -> compilation.World:
         """The compiled world of these objects; the last one again if only their places differ."""
         kinds = tuple((item.id, item.asset, tuple(sorted(item.fill.items())), item.category) for item in objects)
         key = (self.timestep, kinds, self.ties, self.tool, self.background)
         if self._world is None or self._world[0] != key:
-            built = world.build(objects, self.library, self.timestep, False, *key[2:4], self.arm, self.background)
+            built = compilation.build(objects, self.library, self.timestep, False, *key[2:4], self.arm, self.background)
             self._world = (key, built)
         return self._world[1]
 
@@ -301,7 +299,7 @@ class Tabletop:
     def lift_out_of_table(self) -> None:
         """Raise what reaches below the table top, as objects placed from noisy depth may."""
         for number, item in list(self._objects.items()):
-            if not world.is_free(item, self._models[number]):
+            if not compilation.is_free(item, self._models[number]):
                 continue
             pose = self.get_object_pose(number)
             low = footprints.lowest(self._models[number], pose)

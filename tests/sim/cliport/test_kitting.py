@@ -4,7 +4,7 @@ from sim_scenes import Scripted, at
 
 from grs_agents.library.generate.outlines import outlines
 from grs_agents.sim import Environment, SimulationError, TaskInstance, instantiate, rollout, utils
-from grs_agents.sim.cliport.kitting import SYMMETRIES
+from grs_agents.sim.cliport.task_helpers import SYMMETRIES
 
 TARGETS = [at(0.45, 0.3, 0.001), at(0.6, 0.3, 0.001), at(0.52, 0.4, 0.001)]
 

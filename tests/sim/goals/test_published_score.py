@@ -3,7 +3,7 @@ import pytest
 
 from grs_agents.library import Library
 from grs_agents.sim import utils
-from grs_agents.sim.goals import published_score
+from grs_agents.sim.goals import task_accounting
 from grs_agents.sim.world.collision_volumes import share_inside, volume_of
 
 LIBRARY = Library()
@@ -18,12 +18,12 @@ def turned(yaw: float, x: float = 0.5):
     [(0.2, 0, True), (2.0, 0, True), (0.3, 2 * np.pi, False), (np.pi, np.pi, True), (np.pi, 2 * np.pi, False)],
 )
 def test_yaw_counts_up_to_symmetry(yaw, symmetry, same) -> None:
-    assert published_score.pose_matches(turned(yaw), turned(0), symmetry) is same
+    assert task_accounting.pose_matches(turned(yaw), turned(0), symmetry) is same
 
 
 def test_position_counts_to_a_centimetre_and_height_does_not() -> None:
-    assert published_score.pose_matches(turned(0, 0.509), ((0.5, 0.0, 0.7), utils.IDENTITY), 0)
-    assert not published_score.pose_matches(turned(0, 0.511), turned(0), 0)
+    assert task_accounting.pose_matches(turned(0, 0.509), ((0.5, 0.0, 0.7), utils.IDENTITY), 0)
+    assert not task_accounting.pose_matches(turned(0, 0.511), turned(0), 0)
 
 
 def test_a_box_half_over_the_edge_of_a_zone_counts_about_half() -> None:

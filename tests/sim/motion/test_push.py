@@ -3,9 +3,9 @@ import pytest
 from sim_scenes import Scripted, at, pose_goal, run, zone_goal
 
 from grs_agents.sim import Environment, Task, TaskInstance, in_zone, instantiate, rollout, upright
-from grs_agents.sim.arms.spatula import BLADE_WIDTH
+from grs_agents.sim.arms.robot import BLADE_WIDTH
 from grs_agents.sim.cliport.end_effectors import Spatula, push
-from grs_agents.sim.expert.push_prediction import Pieces, Strokes, clear_starts, predict
+from grs_agents.sim.expert.push_oracle import Pieces, Strokes, clear_starts, predict
 from grs_agents.sim.motion.push import stroke
 
 LEFT = at(0.5, 0.27, 0.001)

@@ -2,8 +2,7 @@
 
 from grs_agents.library import Library
 from grs_agents.sim import InstanceObject, InstanceTie
-from grs_agents.sim.world.compilation import build
-from grs_agents.sim.world.ties import limp_of
+from grs_agents.sim.world.compilation import build, limp_of
 
 FLAT = (0.0, 0.0, 0.0, 1.0)
 ORIGIN = ((0.0, 0.0, 0.0), FLAT)
