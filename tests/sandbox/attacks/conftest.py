@@ -14,7 +14,7 @@ import pytest
 from grs_agents import content
 from grs_agents.config.limits import Limits
 from grs_agents.sandbox import CallResult, Sandbox
-from grs_agents.sandbox.backends import Choice
+from grs_agents.sandbox.isolation.backends import Choice
 from tests.needs import require
 from tests.sandbox.attacks import kit
 from tests.sandbox.attacks.world import Canaries

@@ -30,7 +30,8 @@ import numpy as np
 
 from grs_agents import sim
 from grs_agents.engine import mujoco
-from grs_agents.sandbox import channel, wire
+from grs_agents.sandbox.harness import channel
+from grs_agents.sandbox.protocol import wire
 from grs_agents.sim.world import templates
 
 libc = ctypes.CDLL(None)
