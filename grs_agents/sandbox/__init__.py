@@ -13,8 +13,7 @@ from grs_agents.sandbox.host.test_discovery import ExpectedTests, expected_tests
 from grs_agents.sandbox.host.test_run import TestRun, run_tests
 from grs_agents.sandbox.host.zygote_process import SandboxError
 from grs_agents.sandbox.isolation.backends import REMEDIES, Backend, Choice, candidates
-from grs_agents.sandbox.protocol.call import CallOutcome, CallResult, Limits
-from grs_agents.sandbox.protocol.report import TestCase, TestReport
+from grs_agents.sandbox.protocol.report import CallOutcome, CallResult, Limits, TestCase, TestReport
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, Trace, describe, from_stack
 
 __all__ = [

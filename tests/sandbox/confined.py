@@ -13,7 +13,7 @@ from typing import Any
 import grs_agents
 from grs_agents.sandbox.harness.captured_error import Caught
 from grs_agents.sandbox.isolation import hardening, privileges
-from grs_agents.sandbox.isolation.resources import Allowance
+from grs_agents.sandbox.isolation.privileges import Allowance
 
 PACKAGE = Path(grs_agents.__file__).parent
 PYTHON = (Path(sys.prefix), Path(sys.base_prefix), PACKAGE, *map(Path, ("/usr", "/lib", "/lib64", "/dev/urandom")))

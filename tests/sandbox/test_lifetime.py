@@ -15,7 +15,7 @@ import pytest
 import grs_agents
 from grs_agents.config.limits import Limits
 from grs_agents.sandbox import Sandbox
-from grs_agents.sandbox.host import exchange, zygote_process
+from grs_agents.sandbox.host import streams, zygote_process
 from grs_agents.sandbox.isolation.backends import Choice
 from tests.sandbox.conftest import BACKENDS
 from tests.sandbox.processes import ends
@@ -129,7 +129,7 @@ def test_a_call_whose_zygote_is_killed_twice_crashes(sandbox: Sandbox) -> None:
 
 
 def test_a_stopped_zygote_does_not_stop_the_host(sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exchange, "END_SECONDS", 2.0)
+    monkeypatch.setattr(streams, "END_SECONDS", 2.0)
     monkeypatch.setattr(zygote_process, "END_SECONDS", 2.0)
     with ThreadPoolExecutor(1) as pool:
         limits = Limits(wall_seconds=1, memory_mib=128)

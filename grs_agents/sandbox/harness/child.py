@@ -20,8 +20,8 @@ from grs_agents.sandbox.harness import channel
 from grs_agents.sandbox.harness.captured_error import Caught
 from grs_agents.sandbox.isolation import kernel
 from grs_agents.sandbox.isolation.hardening import HardeningError, file_rules, harden, prepare
-from grs_agents.sandbox.isolation.resources import Allowance, limit
-from grs_agents.sandbox.protocol.call import Limits
+from grs_agents.sandbox.isolation.privileges import Allowance, limit
+from grs_agents.sandbox.protocol.report import Limits
 from grs_agents.sandbox.protocol.settings import Settings
 from grs_agents.sandbox.protocol.wire import FrameReader
 

@@ -26,7 +26,6 @@ _OWN = (
     "grs_agents.sandbox.harness.channel",
     "grs_agents.sandbox.harness.assertion_count",
     "grs_agents.sandbox.harness.test_run",
-    "grs_agents.sandbox.harness.results",
     "grs_agents.sandbox.protocol.tracebacks",
     "grs_agents.sandbox.protocol.wire",
 )

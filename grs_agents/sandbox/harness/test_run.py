@@ -1,23 +1,209 @@
-"""The child's side of a test run: load the program and its tests, run them one by one, report each at once."""
+"""The child's side of a test run: load the program and its tests, run them one by one, report each at once.
+
+The result object of a test run in the sandbox: each test is reported as it starts and as it ends.
+"""
 
 import ast
 import contextlib
 import importlib
+import inspect
+import io
+import json
 import linecache
 import random
 import sys
+import time
+import traceback
 import unittest
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any, cast
+from typing import Any, TextIO, cast
 
 from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, counted
 from grs_agents.sandbox.harness.captured_error import Caught
-from grs_agents.sandbox.harness.results import Result, Session, TamperedError, report
-from grs_agents.sandbox.harness.tampering import Integrity, overridden
+from grs_agents.sandbox.harness.channel import progress
+from grs_agents.sandbox.harness.tampering import Integrity, overridden, shadowed
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe
+
+_KEPT_OUTPUT = 4000
+
+
+@dataclass
+class Session:
+    """What all results of one worker share.
+
+    Attributes:
+        begin: called before each test: seeds, clears.
+        episode: what to keep with each test.
+        limit: says in words which limit a test reached, if any.
+        counter: of the assertions that are reached.
+        integrity: of the machinery.
+        names: ids of the tests by ``id()`` of their test cases.
+        ended: ids of the tests that were reported.
+        spoilt: why nothing that still runs in this process can be trusted, None if all is well.
+    """
+
+    begin: Callable[[], Any]
+    episode: Callable[[], Any]
+    limit: Callable[[], Any]
+    counter: Counter
+    integrity: Integrity
+    names: dict[int, str] = field(default_factory=dict[int, str])
+    ended: set[str] = field(default_factory=set[str])
+    spoilt: BaseException | None = None
+
+
+class TamperedError(RuntimeError):
+    """The machinery that gives the verdicts was tampered with."""
+
+
+def report(item: str, **facts: Any) -> None:
+    """Report the start and the end of a test that did not run."""
+    progress({"item": item, "phase": "start"})
+    progress({"item": item, "phase": "end", **facts})
+
+
+class Result(unittest.TestResult):
+    """Reports each test as it starts and as it ends."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__()
+        self._session = session
+        self._case: dict[str, Any] | None = None
+        self._fixture: dict[str, Any] | None = None
+        self._started = 0.0
+        self._streams = contextlib.ExitStack()
+        self._printed = io.StringIO()
+
+    def startTest(self, test: unittest.TestCase) -> None:
+        name = self._session.names.get(id(test), type(test).__name__)
+        self._case = {"item": name, "phase": "end", "line": _line(test)}
+        self._printed = io.StringIO()
+        self._streams.enter_context(contextlib.redirect_stdout(_Tee(sys.stdout, self._printed)))
+        self._streams.enter_context(contextlib.redirect_stderr(_Tee(sys.stderr, self._printed)))
+        progress({"item": name, "phase": "start"})
+        self._session.begin()
+        self._session.counter.count = 0
+        self._started = time.perf_counter()
+
+    def stopTest(self, test: unittest.TestCase) -> None:
+        case = self._case
+        if case is None:
+            return
+        self._streams.close()
+        if "outcome" not in case:  # an exception that unittest lets through, or no verdict at all
+            self._record("error", sys.exception() or RuntimeError("unittest gave no verdict"), test)
+        seconds, session = time.perf_counter() - self._started, self._session
+        case.update(seconds=seconds, output=self._printed.getvalue(), assertions=session.counter.count)
+        if session.spoilt is None:
+            case["episode"] = _plain_object(session.episode)
+            case.update(self._reached_limit(case))
+            case.update(self._tampering(test))
+        progress(case)
+        session.ended.add(case["item"])
+        self._case = None
+
+    def addSuccess(self, test: unittest.TestCase) -> None:
+        self._set(test, outcome="passed")
+
+    def addError(self, test: Any, err: Any) -> None:
+        self._record("error", err[1], test)
+
+    def addFailure(self, test: unittest.TestCase, err: Any) -> None:
+        self._record("failed", err[1], test)
+
+    def addSubTest(self, test: Any, subtest: Any, err: Any) -> None:
+        if err is not None:
+            self._record("failed" if issubclass(err[0], test.failureException) else "error", err[1], test)
+        del subtest
+
+    def addSkip(self, test: unittest.TestCase, reason: str) -> None:
+        self._set(test, outcome="skipped", message=str(reason)[:1000] or "skipped", raised_in="tests")
+
+    def addExpectedFailure(self, test: unittest.TestCase, err: Any) -> None:
+        del err
+        self._set(test, outcome="expected_failure", message="marked expectedFailure and fails", raised_in="tests")
+
+    def addUnexpectedSuccess(self, test: unittest.TestCase) -> None:
+        self._set(test, outcome="failed", message="marked expectedFailure but it succeeds", raised_in="tests")
+
+    def blame_fixture(self, items: Sequence[str]) -> None:
+        """End ``items``, which could not start because of a class or module fixture."""
+        if self._fixture is not None:
+            for item in items:
+                report(item, **self._fixture)
+
+    def _reached_limit(self, case: dict[str, Any]) -> dict[str, Any]:
+        """What a limit that the test reached makes of its case, however it dealt with the error."""
+        with Caught():
+            said = self._session.limit()
+            if isinstance(said, str) and case.get("outcome") != "tampered":
+                return {"outcome": "limit", "message": said[:1000], "raised_in": case.get("raised_in") or "simulation"}
+        return {}
+
+    def _tampering(self, test: unittest.TestCase) -> dict[str, Any]:
+        """What is found out of order now; nothing else may run in this process then."""
+        own = shadowed(test, self)
+        found = (f"{own} was replaced on the test or its result", "tests") if own else self._session.integrity.broken()
+        if found is None:
+            return {}
+        self._session.spoilt, self.shouldStop = TamperedError(found[0]), True
+        return {"outcome": "tampered", "message": found[0], "raised_in": found[1] or "tests"}
+
+    def _record(self, outcome: str, error: BaseException, test: Any) -> None:
+        if isinstance(error, MemoryError):
+            traceback.clear_frames(error.__traceback__)  # the memory hangs on their local variables
+            self._session.spoilt, self.shouldStop = MemoryError(), True
+            outcome = "memory"
+        elif isinstance(error, SystemExit):
+            outcome = "exited"
+        trace = describe(error)
+        facts = {"message": trace.message, "traceback": trace.text, "raised_in": trace.raised_in}
+        self._set(test, outcome=outcome, **facts)
+
+    def _set(self, test: Any, **facts: Any) -> None:
+        if self._case is None:
+            where = str(getattr(test, "description", "")) or "a fixture"
+            self._fixture = {**facts, "message": f"{where}: {facts.get('message', '')}"[:1000]}
+        elif self._case.get("outcome", "passed") == "passed":  # the first of several errors is the one that matters
+            self._case.update(facts)
+
+
+class _Tee(io.TextIOBase):
+    """Passes text on and keeps the beginning."""
+
+    def __init__(self, stream: TextIO, kept: io.StringIO) -> None:
+        self._stream, self._kept = stream, kept
+
+    def write(self, text: str, /) -> int:
+        room = _KEPT_OUTPUT - self._kept.tell()
+        if room > 0:
+            self._kept.write(text[:room])
+        return self._stream.write(text)
+
+    def flush(self) -> None:
+        self._stream.flush()
+
+
+def _plain_object(source: Callable[[], Any]) -> dict[str, Any] | None:
+    """What ``source`` returns if that is a plain JSON object, else None."""
+    with Caught():
+        plain = json.loads(json.dumps(source(), allow_nan=False))
+        return cast(dict[str, Any], plain) if isinstance(plain, dict) else None
+    return None
+
+
+def _line(test: unittest.TestCase) -> int | None:
+    """Where the code of a test begins in the test program; None if it is from elsewhere."""
+    with Caught():
+        method: Any = getattr(type(test), getattr(test, "_testMethodName", ""), None)
+        code = inspect.unwrap(method).__code__
+        if isinstance(code, CodeType) and code.co_filename == TESTS_FILE:
+            return code.co_firstlineno
+    return None
 
 
 def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import os
 from contextlib import suppress
 
 from grs_agents.sandbox.harness import child
-from grs_agents.sandbox.protocol import boot, orders
+from grs_agents.sandbox.protocol import boot, wire
 
 
 def main() -> None:
@@ -17,8 +17,8 @@ def main() -> None:
     child.warm(settings)
     with suppress(OSError):
         with suppress(OSError):  # the order may have come already, from a zygote that does not listen any more
-            zygote.send(orders.READY)
-        if (received := orders.receive(zygote, 3)) is not None:
+            zygote.send(wire.READY)
+        if (received := wire.receive(zygote, 3)) is not None:
             order, (frames, trace, output) = received
             scratch = settings.scratch / str(order.slot)
             rules = child.rules(settings, scratch)

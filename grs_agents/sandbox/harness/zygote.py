@@ -3,24 +3,126 @@
 Started by ``process.Zygote``, to which it is connected by a socket. Each order arrives with four descriptors: the
 child's frames, trace and output, and a control socket over which this process tells how the child ended. When the host
 closes its end of the control socket, or of the connection, the child is killed.
+
+Where the process of a call comes from: forked from one that has its imports done, or started ahead and used once.
 """
 
+import gc
 import json
 import os
 import selectors
 import signal
 import socket
+import subprocess
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
-from grs_agents.sandbox.harness.child_source import Children, Forked, Spawned
+from grs_agents.sandbox.harness import child
 from grs_agents.sandbox.isolation import usage
-from grs_agents.sandbox.protocol import boot, orders
-from grs_agents.sandbox.protocol.call import Limits
+from grs_agents.sandbox.protocol import boot, wire
+from grs_agents.sandbox.protocol.report import Limits
 from grs_agents.sandbox.protocol.scratch import empty_folder
 from grs_agents.sandbox.protocol.settings import EXPLAIN, Settings
+from grs_agents.sandbox.protocol.wire import Order
+
+
+class Children(Protocol):
+    """A source of hardened processes; whoever asks for one awaits its end and reaps it."""
+
+    def start(self, order: Order, descriptors: Sequence[int]) -> int:
+        """The number of a process that serves ``order`` with its ``descriptors``: frames, trace and output.
+
+        Raises:
+            OSError: the system refused the process.
+        """
+        ...
+
+    def end(self) -> None:
+        """End those that still wait for an order."""
+        ...
+
+
+class Forked:
+    """Children of this process, which imports here and now what all of them need."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        child.warm(settings)
+        self._scratch = [settings.scratch / str(slot) for slot in range(settings.slots)]
+        self._rules = [child.rules(settings, folder) for folder in self._scratch]
+        gc.collect()
+        gc.freeze()  # the children share these pages for as long as no collector touches them
+
+    def start(self, order: Order, descriptors: Sequence[int]) -> int:
+        pid = os.fork()
+        if pid == 0:
+            frames, trace, output = descriptors
+            scratch, rules = self._scratch[order.slot], self._rules[order.slot]
+            child.serve(frames, trace, output, scratch, order.limits, self._settings, rules)
+        return pid
+
+    def end(self) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class _Idle:
+    process: "subprocess.Popen[bytes]"
+    channel: socket.socket
+
+
+class Spawned:
+    """Processes that were started ahead, each in the system's sandbox; one waits for each slot.
+
+    Raises:
+        ChildProcessError: one did not get ready; its standard error says why.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._idle: list[_Idle | None] = [self._spawn(slot) for slot in range(len(settings.single_use))]
+        for idle in self._idle:
+            if idle is not None and idle.channel.recv(len(wire.READY)) != wire.READY:
+                self.end()
+                raise ChildProcessError("a worker did not start")
+
+    def start(self, order: Order, descriptors: Sequence[int]) -> int:
+        idle, self._idle[order.slot] = self._idle[order.slot], None
+        if idle is None or idle.process.poll() is not None:
+            idle = self._spawn(order.slot)
+        with suppress(OSError):  # where it has just ended, its frames end too, and tell the host
+            wire.send(idle.channel, order, descriptors)
+        idle.channel.close()
+        idle.process.returncode = 0  # it is reaped by its number from now on
+        with suppress(OSError):  # then the next call has to wait for its process
+            self._idle[order.slot] = self._spawn(order.slot)
+        return idle.process.pid
+
+    def end(self) -> None:
+        for idle in self._idle:
+            if idle is not None:
+                idle.process.kill()
+                idle.process.wait()
+                idle.channel.close()
+
+    def _spawn(self, slot: int) -> _Idle:
+        ours, theirs = socket.socketpair()
+        command = boot.command("worker", theirs.fileno(), self._settings)
+        try:
+            process = subprocess.Popen(
+                [*self._settings.single_use[slot], *command], stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),)
+            )
+        except OSError:
+            ours.close()
+            raise
+        finally:
+            theirs.close()
+        return _Idle(process, ours)
+
 
 WATCH_SECONDS = 0.05
 _REST = 3
@@ -35,7 +137,7 @@ def main() -> None:
     except ChildProcessError:  # it has said why
         os._exit(1)
     with suppress(OSError):
-        host.send(orders.READY)
+        host.send(wire.READY)
         _Zygote(host, settings, children).serve()
     os._exit(0)
 
@@ -103,7 +205,7 @@ class _Zygote:
 
     def _accept(self) -> bool:
         """Take one order and start its child; False once the host is gone."""
-        received = orders.receive(self._host, 4)
+        received = wire.receive(self._host, 4)
         if received is None:
             return False
         order, (frames, trace, output, control) = received

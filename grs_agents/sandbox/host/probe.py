@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from grs_agents.sandbox.harness.captured_error import Caught
-from grs_agents.sandbox.host.exchange import exchange
+from grs_agents.sandbox.host.streams import exchange
 from grs_agents.sandbox.host.zygote_process import DOCTOR, SandboxError, Zygote
 from grs_agents.sandbox.isolation import allowlist
-from grs_agents.sandbox.protocol.call import Limits
+from grs_agents.sandbox.protocol.report import Limits
 
 _LIMITS = Limits(wall_seconds=20, cpu_seconds=10, memory_mib=256)
 

@@ -10,12 +10,12 @@ from typing import Any
 
 from grs_agents import content
 from grs_agents.sandbox.host import probe
-from grs_agents.sandbox.host.exchange import exchange
+from grs_agents.sandbox.host.streams import exchange
 from grs_agents.sandbox.host.zygote_process import DOCTOR, Plan, SandboxError, Zygote
 from grs_agents.sandbox.isolation import allowlist
 from grs_agents.sandbox.isolation.backends import LAYERS, REMEDIES, Backend, Choice, absent, candidates
 from grs_agents.sandbox.protocol import wire
-from grs_agents.sandbox.protocol.call import CallResult, Limits
+from grs_agents.sandbox.protocol.report import CallResult, Limits
 from grs_agents.sandbox.protocol.scratch import sweep
 
 

@@ -12,8 +12,15 @@ from grs_agents.base import Frozen
 from grs_agents.sandbox.host.batch_calls import EachResult, call_each
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.test_discovery import ExpectedTests, expected_tests, parse
-from grs_agents.sandbox.protocol.call import EXITED, CallResult, Limits
-from grs_agents.sandbox.protocol.report import CaseOutcome, ReportOutcome, TestCase, TestReport
+from grs_agents.sandbox.protocol.report import (
+    EXITED,
+    CallResult,
+    CaseOutcome,
+    Limits,
+    ReportOutcome,
+    TestCase,
+    TestReport,
+)
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe, from_stack
 
 _STOPPED: dict[str, CaseOutcome] = {

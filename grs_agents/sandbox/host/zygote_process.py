@@ -13,8 +13,8 @@ from pathlib import Path
 from grs_agents.errors import GrsError
 from grs_agents.sandbox.isolation import allowlist, backends, bubblewrap, seatbelt
 from grs_agents.sandbox.isolation.backends import Backend
-from grs_agents.sandbox.protocol import boot, orders
-from grs_agents.sandbox.protocol.call import Limits
+from grs_agents.sandbox.protocol import boot, wire
+from grs_agents.sandbox.protocol.report import Limits
 from grs_agents.sandbox.protocol.scratch import Scratch
 from grs_agents.sandbox.protocol.settings import ENVIRONMENT, Settings
 
@@ -139,7 +139,7 @@ class Zygote:
             return
         with suppress(OSError):
             self._host.settimeout(START_SECONDS)
-            self._ready = self._host.recv(len(orders.READY)) == orders.READY
+            self._ready = self._host.recv(len(wire.READY)) == wire.READY
         if not self._ready:
             log = self._log.read_text("utf-8", "replace").strip()
             why = (log.splitlines() or ["it does not say why"])[-1]
@@ -148,7 +148,7 @@ class Zygote:
     def order(self, slot: int, limits: Limits, descriptors: Sequence[int]) -> bool:
         """Have a call served with ``descriptors`` (frames, trace, output, control); False if the zygote is dead."""
         try:
-            orders.send(self._host, orders.Order(slot=slot, limits=limits), descriptors)
+            wire.send(self._host, wire.Order(slot=slot, limits=limits), descriptors)
         except OSError:
             return False
         return True

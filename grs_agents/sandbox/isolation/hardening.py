@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from grs_agents.errors import GrsError
-from grs_agents.sandbox.isolation import kernel, landlock, privileges, resources, seccomp
-from grs_agents.sandbox.isolation.resources import Allowance
+from grs_agents.sandbox.isolation import kernel, landlock, privileges, seccomp
+from grs_agents.sandbox.isolation.privileges import Allowance
 
 
 class HardeningError(GrsError):
@@ -56,7 +56,7 @@ def harden(rules: int | None, allowance: Allowance, visible: bool = False) -> tu
     privileges.gain_no_more()
     privileges.drop_capabilities()
     privileges.hide(not visible)
-    if resources.limit(allowance, alone):
+    if privileges.limit(allowance, alone):
         layers.append("thread limit")
     version = landlock.abi()
     if rules is not None:

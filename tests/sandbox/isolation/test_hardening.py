@@ -22,7 +22,7 @@ import pytest
 
 from grs_agents.engine import mujoco
 from grs_agents.sandbox.isolation import hardening, kernel, landlock, seccomp
-from grs_agents.sandbox.isolation.resources import Allowance
+from grs_agents.sandbox.isolation.privileges import Allowance
 from tests.needs import needs
 from tests.sandbox.confined import NOBODY, PACKAGE, PYTHON, USERS, Got, forked, hardened
 
@@ -213,7 +213,7 @@ from pathlib import Path
 import mujoco
 
 from grs_agents.sandbox.isolation import hardening
-from grs_agents.sandbox.isolation.resources import Allowance
+from grs_agents.sandbox.isolation.privileges import Allowance
 
 model = mujoco.MjModel.from_xml_string(sys.argv[1])
 data = mujoco.MjData(model)

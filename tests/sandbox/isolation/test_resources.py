@@ -9,8 +9,8 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from grs_agents.sandbox.isolation import privileges, resources
-from grs_agents.sandbox.isolation.resources import Allowance
+from grs_agents.sandbox.isolation import privileges
+from grs_agents.sandbox.isolation.privileges import Allowance
 from tests.needs import needs
 from tests.sandbox.confined import USERS, Got, become, forked
 
@@ -24,7 +24,7 @@ def limited(check: Callable[[], object], user: str = USERS[-1]) -> Got:
         become(user)
         alone = privileges.leave_roots_count()
         privileges.drop_capabilities()
-        binds = resources.limit(SMALL, alone)
+        binds = privileges.limit(SMALL, alone)
         return [binds, check()]
 
     return forked(limit_and_check)
@@ -85,7 +85,7 @@ def test_threads_of_a_user_are_bounded() -> None:
 
 @needs("root")
 def test_root_that_stays_root_has_no_limit_on_threads_and_is_told_so() -> None:
-    assert forked(lambda: resources.limit(SMALL, alone=False)).value is False
+    assert forked(lambda: privileges.limit(SMALL, alone=False)).value is False
 
 
 def test_nothing_is_raised_and_nothing_comes_back() -> None:
@@ -93,7 +93,7 @@ def test_nothing_is_raised_and_nothing_comes_back() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (200, 300))
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
         stack = resource.getrlimit(resource.RLIMIT_STACK)
-        resources.limit(SMALL, alone=False)
+        privileges.limit(SMALL, alone=False)
         kinds = ("NOFILE", "FSIZE", "CORE", "MEMLOCK", "MSGQUEUE", "SIGPENDING")
         limits = [list(resource.getrlimit(getattr(resource, f"RLIMIT_{kind}"))) for kind in kinds]
         return [limits, resource.getrlimit(resource.RLIMIT_STACK) == stack]
