@@ -73,7 +73,6 @@ MODULES = {
 SAME_NAME = frozenset(
     {
         "audit.changes",
-        "library.urdf_text",
         "run.check",
         "run.execute",
         "scene.relations",

@@ -10,8 +10,8 @@ from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.files import replaceable, write_bytes
 from grs_agents.library import Asset, Library
-from grs_agents.library.importing.find import slug_of
-from grs_agents.library.importing.run import Importing
+from grs_agents.library.importing.discovery import slug_of
+from grs_agents.library.importing.importer import Importing
 from grs_agents.library.importing.source import opened
 from grs_agents.library.importing.types import ImportOptions, Outcome
 from grs_agents.terminal import say, say_json
@@ -142,8 +142,8 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
 
 def show_library(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:
     """Write a contact sheet; 1 where an asset cannot be drawn."""
-    from grs_agents.library.importing.write import png_bytes
-    from grs_agents.library.sheet import MOST, contact_sheet
+    from grs_agents.library.contact_sheet import MOST, contact_sheet
+    from grs_agents.library.importing.writing import png_bytes
 
     known, assets = chosen_assets(library, names, shipped)
     sheets = [assets[start : start + MOST] for start in range(0, len(assets), MOST)]
@@ -161,7 +161,7 @@ def show_library(library: Path | None, names: Sequence[str], shipped: bool, out:
 
 def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> int:
     """Check assets; 1 where one is broken."""
-    from grs_agents.library.verify import verify
+    from grs_agents.library.importing.verification import verify
 
     known, assets = chosen_assets(library, names, shipped)
     verdicts = [verify(known, asset) for asset in assets]

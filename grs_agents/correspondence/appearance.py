@@ -11,7 +11,7 @@ import numpy.typing as npt
 from grs_agents.correspondence.keeping import Arrays, keep, kept, key_of
 from grs_agents.correspondence.tone import histograms, tone
 from grs_agents.library import Library
-from grs_agents.library.generate.scene_mesh import Triangles, gather_posed
+from grs_agents.library.posed_meshes import Triangles, gather_posed
 from grs_agents.library.shapes import HERE
 from grs_agents.scene.frame import Array
 from grs_agents.scene.points import Tree

@@ -12,7 +12,7 @@ from grs_agents.correspondence.matching import TOLD, offered
 from grs_agents.correspondence.types import MatchRequest, MatchResult, Segment
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.library import Library
-from grs_agents.library.views import asset_views, random_directions
+from grs_agents.library.asset_views import asset_views, random_directions
 from grs_agents.scene import MatchEvidence, RGBDFrame
 from grs_agents.scene.frame import Array
 

@@ -2,6 +2,8 @@
 
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.background import BACKGROUND, write_background
+from grs_agents.library.formats.urdf import read_urdf
+from grs_agents.library.formats.urdf_writer import urdf_text
 from grs_agents.library.library import Library
 from grs_agents.library.proxy import write_proxy
 from grs_agents.library.proxy_fitted import Look, write_fitted_proxy
@@ -10,9 +12,7 @@ from grs_agents.library.proxy_kind import Measured, fitted_kind, solid_off
 from grs_agents.library.proxy_relief import Columns
 from grs_agents.library.shapes import ObjectModel, Shape
 from grs_agents.library.solid import holds
-from grs_agents.library.template import fill_template, resolve, stems
-from grs_agents.library.urdf import read_urdf
-from grs_agents.library.urdf_text import urdf_text
+from grs_agents.library.templates import fill_template, resolve, stems
 
 __all__ = [
     "BACKGROUND",

@@ -8,7 +8,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, mode
 from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import InputError
 from grs_agents.foreign import read_json
-from grs_agents.library.physics import Origin, Physics, Quantity
+from grs_agents.library.physical_properties import Origin, Physics, Quantity
 
 MANIFEST = "manifest.json"
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.library.mesh_file import read_vertices
+from grs_agents.library.mesh_files import read_vertices
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

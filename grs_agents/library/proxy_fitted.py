@@ -11,14 +11,14 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.files import write_bytes, write_text
 from grs_agents.library.asset import Asset
-from grs_agents.library.color import color_name
+from grs_agents.library.colors import color_name
+from grs_agents.library.formats.urdf_writer import urdf_text
 from grs_agents.library.proxy import check_proxy, list_proxy
 from grs_agents.library.proxy_hollow import WALL, bowl_profile, foot_radius, round_size, slabs, staves
 from grs_agents.library.proxy_kind import Fitted, Measured, completed
 from grs_agents.library.proxy_mesh import Faceted, box_mesh, hull_mesh, joined, obj_text, turned_mesh
 from grs_agents.library.proxy_relief import Block, stretched, whole_relief
 from grs_agents.library.shapes import Shape
-from grs_agents.library.urdf_text import urdf_text
 
 Floats = npt.NDArray[np.float64]
 _DENSITY, _SHELL = 300.0, 0.35

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.library.library import Library
-from grs_agents.library.mesh_file import read_vertices
+from grs_agents.library.mesh_files import read_vertices
 from grs_agents.library.proxy_mesh import support
 from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix
 

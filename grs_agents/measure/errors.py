@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.library.generate.scene_mesh import gather_posed
+from grs_agents.library.posed_meshes import gather_posed
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.measure.standing import Standing
 from grs_agents.measure.types import FrameFigures, ObjectFigures

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from grs_agents.library import Library
-from grs_agents.library.generate.scene_mesh import visible_corners
+from grs_agents.library.posed_meshes import visible_corners
 from grs_agents.scene.frame import Array
 
 SAMPLES = 2000

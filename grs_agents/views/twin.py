@@ -12,9 +12,9 @@ from pydantic import ValidationError
 
 from grs_agents.base import Pose
 from grs_agents.library import Library, Shape
-from grs_agents.library.color import COLORS
+from grs_agents.library.asset_views import FINER, Lens, paint, samples_of
+from grs_agents.library.colors import COLORS
 from grs_agents.library.shapes import moved, rotation_matrix
-from grs_agents.library.views import FINER, Lens, paint, samples_of
 from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world.compilation import model_of
 

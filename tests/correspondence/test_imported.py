@@ -4,7 +4,7 @@ from pathlib import Path
 
 from grs_agents.correspondence.matching import by_features
 from grs_agents.library import Library
-from grs_agents.library.importing.run import Importing
+from grs_agents.library.importing.importer import Importing
 from grs_agents.library.importing.source import opened
 from grs_agents.library.importing.types import ImportOptions
 from grs_agents.synth import Recipe

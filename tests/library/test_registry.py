@@ -12,7 +12,7 @@ import trimesh
 
 from grs_agents.engine import mujoco
 from grs_agents.library import Asset, Library, Shape
-from grs_agents.library.color import COLORS
+from grs_agents.library.colors import COLORS
 
 LIBRARY = Library()
 ASSETS = LIBRARY.assets()

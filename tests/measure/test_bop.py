@@ -9,7 +9,7 @@ import pytest
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.library.generate.scene_mesh import gather_posed
+from grs_agents.library.posed_meshes import gather_posed
 from grs_agents.library.shapes import HERE, rotation_matrix
 from grs_agents.measure.errors import object_figures
 from grs_agents.scene import candidates_of, find_table

@@ -3,9 +3,9 @@
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.library.color import color_name
-from grs_agents.library.generate.raster import rasterise
-from grs_agents.library.importing.catalogue import words_of
+from grs_agents.geometry.raster import rasterise
+from grs_agents.library.colors import color_name
+from grs_agents.library.importing.published_sets import words_of
 from grs_agents.library.importing.types import Floats, Solid
 
 _SHARE = 0.08

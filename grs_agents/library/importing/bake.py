@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.library.generate.raster import barycentric
+from grs_agents.geometry.raster import barycentric
 from grs_agents.library.importing.types import Floats, Image, Ints, Solid
 
 _NEAREST: Final = 4

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from grs_agents.library.asset import Asset
-from grs_agents.library.physics import Origin
+from grs_agents.library.physical_properties import Origin
 
 _SHAPE, _LOOK = 0.01, 0.15
 """Most that numbers of the shape differ, as a share; most that shares of colours differ in all."""

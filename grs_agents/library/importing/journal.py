@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from grs_agents.files import unwritable, write_json
 from grs_agents.library.asset import MANIFEST, Asset, Manifest, read_manifest
-from grs_agents.library.importing.inside import Folder
+from grs_agents.library.importing.source_folder import Folder
 from grs_agents.library.importing.types import ImportOptions, Outcome, RefusedError
 
 _VERSION = "1"

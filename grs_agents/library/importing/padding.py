@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grs_agents.library.generate.raster import rasterise
+from grs_agents.geometry.raster import rasterise
 from grs_agents.library.importing.types import Floats, Image
 
 _LARGEST = 2048

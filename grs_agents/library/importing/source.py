@@ -9,9 +9,9 @@ from pathlib import Path
 
 from grs_agents.errors import InputError
 from grs_agents.library.importing.archives import is_archive, unpack
-from grs_agents.library.importing.find import find_items, slug_of
-from grs_agents.library.importing.inside import Folder
-from grs_agents.library.importing.meshes import SUFFIXES
+from grs_agents.library.importing.discovery import find_items, slug_of
+from grs_agents.library.importing.mesh_reader import SUFFIXES
+from grs_agents.library.importing.source_folder import Folder
 from grs_agents.library.importing.types import ImportOptions, Item, RefusedError
 
 HOPE = "hope"

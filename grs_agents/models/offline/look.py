@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from langchain_core.messages import HumanMessage
 
-from grs_agents.library.color import COLORS, color_name
+from grs_agents.library.colors import COLORS, color_name
 from grs_agents.models.offline.text import Json, PromptText, words
 from grs_agents.models.offline.things import numbers
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from grs_agents.config import Limits
 from grs_agents.library import Library, ObjectModel
-from grs_agents.library.mesh_file import read_vertices
+from grs_agents.library.mesh_files import read_vertices
 from grs_agents.sim.instance.episode import (
     ObjectLimitError,
     SimulationBudgetError,

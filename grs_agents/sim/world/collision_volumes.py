@@ -11,7 +11,7 @@ from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import transforms
 from grs_agents.geometry.hulls import half_spaces
 from grs_agents.library import Library, ObjectModel, Shape
-from grs_agents.library.mesh_file import read_vertices
+from grs_agents.library.mesh_files import read_vertices
 
 FloatArray = npt.NDArray[np.float64]
 _POINTS: Final = 600

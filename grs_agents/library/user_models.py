@@ -3,10 +3,10 @@
 from pathlib import Path, PurePosixPath
 
 from grs_agents.library.asset import Asset
-from grs_agents.library.color import color_name
-from grs_agents.library.mjcf import read_mjcf
+from grs_agents.library.colors import color_name
+from grs_agents.library.formats.mjcf import read_mjcf
+from grs_agents.library.formats.urdf import read_urdf
 from grs_agents.library.shapes import ObjectModel
-from grs_agents.library.urdf import read_urdf
 
 SUFFIXES = (".urdf", ".xml")
 

@@ -7,11 +7,11 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.errors import InputError
-from grs_agents.library.importing.convex import hull_of, hull_volume
+from grs_agents.library.importing.convex_parts import hull_of, hull_volume
 from grs_agents.library.importing.engine import load_mujoco
 from grs_agents.library.importing.types import Collider, Floats, Hull, RefusedError
 from grs_agents.library.library import Library
-from grs_agents.library.mesh_file import read_vertices
+from grs_agents.library.mesh_files import read_vertices
 from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix, shape_bounds
 
 SECONDS: Final = 2.0

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from grs_agents.base import Quat, Vec3
+from grs_agents.library.formats.model_file import Source
 from grs_agents.library.shapes import HERE, Placement, composed
-from grs_agents.library.source import Source
 
 _UNREAD = ("xyaxes",)
 _ORIGIN: Vec3 = (0.0, 0.0, 0.0)

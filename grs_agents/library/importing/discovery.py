@@ -6,9 +6,9 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from grs_agents.library.importing.catalogue import HOPE_LICENSE, OPEN_LICENSE
-from grs_agents.library.importing.inside import Folder, mtl_pictures
-from grs_agents.library.importing.meshes import SUFFIXES
+from grs_agents.library.importing.mesh_reader import SUFFIXES
+from grs_agents.library.importing.published_sets import HOPE_LICENSE, OPEN_LICENSE
+from grs_agents.library.importing.source_folder import Folder, mtl_pictures
 from grs_agents.library.importing.types import Item, RefusedError
 
 _PREFERRED: Final = (".glb", ".gltf", ".obj", ".dae", ".ply", ".stl", ".msh")

@@ -2,8 +2,8 @@
 
 from xml.etree.ElementTree import Element
 
+from grs_agents.library.formats.model_file import Source
 from grs_agents.library.shapes import Rgba
-from grs_agents.library.source import Source
 
 
 class Defaults:

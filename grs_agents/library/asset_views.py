@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
-from grs_agents.library.color import COLORS
-from grs_agents.library.generate.raster import barycentric, rasterise
+from grs_agents.geometry.raster import barycentric, rasterise
+from grs_agents.library.colors import COLORS
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_surface import Surface, read_surface
 from grs_agents.library.shapes import Shape, rotation_matrix

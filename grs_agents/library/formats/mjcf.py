@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from grs_agents.library.mjcf_frame import Frames
-from grs_agents.library.mjcf_look import Defaults, looks
-from grs_agents.library.safe_xml import read_text
+from grs_agents.library.formats.mjcf_frame import Frames
+from grs_agents.library.formats.mjcf_look import Defaults, looks
+from grs_agents.library.formats.model_file import Source
+from grs_agents.library.formats.safe_xml import read_text
 from grs_agents.library.shapes import HERE, ObjectModel, Placement, Rgba, Shape, ShapeKind, composed
-from grs_agents.library.source import Source
 
 _REFUSED = ("include", "plugin", "extension", "attach", "model", "replicate", "composite", "flexcomp", "frame")
 _FRICTION, _DENSITY = 1.0, 1000.0

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
-from grs_agents.library.mesh_file import read_vertices
-from grs_agents.library.safe_xml import parse
+from grs_agents.library.formats.safe_xml import parse
+from grs_agents.library.mesh_files import read_vertices
 from grs_agents.library.shapes import ObjectModel, Shape, shape_bounds, union_bounds
 
 MAX_SHAPES, MAX_METRES, MAX_PARTS = 500, 100.0, 64

@@ -5,7 +5,7 @@ import pytest
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library, fill_template, resolve, stems
-from grs_agents.library.template import Values
+from grs_agents.library.templates import Values
 
 LIBRARY = Library()
 SIZE = (0.06, 0.06, 0.1)

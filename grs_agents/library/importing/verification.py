@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset
-from grs_agents.library.importing.rest import colliders_of, rest
+from grs_agents.library.asset_views import read_texture
+from grs_agents.library.importing.drop_test import colliders_of, rest
 from grs_agents.library.library import Library
-from grs_agents.library.views import read_texture
 
 _SIZE = 0.005
 """Most that the size in the manifest may differ from what the file says, m."""

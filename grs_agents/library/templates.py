@@ -25,7 +25,7 @@ from typing import cast
 import numpy as np
 
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.library.color import COLORS
+from grs_agents.library.colors import COLORS
 
 Value = float | str
 Values = Mapping[str, Sequence[Value] | float | str]

@@ -8,14 +8,14 @@ import numpy as np
 
 from grs_agents.files import write_bytes
 from grs_agents.library.asset import Asset
-from grs_agents.library.importing.prepare import Prepared
+from grs_agents.library.asset_views import asset_views, random_directions
+from grs_agents.library.formats.model_file import MAX_PARTS
+from grs_agents.library.formats.urdf_writer import urdf_text
+from grs_agents.library.importing.preparation import Prepared
 from grs_agents.library.importing.types import Hull, Image, Item, Solid
 from grs_agents.library.library import Library
-from grs_agents.library.physics import Origin
+from grs_agents.library.physical_properties import Origin
 from grs_agents.library.shapes import Shape
-from grs_agents.library.source import MAX_PARTS
-from grs_agents.library.urdf_text import urdf_text
-from grs_agents.library.views import asset_views, random_directions
 
 VIEWS = 3
 """Random views of each asset, as in the paper."""

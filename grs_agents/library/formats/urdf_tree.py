@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
+from grs_agents.library.formats.model_file import Source
 from grs_agents.library.shapes import HERE, Placement, composed, quaternion_from_rpy
-from grs_agents.library.source import Source
 
 MAX_LINKS = 100
 

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from grs_agents.library.safe_xml import read_text
+from grs_agents.library.formats.model_file import MAX_SHAPES, Source
+from grs_agents.library.formats.safe_xml import read_text
+from grs_agents.library.formats.urdf_tree import link_placements
 from grs_agents.library.shapes import ObjectModel, Rgba, Shape, moved, quaternion_from_rpy
-from grs_agents.library.source import MAX_SHAPES, Source
-from grs_agents.library.urdf_tree import link_placements
 
 _DEFAULT_FRICTION = 0.5
 _LOOK = tuple[Rgba | None, str | None]

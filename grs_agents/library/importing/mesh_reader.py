@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from grs_agents.library.importing.inside import Folder, mtl_pictures
+from grs_agents.library.formats.safe_xml import refuse_doctype
 from grs_agents.library.importing.looks import check_picture, colors_of, picture, uvs_of
+from grs_agents.library.importing.source_folder import Folder, mtl_pictures
 from grs_agents.library.importing.types import ImportLimits, Part, Reading, RefusedError, Unit, Up
-from grs_agents.library.safe_xml import refuse_doctype
 
 SUFFIXES: Final = (".obj", ".glb", ".gltf", ".stl", ".ply", ".dae", ".msh")
 _UNITS: Final[dict[str, Unit]] = {".glb": "m", ".gltf": "m", ".msh": "auto"}

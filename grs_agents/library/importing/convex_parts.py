@@ -7,7 +7,7 @@ import numpy as np
 
 from grs_agents.library.importing.engine import load_mujoco
 from grs_agents.library.importing.repair import volume
-from grs_agents.library.importing.simplify import simplified
+from grs_agents.library.importing.simplification import simplified
 from grs_agents.library.importing.types import Floats, Hull, Ints, RefusedError
 
 CONVEX: Final = 0.85

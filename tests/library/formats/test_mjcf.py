@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from grs_agents.engine import mujoco
 from grs_agents.errors import InputError
-from grs_agents.library.mjcf import read_mjcf
+from grs_agents.library.formats.mjcf import read_mjcf
 from grs_agents.library.shapes import rotation_matrix
 
 CUBE = (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.library.generate.scene_mesh import Placed, gather, smooth_normals
+from grs_agents.library.posed_meshes import Placed, gather, smooth_normals
 
 
 def test_things_stand_on_the_table_where_they_are_placed() -> None:

@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset
+from grs_agents.library.asset_views import AssetView, asset_views, ring_directions
 from grs_agents.library.library import Library
-from grs_agents.library.views import AssetView, asset_views, ring_directions
 
 Image = npt.NDArray[np.uint8]
 _SIDE: Final = 176

@@ -9,15 +9,15 @@ import numpy as np
 from grs_agents.base import Vec3
 from grs_agents.library.asset import Asset
 from grs_agents.library.importing.appearance import colors, is_hollow, look, sentence
-from grs_agents.library.importing.catalogue import category_of, known_hope, ycb_mass
-from grs_agents.library.importing.convex import convex_parts, hull_volume
-from grs_agents.library.importing.described import read_described
-from grs_agents.library.importing.inside import Folder
-from grs_agents.library.importing.meshes import read_mesh
-from grs_agents.library.importing.one_mesh import one_mesh
+from grs_agents.library.importing.convex_parts import convex_parts, hull_volume
+from grs_agents.library.importing.drop_test import bounds, rest
+from grs_agents.library.importing.mesh_reader import read_mesh
+from grs_agents.library.importing.model_descriptions import read_described
+from grs_agents.library.importing.published_sets import category_of, known_hope, ycb_mass
 from grs_agents.library.importing.repair import RepairedMesh, area, repair_mesh, volume
-from grs_agents.library.importing.rest import bounds, rest
-from grs_agents.library.importing.simplify import with_fewer_faces
+from grs_agents.library.importing.simplification import with_fewer_faces
+from grs_agents.library.importing.source_folder import Folder
+from grs_agents.library.importing.texture_atlas import one_mesh
 from grs_agents.library.importing.types import (
     METRES,
     Collider,
@@ -31,7 +31,7 @@ from grs_agents.library.importing.types import (
     Up,
 )
 from grs_agents.library.importing.units import guess_unit, turn_up, up_by_height
-from grs_agents.library.physics import Physics, Quantity
+from grs_agents.library.physical_properties import Physics, Quantity
 
 _DENSITIES: Final = {
     "can": 900.0, "bottle": 900.0, "carton": 900.0, "jar": 900.0, "tub": 900.0, "box": 400.0, "apple": 850.0,
@@ -176,7 +176,7 @@ def _upright(solid: Solid, reading: Reading, options: ImportOptions) -> tuple[So
 
 def _steadier(vertices: Floats, reading: Reading) -> Up:
     """z, unless the thing falls over with z up and stands with y up."""
-    from grs_agents.library.importing.convex import hull_of
+    from grs_agents.library.importing.convex_parts import hull_of
 
     whole = hull_of(vertices, 64)
     standing: dict[Up, bool] = {}
