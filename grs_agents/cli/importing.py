@@ -10,9 +10,9 @@ from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.files import replaceable, write_bytes
 from grs_agents.library import Asset, Library
+from grs_agents.library.importing.archives import opened
 from grs_agents.library.importing.discovery import slug_of
 from grs_agents.library.importing.importer import Importing
-from grs_agents.library.importing.source import opened
 from grs_agents.library.importing.types import ImportOptions, Outcome
 from grs_agents.terminal import say, say_json
 
@@ -161,7 +161,7 @@ def show_library(library: Path | None, names: Sequence[str], shipped: bool, out:
 
 def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> int:
     """Check assets; 1 where one is broken."""
-    from grs_agents.library.importing.verification import verify
+    from grs_agents.library.importing.drop_test import verify
 
     known, assets = chosen_assets(library, names, shipped)
     verdicts = [verify(known, asset) for asset in assets]

@@ -9,9 +9,9 @@ from rich.text import Text
 from grs_agents import terminal
 from grs_agents.cli.importing import Progress, library_root, tell_import
 from grs_agents.errors import InputError
+from grs_agents.library.importing.archives import Opened
 from grs_agents.library.importing.importer import Importing
 from grs_agents.library.importing.objaverse import Entry, download, load_package, matching
-from grs_agents.library.importing.source import Opened
 from grs_agents.library.importing.source_folder import Folder
 from grs_agents.library.importing.types import ImportOptions, Item
 from grs_agents.terminal import say, say_json

@@ -2,8 +2,7 @@
 
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.background import BACKGROUND, write_background
-from grs_agents.library.formats.urdf import read_urdf
-from grs_agents.library.formats.urdf_writer import urdf_text
+from grs_agents.library.formats.urdf import read_urdf, urdf_text
 from grs_agents.library.library import Library
 from grs_agents.library.proxy import write_proxy
 from grs_agents.library.proxy_fitted import Look, write_fitted_proxy

@@ -18,9 +18,8 @@ from grs_agents.errors import InputError
 from grs_agents.geometry.raster import barycentric, rasterise
 from grs_agents.library.colors import COLORS
 from grs_agents.library.library import Library
-from grs_agents.library.mesh_surface import Surface, read_surface
+from grs_agents.library.mesh_files import Surface, read_surface, solid_surface
 from grs_agents.library.shapes import Shape, rotation_matrix
-from grs_agents.library.tessellate import solid_surface
 
 Floats = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]

@@ -10,7 +10,7 @@ from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.files import write_text
 from grs_agents.library.formats.model_file import MAX_SHAPES
-from grs_agents.library.formats.urdf_writer import urdf_text
+from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.shapes import Shape
 
 BACKGROUND: Final = "background/room.urdf"

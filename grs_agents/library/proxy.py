@@ -10,7 +10,7 @@ from grs_agents.errors import InputError
 from grs_agents.files import write_json, write_text
 from grs_agents.library.asset import MANIFEST, Asset, Manifest, read_manifest
 from grs_agents.library.colors import color_name
-from grs_agents.library.formats.urdf_writer import urdf_text
+from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.shapes import Shape
 
 Solid = Literal["box", "cylinder"]

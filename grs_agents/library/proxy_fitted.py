@@ -12,7 +12,7 @@ from grs_agents.base import Vec3
 from grs_agents.files import write_bytes, write_text
 from grs_agents.library.asset import Asset
 from grs_agents.library.colors import color_name
-from grs_agents.library.formats.urdf_writer import urdf_text
+from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.proxy import check_proxy, list_proxy
 from grs_agents.library.proxy_hollow import WALL, bowl_profile, foot_radius, round_size, slabs, staves
 from grs_agents.library.proxy_kind import Fitted, Measured, completed

@@ -14,7 +14,7 @@ from grs_agents.base import Pose
 from grs_agents.errors import InputError
 from grs_agents.foreign.pictures import read_picture
 from grs_agents.library import Library, Shape
-from grs_agents.library.mesh_surface import read_surface
+from grs_agents.library.mesh_files import read_surface
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.views.recording import Recording
 

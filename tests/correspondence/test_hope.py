@@ -13,8 +13,8 @@ import pytest
 from grs_agents.correspondence.matching import by_features
 from grs_agents.correspondence.types import MatchRequest, Segment
 from grs_agents.library import Library
+from grs_agents.library.importing.archives import HOPE, opened
 from grs_agents.library.importing.importer import Importing
-from grs_agents.library.importing.source import HOPE, opened
 from grs_agents.library.importing.types import ImportOptions
 from grs_agents.measure.match_types import scores
 from grs_agents.scene import candidates_of, find_table

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from grs_agents.correspondence.matching import by_features
 from grs_agents.library import Library
+from grs_agents.library.importing.archives import opened
 from grs_agents.library.importing.importer import Importing
-from grs_agents.library.importing.source import opened
 from grs_agents.library.importing.types import ImportOptions
 from grs_agents.synth import Recipe
 from tests.correspondence.photo import request_of

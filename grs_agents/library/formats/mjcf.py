@@ -4,19 +4,155 @@ The same care as for URDF: nothing is run or included, no file outside the libra
 understand is refused by name. A body with its children, which must not move against it, is one object; a free joint
 on it may stand there. Default classes count for geoms and meshes. A capsule becomes the cylinder of its length. Geoms
 that collide with nothing (contype = conaffinity = 0) are looks; where a file has none, the colliders are seen.
+
+Where MJCF puts things: positions and the many ways to write a rotation.
+
+Default classes and materials of MJCF.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from grs_agents.library.formats.mjcf_frame import Frames
-from grs_agents.library.formats.mjcf_look import Defaults, looks
-from grs_agents.library.formats.model_file import Source
-from grs_agents.library.formats.safe_xml import read_text
+import numpy as np
+
+from grs_agents.base import Quat, Vec3
+from grs_agents.library.formats.model_file import Source, read_text
 from grs_agents.library.shapes import HERE, ObjectModel, Placement, Rgba, Shape, ShapeKind, composed
+
+_UNREAD = ("xyaxes",)
+_ORIGIN: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Frames:
+    """Reads placements in a file's own conventions.
+
+    Args:
+        source: the file, for its errors.
+        compiler: the attributes of its ``<compiler>``: ``angle`` and ``eulerseq`` count.
+
+    Raises:
+        InputError: it uses coordinates that we do not read.
+    """
+
+    def __init__(self, source: Source, compiler: Mapping[str, str]) -> None:
+        self.source = source
+        self.unit = 1.0 if compiler.get("angle", "degree") == "radian" else math.pi / 180
+        self.sequence = compiler.get("eulerseq", "xyz")
+        if compiler.get("coordinate", "local") != "local":
+            raise source.fault("global coordinates", "give every position in its parent's frame")
+        if len(self.sequence) != 3 or any(letter not in "xyzXYZ" for letter in self.sequence):
+            raise source.fault(f"eulerseq {self.sequence!r}", "give three of the letters x y z X Y Z")
+
+    def placement(self, said: Mapping[str, str]) -> Placement:
+        """Position and rotation of a body or geom with these attributes."""
+        x, y, z = self.source.numbers(said.get("pos", "0 0 0"), "pos", 3)
+        return (x, y, z), self._rotation(said)
+
+    def between(self, text: str) -> tuple[float, Placement]:
+        """Length of a ``fromto`` and the placement whose z axis runs along it from its middle."""
+        ends = np.array(self.source.numbers(text, "fromto", 6)).reshape(2, 3)
+        length = float(np.linalg.norm(ends[1] - ends[0]))
+        if length < 1e-6:
+            raise self.source.fault(f"fromto {text[:80]!r} has no length", "give two different points")
+        x, y, z = (float(value) for value in ends.mean(axis=0))
+        return length, ((x, y, z), _along((ends[1] - ends[0]) / length))
+
+    def _rotation(self, said: Mapping[str, str]) -> Quat:
+        for name in _UNREAD:
+            if name in said:
+                raise self.source.fault(f"{name} is not read", "write the rotation as quat or euler")
+        if "quat" in said:
+            w, x, y, z = self._unit(self.source.numbers(said["quat"], "quat", 4), "quat")
+            return (x, y, z, w)
+        if "axisangle" in said:
+            *axis, angle = self._angles(said["axisangle"], 4, "axisangle")
+            return _turn(np.array(self._unit(tuple(axis), "axisangle")), angle * self.unit)
+        if "zaxis" in said:
+            return _along(np.array(self._unit(self.source.numbers(said["zaxis"], "zaxis", 3), "zaxis")))
+        if "euler" in said:
+            return self._euler(self._angles(said["euler"], 3, "euler"))
+        return HERE[1]
+
+    def _euler(self, angles: tuple[float, ...]) -> Quat:
+        """Lower-case letters turn about the moving axes, capitals about the fixed ones."""
+        total = HERE
+        for letter, angle in zip(self.sequence, angles, strict=True):
+            axis = np.eye(3)["xyz".index(letter.lower())]
+            turn: Placement = (_ORIGIN, _turn(axis, angle * self.unit))
+            total = composed(total, turn) if letter.islower() else composed(turn, total)
+        return total[1]
+
+    def _angles(self, text: str, count: int, name: str) -> tuple[float, ...]:
+        """Numbers that may be angles in degrees, beyond the bound that lengths have."""
+        shrunk = " ".join(f"{number / 10:.17g}" for number in self._plain(text, name))
+        return tuple(number * 10 for number in self.source.numbers(shrunk, name, count))
+
+    def _plain(self, text: str, name: str) -> tuple[float, ...]:
+        try:
+            return tuple(float(word) for word in text.split())
+        except ValueError:
+            raise self.source.fault(f"{name} is {text[:80]!r}", "give numbers") from None
+
+    def _unit(self, numbers: tuple[float, ...], name: str) -> tuple[float, ...]:
+        length = math.sqrt(sum(number * number for number in numbers))
+        if length < 1e-9:
+            raise self.source.fault(f"{name} {numbers} has no direction", "give a vector that is not zero")
+        return tuple(number / length for number in numbers)
+
+
+def _turn(axis: np.ndarray[tuple[int], np.dtype[np.float64]], angle: float) -> Quat:
+    x, y, z = (float(value) * math.sin(angle / 2) for value in axis)
+    return (x, y, z, math.cos(angle / 2))
+
+
+def _along(direction: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Quat:
+    """The smallest rotation that takes z to ``direction`` (unit)."""
+    x, y, z = (float(value) for value in direction)
+    if z < -1 + 1e-12:
+        return (1.0, 0.0, 0.0, 0.0)
+    length = math.sqrt((1 + z) ** 2 + x * x + y * y)
+    return (-y / length, x / length, 0.0, (1 + z) / length)
+
+
+class Defaults:
+    """What a file's ``<default>`` classes say of its geoms and meshes.
+
+    Args:
+        top: the ``<mujoco>`` element.
+    """
+
+    def __init__(self, top: Element) -> None:
+        self._classes: dict[tuple[str, str], dict[str, str]] = {}
+        for default in top.findall("default"):
+            self._read(default, {})
+
+    def _read(self, default: Element, inherited: dict[str, dict[str, str]]) -> None:
+        own = {tag: dict(inherited.get(tag, {})) for tag in ("geom", "mesh")}
+        for tag, said in own.items():
+            for element in default.findall(tag):
+                said.update(element.attrib)
+            self._classes[default.get("class", "main"), tag] = said
+        for inner in default.findall("default"):
+            self._read(inner, own)
+
+    def of(self, element: Element, inherited: str) -> dict[str, str]:
+        """An element's attributes over those of its class, else of the class ``inherited``, else of ``main``."""
+        name = element.get("class", inherited) or "main"
+        return {**self._classes.get((name, element.tag), {}), **element.attrib}
+
+
+def looks(source: Source) -> dict[str, Rgba]:
+    """The colour of every material that has one."""
+    found: dict[str, Rgba] = {}
+    for material in source.top.findall("asset/material"):
+        if "rgba" in material.attrib:
+            red, green, blue, alpha = source.numbers(material.attrib["rgba"], "rgba", 4)
+            found[material.get("name", "")] = (red, green, blue, alpha)
+    return found
+
 
 _REFUSED = ("include", "plugin", "extension", "attach", "model", "replicate", "composite", "flexcomp", "frame")
 _FRICTION, _DENSITY = 1.0, 1000.0

@@ -3,16 +3,148 @@
 The files may come from users, so the reader trusts nothing: no document types or entities, no file outside
 the library root, no number that is not finite, no size that is not positive. Links that fixed joints hold together
 become one object; what moves in itself is refused.
+
+Writing URDF: the text of one rigid link that any URDF tool can load.
+
+The links of a URDF and where fixed joints hold them.
 """
 
-from collections.abc import Iterator
+import posixpath
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
+from xml.sax.saxutils import quoteattr
 
-from grs_agents.library.formats.model_file import MAX_SHAPES, Source
-from grs_agents.library.formats.safe_xml import read_text
-from grs_agents.library.formats.urdf_tree import link_placements
-from grs_agents.library.shapes import ObjectModel, Rgba, Shape, moved, quaternion_from_rpy
+from grs_agents.base import Vec3
+from grs_agents.library.formats.model_file import MAX_SHAPES, Source, read_text
+from grs_agents.library.shapes import (
+    HERE,
+    ObjectModel,
+    Placement,
+    Rgba,
+    Shape,
+    composed,
+    moved,
+    quaternion_from_rpy,
+    rpy_from_quaternion,
+)
+
+
+def urdf_text(
+    name: str,
+    visuals: Sequence[Shape],
+    colliders: Sequence[Shape],
+    *,
+    mass: float,
+    friction: float,
+    inertia: Vec3 = (1e-4, 1e-4, 1e-4),
+    folder: str = "",
+) -> str:
+    """The URDF of one rigid object.
+
+    Args:
+        name: name of the robot and its link.
+        visuals: what is seen.
+        colliders: what touches.
+        mass: kg; 0 leaves the inertia out.
+        friction: sliding friction.
+        inertia: principal moments (kg m^2) about the object frame's axes.
+        folder: library-relative folder of the URDF, which its file names are written relative to.
+    """
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoteattr(name)}>"]
+    lines += [f"  <link name={quoteattr(name)}>", "    <contact>"]
+    lines += [f'      <lateral_friction value="{friction:.6g}"/>', "    </contact>"]
+    if mass > 0:
+        xx, yy, zz = (f"{moment:.6g}" for moment in inertia)
+        lines += [
+            "    <inertial>",
+            '      <origin xyz="0 0 0" rpy="0 0 0"/>',
+            f'      <mass value="{mass:.6g}"/>',
+        ]
+        lines += [
+            f'      <inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/>',
+            "    </inertial>",
+        ]
+    for index, shape in enumerate(visuals):
+        lines += _element("visual", shape, folder, index)
+    for index, shape in enumerate(colliders):
+        lines += _element("collision", shape, folder, index)
+    return "\n".join([*lines, "  </link>", "</robot>", ""])
+
+
+def _element(tag: str, shape: Shape, folder: str, index: int) -> list[str]:
+    rpy = rpy_from_quaternion(shape.quaternion)
+    lines = [f"    <{tag}>", f'      <origin xyz="{words(shape.position)}" rpy="{words(rpy)}"/>']
+    lines += [f"      <geometry>{_geometry(shape, folder)}</geometry>"]
+    if tag == "visual" and (shape.color or shape.texture):
+        lines += [f'      <material name="material_{index}">']
+        if shape.color:
+            lines += [f'        <color rgba="{words(shape.color)}"/>']
+        if shape.texture:
+            lines += [f"        <texture filename={quoteattr(posixpath.relpath(shape.texture, folder or '.'))}/>"]
+        lines += ["      </material>"]
+    return [*lines, f"    </{tag}>"]
+
+
+def _geometry(shape: Shape, folder: str) -> str:
+    if shape.kind == "box":
+        return f'<box size="{words(shape.size)}"/>'
+    if shape.kind == "cylinder":
+        return f'<cylinder radius="{shape.size[0]:.6g}" length="{shape.size[1]:.6g}"/>'
+    if shape.kind == "sphere":
+        return f'<sphere radius="{shape.size[0]:.6g}"/>'
+    file = posixpath.relpath(shape.mesh or "", folder or ".")
+    return f'<mesh filename={quoteattr(file)} scale="{words(shape.size)}"/>'
+
+
+def words(numbers: Sequence[float]) -> str:
+    """Numbers as URDF writes them: six significant digits, blanks between."""
+    return " ".join(f"{0.0 if abs(number) < 1e-9 else number:.6g}" for number in numbers)
+
+
+MAX_LINKS = 100
+
+
+def link_placements(source: Source) -> Iterator[tuple[Element, Placement]]:
+    """Every link, from the root on, with its place in the root link's frame.
+
+    Raises:
+        InputError: there is no link or there are too many, the joints do not make them one tree, or a joint moves.
+    """
+    robot = source.top
+    links = {link.get("name", ""): link for link in robot.findall("link")}
+    joints, count = robot.findall("joint"), len(robot.findall("link"))
+    for joint in joints:
+        if joint.get("type") != "fixed":
+            name, kind = joint.get("name", ""), joint.get("type", "of no type")
+            raise source.fault(f"joint {name!r} is {kind}", "make it fixed: an object is one rigid thing")
+    parents = {_link(joint, "child"): joint for joint in joints}
+    roots = [name for name in links if name not in parents]
+    one_tree = len(links) == count and len(parents) == len(joints) == count - 1 and len(roots) == 1
+    if robot.tag != "robot" or not 0 < count <= MAX_LINKS or not one_tree:
+        found = f"<{robot.tag}> with {count} links and {len(joints)} fixed joints"
+        raise source.fault(found, f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once")
+    for name, link in links.items():
+        yield link, _placement(source, name, links, parents)
+
+
+def _link(joint: Element, role: str) -> str:
+    element = joint.find(role)
+    return "" if element is None else element.get("link", "")
+
+
+def _placement(source: Source, name: str, links: dict[str, Element], parents: dict[str, Element]) -> Placement:
+    placement, seen = HERE, {name}
+    while name in parents:
+        joint = parents[name]
+        origin, name = joint.find("origin"), _link(joint, "parent")
+        if name in seen or name not in links:
+            raise source.fault(f"joint {joint.get('name', '')!r} hangs on {name!r}", "join every link to another one")
+        seen.add(name)
+        rotation = quaternion_from_rpy(*source.vector(origin, "rpy"))
+        placement = composed((source.vector(origin, "xyz"), rotation), placement)
+    return placement
+
 
 _DEFAULT_FRICTION = 0.5
 _LOOK = tuple[Rgba | None, str | None]

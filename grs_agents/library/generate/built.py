@@ -11,7 +11,7 @@ import numpy.typing as npt
 from grs_agents.files import write_bytes, write_text
 from grs_agents.library.asset import Asset
 from grs_agents.library.colors import COLORS
-from grs_agents.library.formats.urdf_writer import urdf_text
+from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.shapes import Rgba, Shape
 
 

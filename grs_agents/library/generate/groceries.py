@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from grs_agents.base import Vec3
 from grs_agents.library.asset import Asset
-from grs_agents.library.formats.urdf_writer import urdf_text
+from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.generate.built import Built
 from grs_agents.library.generate.grocery_table import GROCERIES, Grocery
 from grs_agents.library.generate.label import texture

@@ -6,8 +6,8 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Final
 
+from grs_agents.library.importing.appearance import HOPE_LICENSE, OPEN_LICENSE
 from grs_agents.library.importing.mesh_reader import SUFFIXES
-from grs_agents.library.importing.published_sets import HOPE_LICENSE, OPEN_LICENSE
 from grs_agents.library.importing.source_folder import Folder, mtl_pictures
 from grs_agents.library.importing.types import Item, RefusedError
 

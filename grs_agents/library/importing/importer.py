@@ -9,10 +9,9 @@ from queue import SimpleQueue
 
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset, read_manifest
+from grs_agents.library.importing.archives import Opened
 from grs_agents.library.importing.discovery import item_files
-from grs_agents.library.importing.duplicates import Known
-from grs_agents.library.importing.journal import Journal, content_of, key_of, write_entries
-from grs_agents.library.importing.source import Opened
+from grs_agents.library.importing.journal import Journal, Known, content_of, key_of, write_entries
 from grs_agents.library.importing.types import ImportOptions, Item, Outcome, RefusedError
 from grs_agents.library.importing.worker import Order, Worker
 

@@ -9,8 +9,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from grs_agents.errors import InputError
+from grs_agents.library.asset import Quantity
 from grs_agents.library.formats.mjcf import read_mjcf
-from grs_agents.library.formats.safe_xml import parse, read_text
+from grs_agents.library.formats.model_file import parse, read_text
 from grs_agents.library.formats.urdf import read_urdf
 from grs_agents.library.importing.convex_parts import convex_parts, hull_of
 from grs_agents.library.importing.mesh_reader import read_mesh
@@ -25,9 +26,8 @@ from grs_agents.library.importing.types import (
     Reading,
     RefusedError,
 )
-from grs_agents.library.physical_properties import Quantity
+from grs_agents.library.mesh_files import solid_surface
 from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix
-from grs_agents.library.tessellate import solid_surface
 
 _GREY = (0.7, 0.7, 0.7, 1.0)
 Staged = dict[str, list[Part]]

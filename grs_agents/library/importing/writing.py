@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from grs_agents.files import write_bytes
-from grs_agents.library.asset import Asset
+from grs_agents.library.asset import Asset, Origin
 from grs_agents.library.asset_views import asset_views, random_directions
 from grs_agents.library.formats.model_file import MAX_PARTS
-from grs_agents.library.formats.urdf_writer import urdf_text
+from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.importing.preparation import Prepared
 from grs_agents.library.importing.types import Hull, Image, Item, Solid
 from grs_agents.library.library import Library
-from grs_agents.library.physical_properties import Origin
 from grs_agents.library.shapes import Shape
 
 VIEWS = 3

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from grs_agents.engine import mujoco
 from grs_agents.library import Library, ObjectModel, Shape
-from grs_agents.library.mesh_surface import solid_volume
+from grs_agents.library.mesh_files import solid_volume
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.arms.robot import ROBOT_CONTYPE, fit_spatula

@@ -5,12 +5,11 @@ from pathlib import Path
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.library.importing.drop_test import colliders_of, rest
+from grs_agents.library.importing.archives import opened
+from grs_agents.library.importing.drop_test import colliders_of, rest, verify
 from grs_agents.library.importing.importer import Importing
 from grs_agents.library.importing.journal import Journal
-from grs_agents.library.importing.source import opened
 from grs_agents.library.importing.types import ImportOptions, Outcome
-from grs_agents.library.importing.verification import verify
 from grs_agents.library.importing.writing import view_path
 from tests.library.importing import models
 
