@@ -7,7 +7,7 @@ from typing import Any
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.scene import SceneObject, certain, deviation, read_description, upright_of
+from grs_agents.perception import SceneObject, certain, deviation, read_description, upright_of
 from grs_agents.terminal import VisibleParser
 
 

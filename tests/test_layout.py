@@ -14,7 +14,7 @@ PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "base", "__version__"}),
-    frozenset({"files", "engine", "foreign", "interrupts", "terminal", "pretrained", "workspace"}),
+    frozenset({"files", "engine", "foreign", "interrupts", "terminal"}),
     frozenset({"trace", "config", "content", "geometry"}),
     frozenset({"library"}),
     frozenset({"sim", "sandbox", "models", "scene"}),
@@ -75,13 +75,9 @@ SAME_NAME = frozenset(
         "audit.changes",
         "run.check",
         "run.execute",
-        "scene.relations",
         "synth.sensors.stereo",
         "synth.sensors.structured_light",
         "synth.sensors.time_of_flight",
-        "twin.fidelity",
-        "twin.reconcile",
-        "twin.settle",
         "views.steps",
     }
 )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from grs_agents.audit.types import Change
 from grs_agents.base import Quat
-from grs_agents.scene import SceneDescription, SceneObject
+from grs_agents.perception import SceneDescription, SceneObject
 from grs_agents.sim import InstanceObject, TaskInstance
 
 SAME_PLACE = 0.03

@@ -7,7 +7,7 @@ from grs_agents.audit.changes import changes
 from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
-from grs_agents.scene import SceneDescription
+from grs_agents.perception import SceneDescription
 from grs_agents.sim import InstanceGoal, Rollout, TaskInstance
 from grs_agents.sim.world.compilation import TIMESTEP
 

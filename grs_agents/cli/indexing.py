@@ -23,12 +23,12 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
     Raises:
         InputError: the folder holds something else, or faiss is not installed.
     """
-    from grs_agents.correspondence.appearance import appearance_of
-    from grs_agents.correspondence.embedding import Vectors, embed
-    from grs_agents.correspondence.index import AssetIndex
-    from grs_agents.correspondence.matching import offered
     from grs_agents.errors import GrsError, InputError
     from grs_agents.library import Library
+    from grs_agents.perception.matching.asset_appearance import appearance_of
+    from grs_agents.perception.matching.asset_index import AssetIndex
+    from grs_agents.perception.matching.embedding import Vectors, embed
+    from grs_agents.perception.matching.feature_matcher import offered
 
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is no folder", "name a new folder, or one that holds an index")

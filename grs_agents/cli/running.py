@@ -16,8 +16,8 @@ from grs_agents import terminal
 from grs_agents.config import Config
 from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Library
+from grs_agents.perception import SceneDescription, read_description, scene_called
 from grs_agents.run import Order, RunRecord, UnexpectedError, execute
-from grs_agents.scene import SceneDescription, read_description, scene_called
 from grs_agents.terminal import say, say_json
 from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.correspondence.proxying import measured_shape
-from grs_agents.library import Library, fitted_kind, write_fitted_proxy
-from grs_agents.scene import (
+from grs_agents.library import Library
+from grs_agents.perception import (
     Candidate,
     Claim,
     Mask,
@@ -23,9 +22,11 @@ from grs_agents.scene import (
     register,
     shell_of,
 )
-from grs_agents.scene.metrics import MATCHED, overlaps
-from grs_agents.scene.truth import LabelledScene
-from grs_agents.twin import (
+from grs_agents.perception.metrics import MATCHED, overlaps
+from grs_agents.perception.proxies.fitted import write_fitted_proxy
+from grs_agents.perception.proxies.kind import fitted_kind
+from grs_agents.perception.proxies.measurement import measured_shape
+from grs_agents.perception.settling import (
     Known,
     Placed,
     Reconciled,
@@ -37,6 +38,7 @@ from grs_agents.twin import (
     reconcile,
     report_of,
 )
+from grs_agents.perception.truth import LabelledScene
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,10 @@ from grs_agents.library import Library
 from grs_agents.measure.errors import frame_figures, object_figures
 from grs_agents.measure.standing import Standing, standing
 from grs_agents.measure.types import Order, Result, SceneFigures, dumped, result_file
+from grs_agents.perception import Candidate, TableFrame, find_table
+from grs_agents.perception.metrics import score
+from grs_agents.perception.truth import LabelledScene, read_labelled
 from grs_agents.sandbox import Sandbox
-from grs_agents.scene import Candidate, TableFrame, find_table
-from grs_agents.scene.metrics import score
-from grs_agents.scene.truth import LabelledScene, read_labelled
 from grs_agents.terminal import say
 from grs_agents.toolkit import Tool, ToolContext, load_tool
 

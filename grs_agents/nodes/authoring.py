@@ -7,7 +7,7 @@ from grs_agents.nodes.evidence import evidence
 from grs_agents.nodes.programs import ProgramName, new_version
 from grs_agents.nodes.scene_prompt import fixtures_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services, Update, node
-from grs_agents.scene import SceneDescription
+from grs_agents.perception import SceneDescription
 from grs_agents.sim import api_reference
 from grs_agents.state import RunState
 from grs_agents.trace import Note, TaskDefined

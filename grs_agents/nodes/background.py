@@ -6,7 +6,7 @@ import numpy as np
 
 from grs_agents.library import write_background
 from grs_agents.nodes.services import Services
-from grs_agents.scene import Candidate, RGBDFrame, TableFrame, reconstruct
+from grs_agents.perception import Candidate, RGBDFrame, TableFrame, reconstruct
 from grs_agents.sim.world.compilation import arm_at_home
 from grs_agents.trace import SceneStage
 

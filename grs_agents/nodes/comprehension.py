@@ -15,7 +15,7 @@ from grs_agents.nodes.matching import Matched, drop_reason, object_of
 from grs_agents.nodes.registering import register_assets, seen_later
 from grs_agents.nodes.services import Photo, Services, Update, node
 from grs_agents.nodes.standing import stand
-from grs_agents.scene import (
+from grs_agents.perception import (
     CandidateRecord,
     DepthEstimate,
     DroppedCandidate,
@@ -31,7 +31,7 @@ from grs_agents.scene import (
     save_candidates,
     save_frame,
 )
-from grs_agents.scene import find_table as table_in
+from grs_agents.perception import find_table as table_in
 from grs_agents.state import RunState
 from grs_agents.trace import Note, SceneStage
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 from grs_agents.agents import Description
 from grs_agents.base import Quat
-from grs_agents.correspondence.proxying import measured_shape, proxy_look
-from grs_agents.library import Asset, fitted_kind, write_fitted_proxy, write_proxy
+from grs_agents.library import Asset
 from grs_agents.nodes.services import Photo, Services
-from grs_agents.scene import (
+from grs_agents.perception import (
     CandidateRecord,
     Mask,
     MatchEvidence,
@@ -20,8 +19,12 @@ from grs_agents.scene import (
     load_mask,
     place_asset,
 )
-from grs_agents.scene.types import Solid
-from grs_agents.workspace import reachable
+from grs_agents.perception.proxies.fitted import write_fitted_proxy
+from grs_agents.perception.proxies.kind import fitted_kind
+from grs_agents.perception.proxies.measurement import measured_shape, proxy_look
+from grs_agents.perception.proxies.primitive import write_proxy
+from grs_agents.perception.types import Solid
+from grs_agents.perception.workspace import reachable
 
 
 @dataclass(frozen=True)

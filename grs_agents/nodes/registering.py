@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from grs_agents.nodes.services import Photo, Services
-from grs_agents.scene import (
+from grs_agents.perception import (
     CandidateRecord,
     DroppedCandidate,
     Registered,
@@ -14,7 +14,7 @@ from grs_agents.scene import (
     register,
     shell_of,
 )
-from grs_agents.workspace import reachable
+from grs_agents.perception.workspace import reachable
 
 
 def register_assets(

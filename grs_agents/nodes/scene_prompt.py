@@ -2,9 +2,8 @@
 
 from typing import Any
 
-from grs_agents import workspace
 from grs_agents.library import Library
-from grs_agents.scene import SceneDescription
+from grs_agents.perception import SceneDescription, workspace
 
 WORKSPACE = {"x": list(workspace.X), "y": list(workspace.Y), "radius": workspace.FARTHEST}
 """Where the arm works: metres in the robot frame, radius from its base."""

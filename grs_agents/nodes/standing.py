@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from grs_agents.correspondence.heights import crowded
 from grs_agents.errors import GrsError
 from grs_agents.nodes.fitting import given_way, unlike
 from grs_agents.nodes.matching import about_z, write_stand_in
 from grs_agents.nodes.registering import standing_at
 from grs_agents.nodes.services import Photo, Services
-from grs_agents.scene import (
+from grs_agents.perception import (
     CandidateRecord,
     DroppedCandidate,
     Mask,
@@ -25,9 +24,19 @@ from grs_agents.scene import (
     load_mask,
     relations,
 )
+from grs_agents.perception.proxies.free_space_map import crowded
+from grs_agents.perception.settling import (
+    Known,
+    Reconciled,
+    Segment,
+    Thing,
+    carriers,
+    disentangled,
+    reconcile,
+    report_of,
+)
+from grs_agents.perception.workspace import reachable
 from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.twin import Known, Reconciled, Segment, Thing, carriers, disentangled, reconcile, report_of
-from grs_agents.workspace import reachable
 
 
 @dataclass(frozen=True)

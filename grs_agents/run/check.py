@@ -9,10 +9,10 @@ from grs_agents.config import Config
 from grs_agents.foreign import read_text
 from grs_agents.nodes import Services
 from grs_agents.nodes.instances import measure
+from grs_agents.perception import read_description
 from grs_agents.policies import load_policy
 from grs_agents.run.isolation import open_sandbox
 from grs_agents.sandbox import TestReport
-from grs_agents.scene import read_description
 from grs_agents.trace import EventLog
 
 REMEDY = "name an existing Python file"

@@ -11,10 +11,10 @@ from grs_agents import content
 from grs_agents.config import Config, validated
 from grs_agents.errors import ConfigError
 from grs_agents.models import chat_model
+from grs_agents.perception import check_source, scene_name
 from grs_agents.policies import load_policy
 from grs_agents.run.folder import held, new_folder, old_folder, refuse_used
 from grs_agents.run.record import EXIT_STATUS, RunRecord, read_record, versions
-from grs_agents.scene import check_source, scene_name
 from grs_agents.toolkit import load_tool
 
 GIVEN = frozenset({"scene_path", "max_fixes", "fixes", "history"})

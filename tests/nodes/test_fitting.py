@@ -14,7 +14,7 @@ from grs_agents.library import Library
 from grs_agents.nodes.fitting import fitting
 from grs_agents.nodes.matching import Matched, object_of
 from grs_agents.nodes.services import Services
-from grs_agents.scene import (
+from grs_agents.perception import (
     CandidateRecord,
     MatchEvidence,
     RGBDFrame,
@@ -25,8 +25,8 @@ from grs_agents.scene import (
     save_candidates,
     save_frame,
 )
-from grs_agents.twin import Thing
-from tests.twin.photo import photo_of
+from grs_agents.perception.settling import Thing
+from tests.perception.settling.photo import photo_of
 
 WORDS = Description(is_object=True, description="a carton", color="white", shape="box", category="carton")
 Photo = tuple[RGBDFrame, TableFrame]

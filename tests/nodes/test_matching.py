@@ -11,7 +11,7 @@ from grs_agents.library import Library
 from grs_agents.nodes.matching import Matched, drop_reason, object_of
 from grs_agents.nodes.scene_prompt import fixtures_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services
-from grs_agents.scene import CandidateRecord, MatchEvidence, SceneDescription
+from grs_agents.perception import CandidateRecord, MatchEvidence, SceneDescription
 
 RECORD = CandidateRecord.model_validate(
     {

@@ -15,7 +15,7 @@ from grs_agents.nodes.matching import Matched, object_of
 from grs_agents.nodes.registering import register_assets, seen_later
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.nodes.standing import Stood, stand
-from grs_agents.scene import (
+from grs_agents.perception import (
     CandidateRecord,
     MatchEvidence,
     SceneObject,
@@ -25,7 +25,7 @@ from grs_agents.scene import (
     save_candidates,
     save_frame,
 )
-from tests.twin.photo import BLOCK, LIBRARY, MILK, photo_of, standing
+from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 SPAGHETTI = "HOPE/Spaghetti.urdf"
 WORDS = Description(is_object=True, description="a thing", color="red", shape="box", category="thing")

@@ -7,7 +7,7 @@ from sim_scenes import at
 
 from grs_agents.library import Library
 from grs_agents.library.mesh_files import solid_volume
-from grs_agents.library.proxy_mesh import box_mesh, obj_text, turned_mesh
+from grs_agents.perception.proxies.meshes import box_mesh, obj_text, turned_mesh
 from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world.compilation import build
 
