@@ -26,8 +26,7 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
     from grs_agents.errors import GrsError, InputError
     from grs_agents.library import Library
     from grs_agents.perception.matching.asset_appearance import appearance_of
-    from grs_agents.perception.matching.asset_index import AssetIndex
-    from grs_agents.perception.matching.embedding import Vectors, embed
+    from grs_agents.perception.matching.asset_index import AssetIndex, Vectors, embed
     from grs_agents.perception.matching.feature_matcher import offered
 
     if folder.exists() and not folder.is_dir():

@@ -19,12 +19,10 @@ from grs_agents.perception import (
     load_mask,
     place_asset,
 )
-from grs_agents.perception.proxies.fitted import write_fitted_proxy
+from grs_agents.perception.proxies.fitted import write_fitted_proxy, write_proxy
 from grs_agents.perception.proxies.kind import fitted_kind
 from grs_agents.perception.proxies.measurement import measured_shape, proxy_look
-from grs_agents.perception.proxies.primitive import write_proxy
-from grs_agents.perception.types import Solid
-from grs_agents.perception.workspace import reachable
+from grs_agents.perception.types import Solid, reachable
 
 
 @dataclass(frozen=True)

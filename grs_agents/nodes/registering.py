@@ -14,7 +14,7 @@ from grs_agents.perception import (
     register,
     shell_of,
 )
-from grs_agents.perception.workspace import reachable
+from grs_agents.perception.types import reachable
 
 
 def register_assets(

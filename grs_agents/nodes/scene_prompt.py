@@ -3,9 +3,9 @@
 from typing import Any
 
 from grs_agents.library import Library
-from grs_agents.perception import SceneDescription, workspace
+from grs_agents.perception import SceneDescription, types
 
-WORKSPACE = {"x": list(workspace.X), "y": list(workspace.Y), "radius": workspace.FARTHEST}
+WORKSPACE = {"x": list(types.X), "y": list(types.Y), "radius": types.FARTHEST}
 """Where the arm works: metres in the robot frame, radius from its base."""
 
 

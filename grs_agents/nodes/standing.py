@@ -35,7 +35,7 @@ from grs_agents.perception.settling import (
     reconcile,
     report_of,
 )
-from grs_agents.perception.workspace import reachable
+from grs_agents.perception.types import reachable
 from grs_agents.sim.instance.episode import SimulationError
 
 

@@ -1,10 +1,9 @@
 """Scene comprehension, as far as geometry goes: frame, table, segments, boxes in the robot frame."""
 
 from grs_agents.perception.background import Background, reconstruct
-from grs_agents.perception.frame import Camera, Image, Mask, RGBDFrame
 from grs_agents.perception.pictures import add_candidates, annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.perception.proxies.box_clipping import Claim, clipped
-from grs_agents.perception.proxies.free_space import shown_free
+from grs_agents.perception.proxies.free_space_map import shown_free
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.reading.camera import CameraFile, read_camera
 from grs_agents.perception.reading.masks import read_masks
@@ -21,11 +20,15 @@ from grs_agents.perception.settling.support_relations import Body, body_of, rela
 from grs_agents.perception.table import doubts, find_table
 from grs_agents.perception.types import (
     Aabb,
+    Camera,
     Candidate,
     CandidateRecord,
     DroppedCandidate,
+    Image,
+    Mask,
     MatchEvidence,
     Relation,
+    RGBDFrame,
     SceneDescription,
     SceneObject,
     Shown,

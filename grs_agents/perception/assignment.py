@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from grs_agents.perception.frame import Array
+from grs_agents.perception.types import Array
 
 
 def assign(costs: Array) -> list[tuple[int, int]]:

@@ -8,7 +8,7 @@ import cv2.typing
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.perception.frame import Array, Mask
+from grs_agents.perception.types import Array, Mask
 
 Labels = npt.NDArray[np.int32]
 Index = npt.NDArray[np.intp]

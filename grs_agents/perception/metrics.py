@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.perception.assignment import assign
-from grs_agents.perception.frame import Array, Mask
 from grs_agents.perception.image_geometry import Labels
+from grs_agents.perception.types import Array, Mask
 
 Counts = npt.NDArray[np.int64]
 MATCHED = 0.5

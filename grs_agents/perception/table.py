@@ -8,9 +8,8 @@ import numpy.typing as npt
 
 from grs_agents.config import TableChoice
 from grs_agents.errors import InputError
-from grs_agents.perception.frame import Array, Camera, RGBDFrame
 from grs_agents.perception.image_geometry import hull_of, inside_hull
-from grs_agents.perception.types import LevelPlane, TableFrame
+from grs_agents.perception.types import Array, Camera, LevelPlane, RGBDFrame, TableFrame
 
 Index = npt.NDArray[np.intp]
 BEHIND = 0.001

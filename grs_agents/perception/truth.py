@@ -12,13 +12,12 @@ from pydantic import ValidationError
 
 from grs_agents.base import Frozen, Quat, Vec3
 from grs_agents.errors import InputError
-from grs_agents.perception.frame import Array, RGBDFrame
 from grs_agents.perception.image_geometry import Labels
 from grs_agents.perception.reading.bop import is_bop
 from grs_agents.perception.reading.masks import read_masks
 from grs_agents.perception.reading.source import read_scene, scene_name
 from grs_agents.perception.truth_bop import bop_objects
-from grs_agents.perception.types import Aabb
+from grs_agents.perception.types import Aabb, Array, RGBDFrame
 
 FEWEST_PIXELS = 100
 LEAST_VISIBLE = 0.1

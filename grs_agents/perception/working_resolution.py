@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.perception.frame import Array, RGBDFrame
 from grs_agents.perception.image_geometry import Labels
 from grs_agents.perception.table import tolerance
+from grs_agents.perception.types import Array, RGBDFrame
 
 WORKING = 640 * 480
 """Photos of many more pixels than this are reduced."""

@@ -7,7 +7,7 @@ import pytest
 from grs_agents import content
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library
-from grs_agents.perception.proxies.primitive import write_proxy
+from grs_agents.perception.proxies.fitted import write_proxy
 
 
 @pytest.fixture(scope="module")

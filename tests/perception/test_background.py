@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import ConfigError
 from grs_agents.perception import Aabb, Background, find_table, reconstruct
-from grs_agents.perception.background import CLEAR
-from grs_agents.perception.background_boxes import MOST, boxes_around
+from grs_agents.perception.background import CLEAR, MOST, boxes_around
 from tests.perception import room
 from tests.perception.room import Floats
 

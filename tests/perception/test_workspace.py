@@ -2,8 +2,8 @@
 
 import pytest
 
-from grs_agents.perception.workspace import FARTHEST, reachable
-from grs_agents.perception.workspace import NEAREST as WORKSPACE_NEAREST
+from grs_agents.perception.types import FARTHEST, reachable
+from grs_agents.perception.types import NEAREST as WORKSPACE_NEAREST
 from grs_agents.sim.arms.ur5e import NEAREST, REACH
 
 

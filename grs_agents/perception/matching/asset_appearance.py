@@ -11,11 +11,10 @@ import numpy.typing as npt
 from grs_agents.library import Library
 from grs_agents.library.posed_meshes import Triangles, gather_posed
 from grs_agents.library.shapes import HERE
-from grs_agents.perception.frame import Array
 from grs_agents.perception.matching.color_histogram import histograms, tone
 from grs_agents.perception.matching.feature_cache import Arrays, keep, kept, key_of
-from grs_agents.perception.nearest_points import Tree
-from grs_agents.perception.surfaces import quarter_turns
+from grs_agents.perception.surfaces import Tree, quarter_turns
+from grs_agents.perception.types import Array
 
 Floats = npt.NDArray[np.floating[Any]]
 """In single precision, which is as fine as what a camera measures and half as slow."""

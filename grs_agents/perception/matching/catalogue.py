@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.library import Asset, Library
-from grs_agents.perception.frame import Array
 from grs_agents.perception.matching.asset_appearance import Appearance, appearance_of
+from grs_agents.perception.types import Array
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,9 @@ import numpy.typing as npt
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.library import Library
 from grs_agents.library.asset_views import asset_views, random_directions
-from grs_agents.perception.frame import Array, RGBDFrame
 from grs_agents.perception.matching.feature_matcher import TOLD, offered
 from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
-from grs_agents.perception.types import MatchEvidence
+from grs_agents.perception.types import Array, MatchEvidence, RGBDFrame
 
 LEAST = 0.5
 """What is less similar than this to every asset is no object (paper, Table 1)."""

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.perception.frame import Array
 from grs_agents.perception.matching.alignment import Laid
 from grs_agents.perception.matching.asset_appearance import Appearance, Floats
 from grs_agents.perception.matching.observation import Observation
+from grs_agents.perception.types import Array
 
 _FEWEST = 8
 _SPREAD = (0.30, 0.14, 0.14)

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.perception.frame import Array
+from grs_agents.perception.types import Array
 
 LEVELS, HUES = 12, 10
 BINS = LEVELS * HUES * HUES

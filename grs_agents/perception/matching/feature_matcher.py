@@ -5,13 +5,12 @@ from pathlib import Path
 
 from grs_agents.errors import InputError
 from grs_agents.library import Asset, Library
-from grs_agents.perception.matching.asset_index import AssetIndex
+from grs_agents.perception.matching.asset_index import AssetIndex, embed
 from grs_agents.perception.matching.catalogue import catalogue_of
 from grs_agents.perception.matching.color_agreement import DAYLIGHT
-from grs_agents.perception.matching.embedding import embed
+from grs_agents.perception.matching.features import Ranked, Use, implausible, rank
 from grs_agents.perception.matching.observation import Observation, observe, view_of
 from grs_agents.perception.matching.printed_text import read_words, reader
-from grs_agents.perception.matching.ranking import Ranked, Use, implausible, rank
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.perception.types import MatchEvidence
 

@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.perception.frame import Array, Mask, RGBDFrame
 from grs_agents.perception.matching.asset_appearance import Floats, Indices
 from grs_agents.perception.matching.color_histogram import tone, tone_histograms
 from grs_agents.perception.table import robot_points_at
-from grs_agents.perception.types import TableFrame, UprightBox
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
 
 POINTS = 160
 """So many points are laid on an asset's surface."""

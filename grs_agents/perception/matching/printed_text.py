@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.library import Asset
-from grs_agents.perception.frame import Mask, RGBDFrame
+from grs_agents.perception.types import Mask, RGBDFrame
 
 _SHORTEST = 4
 """Words of fewer letters are too often misread."""

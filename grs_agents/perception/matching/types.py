@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from grs_agents.perception.frame import Mask, RGBDFrame
-from grs_agents.perception.types import MatchEvidence, Shown, TableFrame, UprightBox
+from grs_agents.perception.types import Mask, MatchEvidence, RGBDFrame, Shown, TableFrame, UprightBox
 
 
 @dataclass(frozen=True)

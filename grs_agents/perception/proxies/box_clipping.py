@@ -6,12 +6,10 @@ from itertools import combinations
 
 import numpy as np
 
-from grs_agents.geometry.turning import about_z
-from grs_agents.perception.frame import Array, Mask
+from grs_agents.geometry.transforms import about_z
 from grs_agents.perception.image_geometry import THINNEST
-from grs_agents.perception.proxies.hollow import in_walls
-from grs_agents.perception.proxies.kind import solid_off
-from grs_agents.perception.types import Solid, UprightBox
+from grs_agents.perception.proxies.kind import in_walls, solid_off
+from grs_agents.perception.types import Array, Mask, Solid, UprightBox
 
 SLACK = 0.003
 """Overlaps up to this (m) are left to physics: boxes are measured no better."""

@@ -1,16 +1,33 @@
-"""How high a candidate may be over each part of its box: not into air that the photo shows, nor where others are."""
+"""How high a candidate may be over each part of its box: not into air that the photo shows, nor where others are.
+
+Where the photo shows that nothing is.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.geometry.turning import about_z
-from grs_agents.perception.frame import Array, Mask, RGBDFrame
-from grs_agents.perception.proxies.free_space import shown_free
+from grs_agents.geometry.transforms import about_z
 from grs_agents.perception.proxies.height_blocks import Columns
 from grs_agents.perception.proxies.neighbors import Surroundings
-from grs_agents.perception.table import projected, robot_points_at
-from grs_agents.perception.types import TableFrame, UprightBox
+from grs_agents.perception.table import BEHIND, projected, robot_points_at
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
+
+FREE = 0.01
+"""Where the photo shows something more than this (m) behind a point, it shows the point to be free."""
+
+
+def shown_free(points: Array, frame: RGBDFrame, table: TableFrame) -> Mask:
+    """Which of (N, 3) points, m, robot frame, the photo shows to be free: what it shows there is behind them."""
+    x, y, depth = projected(points, frame.camera, table)
+    columns, rows = np.rint(x), np.rint(y)
+    height, width = frame.depth.shape
+    seen = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width) & (depth > BEHIND)
+    free = np.zeros(len(points), np.bool_)
+    pixels = rows[seen].astype(np.int64), columns[seen].astype(np.int64)
+    free[seen] = frame.depth[pixels] > depth[seen] + FREE
+    return free
+
 
 CELL = 0.008
 """Heights are told of cells of at least this size, m."""

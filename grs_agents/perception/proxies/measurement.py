@@ -3,14 +3,13 @@
 import cv2
 import numpy as np
 
-from grs_agents.geometry.turning import about_z
-from grs_agents.perception.frame import Array, Image, Mask, RGBDFrame
+from grs_agents.geometry.transforms import about_z
 from grs_agents.perception.proxies.fitted import Look
 from grs_agents.perception.proxies.free_space_map import crowded, fill_of, local_points
 from grs_agents.perception.proxies.kind import Measured
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.table import projected, robot_points_at
-from grs_agents.perception.types import TableFrame, UprightBox
+from grs_agents.perception.types import Array, Image, Mask, RGBDFrame, TableFrame, UprightBox
 
 _POINTS = 1500
 ON = 0.004

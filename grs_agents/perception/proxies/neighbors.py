@@ -8,9 +8,9 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception.frame import Array, Mask
 from grs_agents.perception.proxies.box_clipping import Claim
-from grs_agents.perception.proxies.occupancy import holds
+from grs_agents.perception.proxies.meshes import holds
+from grs_agents.perception.types import Array, Mask
 
 
 @dataclass(frozen=True)

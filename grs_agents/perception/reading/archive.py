@@ -7,11 +7,10 @@ import numpy as np
 
 from grs_agents.errors import InputError
 from grs_agents.foreign.arrays import Numbers, read_npz
-from grs_agents.perception.frame import Image
 from grs_agents.perception.reading.camera import camera_of_matrix
-from grs_agents.perception.reading.depth import Measured
-from grs_agents.perception.reading.frame_assembly import Recording
+from grs_agents.perception.reading.frame_assembly import Measured, Recording
 from grs_agents.perception.reading.picture import MOST_PIXELS, Picture
+from grs_agents.perception.types import Image
 
 WANTED = {
     "rgb": "(H, W, 3) uint8",

@@ -9,8 +9,7 @@ from grs_agents.errors import InputError
 from grs_agents.foreign import read_json
 from grs_agents.perception.reading.bounded_files import exists, is_folder, names_in
 from grs_agents.perception.reading.camera import camera_of_matrix
-from grs_agents.perception.reading.depth import Measured
-from grs_agents.perception.reading.frame_assembly import Recording
+from grs_agents.perception.reading.frame_assembly import Measured, Recording
 from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_units
 
 PREFIX = "bop:"

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from grs_agents.errors import InputError
 from grs_agents.foreign import read_json
-from grs_agents.perception.frame import Camera
+from grs_agents.perception.types import Camera
 
 KEYS = "fx fy cx cy width height depth_scale"
 DEPTH_SCALE_REMEDY = "give depth_scale: metres per unit of depth, 0.001 for millimetres"

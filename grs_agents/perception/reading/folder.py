@@ -11,8 +11,7 @@ from grs_agents.foreign.arrays import read_npy
 from grs_agents.perception.reading import point_cloud as clouds
 from grs_agents.perception.reading.bounded_files import exists, names_in
 from grs_agents.perception.reading.camera import DepthUnit, read_camera
-from grs_agents.perception.reading.depth import Measured, Units, unit_of
-from grs_agents.perception.reading.frame_assembly import Recording
+from grs_agents.perception.reading.frame_assembly import Measured, Recording, Units, unit_of
 from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_units
 from grs_agents.perception.reading.point_cloud import Cloud, depth_of, read_cloud
 

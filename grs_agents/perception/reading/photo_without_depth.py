@@ -9,11 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.perception.frame import Image, RGBDFrame
 from grs_agents.perception.reading.camera import camera_of_focal, focal_of_35mm
-from grs_agents.perception.reading.depth import Measured
-from grs_agents.perception.reading.frame_assembly import Recording, frame_of, smaller, turned, working_size
+from grs_agents.perception.reading.frame_assembly import Measured, Recording, frame_of, smaller, turned, working_size
 from grs_agents.perception.reading.picture import Picture
+from grs_agents.perception.types import Image, RGBDFrame
 
 
 class DepthEstimate(Protocol):

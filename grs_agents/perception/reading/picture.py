@@ -16,7 +16,7 @@ from PIL import Image as Pillow
 
 from grs_agents.errors import InputError
 from grs_agents.foreign import read_bytes
-from grs_agents.perception.frame import Image
+from grs_agents.perception.types import Image
 
 MOST_PIXELS = 64_000_000
 """Pictures of more pixels are not decoded."""

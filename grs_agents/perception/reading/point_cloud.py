@@ -9,11 +9,9 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.foreign.arrays import read_npy
-from grs_agents.perception.frame import Camera
-from grs_agents.perception.reading.depth import Depth
-from grs_agents.perception.reading.pcd import read_pcd
-from grs_agents.perception.reading.ply import read_ply
-from grs_agents.perception.reading.point_files import MOST_POINTS, Points
+from grs_agents.perception.reading.frame_assembly import Depth
+from grs_agents.perception.reading.point_files import MOST_POINTS, Points, read_pcd, read_ply
+from grs_agents.perception.types import Camera
 
 SUFFIXES = (".ply", ".pcd", ".npy")
 ASTRAY = 1.5

@@ -1,15 +1,24 @@
-"""Points as records of named numbers: what PLY and PCD have in common."""
+"""Points as records of named numbers: what PLY and PCD have in common.
+
+The vertices of a PLY file, ASCII or binary.
+
+The points of a PCD file (Point Cloud Library, version 0.7): ASCII, binary or binary_compressed.
+
+Unpack LZF, the compression of PCD files.
+"""
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
+from grs_agents.foreign import read_bytes
 
 Points = npt.NDArray[np.float32]
 MOST_POINTS = 20_000_000
@@ -152,3 +161,191 @@ def whole(word: str, where: str) -> int:
     if not (word.isascii() and word.isdigit() and len(word) < 16):
         raise InputError(f"{where}: {word[:40]!r} is not a number of things", "write the cloud again")
     return int(word)
+
+
+FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+KINDS = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float32": "f4",
+    "float64": "f8",
+}
+
+
+@dataclass
+class _Element:
+    name: str
+    count: int
+    names: list[str] = field(default_factory=list[str])
+    kinds: list[str] = field(default_factory=list[str])
+
+
+def read_ply(file: Path) -> tuple[Points, tuple[int, int]]:
+    """The points of a PLY file.
+
+    Returns:
+        (N, 3) points, and (1, N), since PLY knows no rows.
+
+    Raises:
+        InputError: it cannot be read, or its header and body are not those of a cloud.
+    """
+    data = read_bytes(file)
+    where = str(file)
+    if not data.startswith(b"ply"):
+        raise InputError(f"{where} does not begin with 'ply'", "give a PLY file")
+    lines, body = header_of(data, b"end_header", where)
+    order, elements = _declared(lines, where)
+    vertex = next((element for element in elements if element.name == "vertex"), None)
+    if vertex is None:
+        raise InputError(f"{where} has no element vertex", "give a PLY file with points")
+    if vertex is not elements[0]:
+        raise InputError(f"{where} has {elements[0].name[:40]!r} before its vertices", "write the vertices first")
+    kinds = [f"{order}{kind}" for kind in vertex.kinds]
+    records = Records(where, vertex.names, kinds, vertex.count, (1, vertex.count))
+    return (records.of_bytes(body) if order else records.of_text(body)), records.shape
+
+
+def _declared(lines: list[list[str]], where: str) -> tuple[str, list[_Element]]:
+    order: str | None = None
+    elements: list[_Element] = []
+    for words in lines:
+        match words:
+            case ["format", name, *_] if name in FORMATS:
+                order = FORMATS[name]
+            case ["element", name, count]:
+                elements.append(_Element(name, whole(count, where)))
+            case ["property", kind, name] if elements and kind in KINDS:
+                elements[-1].names.append(name)
+                elements[-1].kinds.append(KINDS[kind])
+            case ["property", "list", *_] if elements and elements[-1].name != "vertex":
+                pass
+            case ["ply" | "comment" | "obj_info" | "end_header", *_] | []:
+                pass
+            case _:
+                raise InputError(f"{where} has the header line {' '.join(words)[:80]!r}", "write the cloud again")
+    if order is None:
+        raise InputError(f"{where} does not say its format", f"write it as {' or '.join(FORMATS)}")
+    return order, elements
+
+
+LONGEST_LITERAL = 32
+
+
+def unpacked(data: bytes, size: int, where: str) -> bytes:
+    """``data`` unpacked.
+
+    A control byte below 32 is followed by so many bytes, and one more, as they are. Any other holds a length in its
+    upper three bits (7: the next byte is added) and, with the byte after it, how far back to copy from.
+
+    Args:
+        data: the packed bytes.
+        size: how many come out.
+        where: what errors call the file.
+
+    Raises:
+        InputError: other than ``size`` bytes come out, or it refers to what is not there.
+    """
+    out = bytearray()
+    at, end = 0, len(data)
+    while at < end and len(out) <= size:
+        control = data[at]
+        at += 1
+        if control < LONGEST_LITERAL:
+            out += data[at : at + control + 1]
+            at += control + 1
+            continue
+        if at + 1 + (control >> 5 == 7) > end:
+            break
+        length = (control >> 5) + 2
+        if length == 9:
+            length += data[at]
+            at += 1
+        start = len(out) - ((control & 31) << 8) - data[at] - 1
+        at += 1
+        if start < 0:
+            break
+        chunk = out[start : start + length]
+        # What is copied may overlap what is being written: then it repeats itself.
+        out += chunk if len(chunk) == length else (chunk * (length // len(chunk) + 1))[:length]
+    if at != end or len(out) != size:
+        raise InputError(f"{where} cannot be unpacked: {len(out)} of {size} bytes came out", "write the cloud again")
+    return bytes(out)
+
+
+MOST_UNPACKED = 1 << 28
+"""No compressed cloud is larger unpacked, in bytes: enough for 16 million points with a colour."""
+SIZES = {"F": ("4", "8"), "I": ("1", "2", "4", "8"), "U": ("1", "2", "4", "8")}
+
+
+def read_pcd(file: Path) -> tuple[Points, tuple[int, int]]:
+    """The points of a PCD file.
+
+    Returns:
+        (N, 3) points, and the cloud's rows and columns: (1, N) where it is not organised.
+
+    Raises:
+        InputError: it cannot be read, or its header and body are not those of a cloud.
+    """
+    data = read_bytes(file)
+    where = str(file)
+    lines, body = header_of(data, b"DATA", where)
+    header = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}
+    records = _declared_pcd(header, where)
+    match header["DATA"]:
+        case ["ascii"]:
+            return records.of_text(body), records.shape
+        case ["binary"]:
+            return records.of_bytes(body), records.shape
+        case ["binary_compressed"]:
+            packed, size = (int.from_bytes(body[start : start + 4], "little") for start in (0, 4))
+            if size != records.count * records.record.itemsize or len(body) < 8 + packed:
+                raise InputError(
+                    f"{where} promises {size} bytes of points from {packed}, has {len(body)} and needs "
+                    f"{records.count * records.record.itemsize}",
+                    "write the cloud again",
+                )
+            if size > MOST_UNPACKED:
+                raise InputError(
+                    f"{where} promises {size} bytes of points, more than {MOST_UNPACKED}", "write it as binary"
+                )
+            return records.of_columns(unpacked(body[8 : 8 + packed], size, where)), records.shape
+        case other:
+            raise InputError(
+                f"{where} has DATA {' '.join(other)[:40]}", "write it as ascii, binary or binary_compressed"
+            )
+
+
+def _declared_pcd(header: dict[str, list[str]], where: str) -> Records:
+    for key in ("FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT", "DATA"):
+        if not header.get(key):
+            raise InputError(f"{where} has no {key} in its header", "write it as PCD version 0.7")
+    fields, sizes, types = header["FIELDS"], header["SIZE"], header["TYPE"]
+    counts = [whole(word, where) for word in header.get("COUNT", ["1"] * len(fields))]
+    if len({len(fields), len(sizes), len(types), len(counts)}) != 1 or sum(counts) > MOST_FIELDS:
+        raise InputError(
+            f"{where}: FIELDS, SIZE, TYPE and COUNT name {len(fields)}, {len(sizes)}, {len(types)} and {len(counts)} "
+            f"fields of {sum(counts)} numbers",
+            f"give one of each for every field, at most {MOST_FIELDS} numbers",
+        )
+    names: list[str] = []
+    kinds: list[str] = []
+    for name, size, kind, count in zip(fields, sizes, types, counts, strict=True):
+        if size not in SIZES.get(kind, ()):
+            raise InputError(f"{where}: field {name[:40]} has TYPE {kind[:8]} of SIZE {size[:8]}", "write F 4 or F 8")
+        names += [name] if count == 1 else [f"{name}[{number}]" for number in range(count)]
+        kinds += [f"<{kind.lower()}{size}"] * count
+    columns, rows = whole(header["WIDTH"][0], where), whole(header["HEIGHT"][0], where)
+    points = whole(header["POINTS"][0], where) if header.get("POINTS") else rows * columns
+    return Records(where, names, kinds, points, (rows, columns))

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.perception.frame import RGBDFrame
 from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.archive import read_archive
 from grs_agents.perception.reading.bop import PREFIX, bop_image, is_bop, read_bop
@@ -13,6 +12,7 @@ from grs_agents.perception.reading.folder import read_folder, with_camera
 from grs_agents.perception.reading.frame_assembly import Recording, frame_of
 from grs_agents.perception.reading.photo_without_depth import Estimator, frame_of_photo
 from grs_agents.perception.reading.picture import SUFFIXES, read_color
+from grs_agents.perception.types import RGBDFrame
 
 REMEDY = (
     "name a folder with rgb.png, depth.png and camera.json, bop:ROOT/SPLIT/SCENE/IMAGE, an .npz, or a photo with a "

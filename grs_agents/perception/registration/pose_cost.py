@@ -4,11 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from grs_agents.perception.asset_surface import Surface
-from grs_agents.perception.frame import Array, Mask, RGBDFrame
-from grs_agents.perception.nearest_points import Tree
+from grs_agents.perception.surfaces import Surface, Tree
 from grs_agents.perception.table import robot_points_at
-from grs_agents.perception.types import TableFrame
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 
 SAMPLES = 500
 """So many of an object's points, and of the asset's surface, are compared."""

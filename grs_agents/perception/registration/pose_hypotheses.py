@@ -5,11 +5,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from grs_agents.geometry.turning import about_z, pose_of
-from grs_agents.perception.frame import Array
+from grs_agents.geometry.transforms import about_z, pose_of
 from grs_agents.perception.registration.pose_cost import Sighting
 from grs_agents.perception.surfaces import Symmetry, quarter_turns
-from grs_agents.perception.types import UprightBox
+from grs_agents.perception.types import Array, UprightBox
 
 ALIKE = math.cos(math.radians(12))
 """Normals of one plane are within 12 degrees of each other."""

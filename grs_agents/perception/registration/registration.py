@@ -7,17 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry.turning import about, about_z, pose_of
+from grs_agents.geometry.transforms import about, about_z, pose_of
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception.asset_surface import Surface, surface_of
-from grs_agents.perception.frame import Array, Mask, RGBDFrame
-from grs_agents.perception.nearest_points import Cloud, Tree, align
 from grs_agents.perception.registration.pose_cost import Sighting, costs, residuals, sighting_of
 from grs_agents.perception.registration.pose_hypotheses import slid, starts
 from grs_agents.perception.segmentation.candidates import place_asset, quaternion
-from grs_agents.perception.surfaces import Symmetry, symmetry_of
-from grs_agents.perception.types import PoseMethod, TableFrame, UprightBox
+from grs_agents.perception.surfaces import Cloud, Surface, Symmetry, Tree, align, surface_of, symmetry_of
+from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
 
 FEWEST = 30
 """An object of fewer points is left where its box puts it."""

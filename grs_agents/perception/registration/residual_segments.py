@@ -8,12 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.perception.frame import Array, Mask, RGBDFrame
 from grs_agents.perception.image_geometry import Index, Labels, components
 from grs_agents.perception.registration.surface_inliers import ON, Shell
 from grs_agents.perception.segmentation.candidates import candidates_of
 from grs_agents.perception.table import projected, robot_points_at
-from grs_agents.perception.types import Candidate, TableFrame
+from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame
 
 OFF = 0.012
 """Points farther than this (m) from an asset's surface are not its own; sensors and poses are better than that."""

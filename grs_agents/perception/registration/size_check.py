@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.geometry.turning import about_z
+from grs_agents.geometry.transforms import about_z
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception.asset_surface import corners_of
+from grs_agents.perception.surfaces import corners_of
 from grs_agents.perception.types import Aabb, SceneObject, Solid, UprightBox
 
 CENTRE, SIZE = 0.02, 0.25

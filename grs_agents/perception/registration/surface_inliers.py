@@ -8,9 +8,8 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception.asset_surface import surface_of
-from grs_agents.perception.frame import Array
-from grs_agents.perception.nearest_points import Tree
+from grs_agents.perception.surfaces import Tree, surface_of
+from grs_agents.perception.types import Array
 
 ON = 0.006
 """A point nearer than this (m) to a surface lies on it."""

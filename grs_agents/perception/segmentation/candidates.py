@@ -9,7 +9,6 @@ import numpy as np
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.errors import InputError
-from grs_agents.perception.frame import Array, Mask, RGBDFrame
 from grs_agents.perception.image_geometry import (
     THINNEST,
     Labels,
@@ -27,7 +26,7 @@ from grs_agents.perception.image_geometry import (
 from grs_agents.perception.segmentation.ellipse_fit import ROUND, Ellipse, ellipse_of, view_of
 from grs_agents.perception.segmentation.rim import rim_of
 from grs_agents.perception.table import as_matrix, doubts, robot_points_at
-from grs_agents.perception.types import Aabb, Candidate, Solid, TableFrame, UprightBox
+from grs_agents.perception.types import Aabb, Array, Candidate, Mask, RGBDFrame, Solid, TableFrame, UprightBox
 
 LARGEST = 0.5
 """A segment longer than this (m) is not an object that the arm could move."""

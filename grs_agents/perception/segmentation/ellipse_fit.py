@@ -8,9 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from grs_agents.perception.frame import Array, Mask, RGBDFrame
 from grs_agents.perception.image_geometry import outline_of, percentiles, turns
-from grs_agents.perception.types import TableFrame
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 
 SLICES = 6
 """A thing's height is cut into so many slices."""

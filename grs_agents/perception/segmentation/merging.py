@@ -8,7 +8,6 @@ from operator import sub
 import cv2
 import numpy as np
 
-from grs_agents.perception.frame import Array
 from grs_agents.perception.image_geometry import (
     Labels,
     hull_of,
@@ -20,6 +19,7 @@ from grs_agents.perception.image_geometry import (
     within,
 )
 from grs_agents.perception.segmentation.occlusion_edges import Brinks
+from grs_agents.perception.types import Array
 
 TOUCHING = 0.012
 """Parts nearer than this (m) touch."""

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from grs_agents.perception.frame import Array, Image, Mask, RGBDFrame
 from grs_agents.perception.image_geometry import Labels, components
 from grs_agents.perception.segmentation.candidates import LARGEST
-from grs_agents.perception.segmentation.foreground import foreground, jumps, smoothed
 from grs_agents.perception.segmentation.merging import merge_parts
-from grs_agents.perception.segmentation.patches import JUMP, bends, borders, grown, joined
+from grs_agents.perception.segmentation.patches import JUMP, bends, borders, foreground, grown, joined, jumps, smoothed
 from grs_agents.perception.segmentation.segmentation import SMALLEST, objects_of
 from grs_agents.perception.table import robot_points
-from grs_agents.perception.types import TableFrame
+from grs_agents.perception.types import Array, Image, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import reduced, restored
 
 ALIKE = 0.7

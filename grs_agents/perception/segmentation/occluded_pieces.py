@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from grs_agents.perception.frame import Array, Mask, RGBDFrame
 from grs_agents.perception.image_geometry import Labels, hull_of, outline_of, percentiles, values_at
-from grs_agents.perception.segmentation.foreground import Depth
+from grs_agents.perception.segmentation.patches import Depth
+from grs_agents.perception.types import Array, Mask, RGBDFrame
 
 LEVEL = 0.01
 """Tops of two pieces of one thing are within this height (m) of each other."""

@@ -5,8 +5,8 @@ near wall meets the far one. A thing behind a thing stays as deep, or goes on do
 
 import numpy as np
 
-from grs_agents.perception.frame import Array
 from grs_agents.perception.image_geometry import DEEP, Index, Labels
+from grs_agents.perception.types import Array
 
 END = 0.2
 """This share of an edge's columns is its end."""

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from grs_agents.perception.frame import Array
 from grs_agents.perception.image_geometry import percentiles, rectangle_of, turns
+from grs_agents.perception.types import Array
 
 FLAT = 0.6
 """What is higher than this share of its width is no bowl: a cup shows its side and its handle, which tell more."""

@@ -1,9 +1,11 @@
-"""Segment what stands on the table: the foreground's smooth patches, with the parts of one object merged."""
+"""Segment what stands on the table: the foreground's smooth patches, with the parts of one object merged.
+
+Arms, hands, lamps: what comes in from above, or from beyond the picture high over the table, is no object.
+"""
 
 import cv2
 import numpy as np
 
-from grs_agents.perception.frame import Array, Mask, RGBDFrame
 from grs_agents.perception.image_geometry import (
     Labels,
     hull_of,
@@ -14,15 +16,55 @@ from grs_agents.perception.image_geometry import (
     values_at,
     window_of,
 )
-from grs_agents.perception.segmentation.foreground import Depth, foreground, smoothed
-from grs_agents.perception.segmentation.intrusions import reaches_in
 from grs_agents.perception.segmentation.merging import merge_parts
 from grs_agents.perception.segmentation.occluded_pieces import join_hidden
-from grs_agents.perception.segmentation.patches import patches
+from grs_agents.perception.segmentation.patches import TALLEST, Depth, foreground, patches, smoothed
 from grs_agents.perception.segmentation.splitting import split
 from grs_agents.perception.table import robot_points
-from grs_agents.perception.types import TableFrame
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import reduced, restored
+
+BORDER = 3
+"""What comes within so many pixels of the picture's border is cut by it."""
+FEWEST = 10
+"""Fewer measured pixels at the border say nothing."""
+CLEAR = 0.05
+"""At the border an arm is higher than this (m) above the table."""
+ROUND = 0.02
+"""The heights of the flat top of a thing that the border cuts differ by less than this (m)."""
+LONG = 0.15
+"""An arm reaches in by more than this (m) along the table."""
+
+
+def reaches_in(mask: Mask, points: Array) -> bool:
+    """Whether a segment, (H, W), comes in from above or from beyond the picture.
+
+    Args:
+        mask: (H, W) its pixels.
+        points: (H, W, 3) in the robot frame, NaN where unknown.
+    """
+    whole = _known(points[mask][::5])
+    if len(whole) < FEWEST:
+        return False
+    lowest, highest = np.percentile(whole[:, 2], (2, 99))
+    if highest > TALLEST - ROUND:
+        return True
+    sides = np.ones_like(mask)
+    sides[BORDER:, BORDER:-BORDER] = False
+    if lowest > CLEAR and len(_known(points[mask & sides])) >= FEWEST:
+        return True  # only below the picture could it have a foot
+    sides[-BORDER:] = True
+    cut = _known(points[mask & sides])
+    if len(cut) < FEWEST:
+        return False
+    low, high = np.percentile(cut[:, 2], (5, 95))
+    reach = np.linalg.norm(whole[:, :2] - np.median(cut[:, :2], axis=0), axis=1)
+    return bool(low > CLEAR and high - low > ROUND and np.percentile(reach, 98) > LONG)
+
+
+def _known(points: Array) -> Array:
+    return points[np.isfinite(points[:, 2])]
+
 
 SMALLEST = 0.0004
 """The least share of the picture that an object covers."""

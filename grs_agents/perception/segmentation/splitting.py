@@ -7,8 +7,8 @@ from functools import cache
 import cv2
 import numpy as np
 
-from grs_agents.perception.frame import Array, Mask
 from grs_agents.perception.image_geometry import Labels, components, is_open, percentiles, values_at, within
+from grs_agents.perception.types import Array, Mask
 
 DEEP = 0.0085
 """Points that lie on average this far (m) below the hull of them all are those of two things."""

@@ -13,14 +13,11 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Vec3
 from grs_agents.engine import mujoco
 from grs_agents.library import Library
-from grs_agents.perception.frame import Mask, RGBDFrame
 from grs_agents.perception.registration.registration import Registered, cost_of, register
 from grs_agents.perception.segmentation.candidates import quaternion
 from grs_agents.perception.settling.depenetration import depth_of, overlaps
-from grs_agents.perception.settling.placed_object import Thing
-from grs_agents.perception.settling.resting import prepare
-from grs_agents.perception.settling.settling import instances, on_table
-from grs_agents.perception.types import TableFrame, UprightBox
+from grs_agents.perception.settling.settling import Thing, instances, on_table, prepare
+from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, UprightBox
 from grs_agents.sim.world.compilation import World, build, place
 
 Floats = npt.NDArray[np.float64]

@@ -8,14 +8,13 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.library import Library
-from grs_agents.perception.frame import Mask, RGBDFrame
-from grs_agents.perception.nearest_points import Tree
 from grs_agents.perception.proxies.box_clipping import Claim, clipped
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.registration.surface_inliers import explained, shell_of
-from grs_agents.perception.settling.placed_object import Thing
+from grs_agents.perception.settling.settling import Thing
+from grs_agents.perception.surfaces import Tree
 from grs_agents.perception.table import robot_points_at
-from grs_agents.perception.types import Solid, TableFrame, UprightBox
+from grs_agents.perception.types import Mask, RGBDFrame, Solid, TableFrame, UprightBox
 
 INSIDE = 0.5
 """What has more than this share of its points in the box of another, that is not hollow, is a piece of it."""

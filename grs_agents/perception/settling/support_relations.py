@@ -9,11 +9,9 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception.asset_surface import surface_of
-from grs_agents.perception.frame import Array
 from grs_agents.perception.image_geometry import hull_of, inside_hull
-from grs_agents.perception.nearest_points import Tree
-from grs_agents.perception.types import Relation, RelationKind
+from grs_agents.perception.surfaces import Tree, surface_of
+from grs_agents.perception.types import Array, Relation, RelationKind
 
 GAP = 0.006
 """Surfaces closer than this (m), beyond how densely they are sampled, touch; depth is not better than that."""

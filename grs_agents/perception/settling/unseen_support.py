@@ -4,12 +4,11 @@ import cv2
 import numpy as np
 
 from grs_agents.library import Library
-from grs_agents.perception.frame import RGBDFrame
 from grs_agents.perception.image_geometry import hull_of
-from grs_agents.perception.proxies.free_space import shown_free
+from grs_agents.perception.proxies.free_space_map import shown_free
 from grs_agents.perception.registration.surface_inliers import shell_of
-from grs_agents.perception.settling.placed_object import Thing
-from grs_agents.perception.types import TableFrame
+from grs_agents.perception.settling.settling import Thing
+from grs_agents.perception.types import RGBDFrame, TableFrame
 
 DOWNWARD = -0.3
 """Faces whose normals point lower than this belong to an underside."""

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.perception import Claim, UprightBox, clipped
-from grs_agents.perception.frame import Array
+from grs_agents.perception.types import Array
 
 NOTHING: Array = np.zeros((0, 3))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.base import Vec3
-from grs_agents.perception.proxies.hollow import WALL, bowl_profile, foot_radius, round_size, slabs, staves
+from grs_agents.perception.proxies.kind import WALL, bowl_profile, foot_radius, round_size, slabs, staves
 
 SIZE: Vec3 = (0.2, 0.16, 0.07)
 

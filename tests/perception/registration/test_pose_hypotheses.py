@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 
-from grs_agents.geometry.turning import pose_of
+from grs_agents.geometry.transforms import pose_of
 from grs_agents.library import Library
 from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
-from grs_agents.perception.frame import Mask
-from grs_agents.perception.nearest_points import Cloud
 from grs_agents.perception.registration.pose_cost import sighting_of
 from grs_agents.perception.registration.pose_hypotheses import leaning, slid
 from grs_agents.perception.settling import Thing
+from grs_agents.perception.surfaces import Cloud
+from grs_agents.perception.types import Mask
 from tests.perception.settling.photo import photo_of
 
 LIBRARY = Library()

@@ -10,10 +10,10 @@ from grs_agents.base import Quat
 from grs_agents.library import Library
 from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
 from grs_agents.perception import UprightBox, register
-from grs_agents.perception.frame import Mask
-from grs_agents.perception.proxies.primitive import write_proxy
+from grs_agents.perception.proxies.fitted import write_proxy
 from grs_agents.perception.settling import Thing
 from grs_agents.perception.surfaces import symmetry_of
+from grs_agents.perception.types import Mask
 from tests.perception.settling.photo import photo_of
 
 LIBRARY = Library()

@@ -3,8 +3,7 @@
 import numpy as np
 
 from grs_agents.perception import RGBDFrame
-from grs_agents.perception.segmentation.foreground import smoothed
-from grs_agents.perception.segmentation.patches import bends, grown, patches
+from grs_agents.perception.segmentation.patches import bends, grown, patches, smoothed
 from tests.perception.conftest import Rendered
 
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from grs_agents.perception.frame import Array
 from grs_agents.perception.segmentation.splitting import split
+from grs_agents.perception.types import Array
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 SIDE = 40

@@ -8,10 +8,9 @@ import numpy as np
 from grs_agents.engine import mujoco
 from grs_agents.library import Library
 from grs_agents.perception import Camera, RGBDFrame, TableFrame
-from grs_agents.perception.frame import Mask
 from grs_agents.perception.settling import Thing
-from grs_agents.perception.settling.resting import prepare
-from grs_agents.perception.settling.settling import instances
+from grs_agents.perception.settling.settling import instances, prepare
+from grs_agents.perception.types import Mask
 from grs_agents.sim.world.compilation import World, build, place
 from grs_agents.sim.world.rendering import Sight, cast
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from grs_agents.perception import Mask, UprightBox
-from grs_agents.perception.frame import RGBDFrame
 from grs_agents.perception.settling import Disentangled, Known, Thing, disentangled
-from grs_agents.perception.types import TableFrame
+from grs_agents.perception.types import RGBDFrame, TableFrame
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
 SOUP = "HOPE/AlphabetSoup.urdf"

@@ -4,7 +4,7 @@ import numpy as np
 
 from grs_agents.engine import mujoco
 from grs_agents.perception.settling.depenetration import deepest
-from grs_agents.perception.settling.resting import ease, fall
+from grs_agents.perception.settling.settling import ease, fall
 from tests.perception.settling.photo import BLOCK, standing, world_of
 
 
