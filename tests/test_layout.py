@@ -17,9 +17,9 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"files", "engine", "foreign", "interrupts", "terminal"}),
     frozenset({"trace", "config", "content", "geometry"}),
     frozenset({"library"}),
-    frozenset({"sim", "sandbox", "models", "scene"}),
-    frozenset({"perception", "agents", "toolkit", "twin", "correspondence"}),
-    frozenset({"audit", "policies", "envs", "export", "tools/", "synth", "curate"}),
+    frozenset({"sim", "sandbox", "models"}),
+    frozenset({"perception", "agents", "toolkit"}),
+    frozenset({"audit", "policies", "envs", "export", "tools/", "synth"}),
     frozenset({"state"}),
     frozenset({"nodes"}),
     frozenset({"run", "graphs/", "views"}),
@@ -70,17 +70,7 @@ MODULES = {
 }
 """Every module of the package by its dotted name."""
 
-SAME_NAME = frozenset(
-    {
-        "audit.changes",
-        "run.check",
-        "run.execute",
-        "synth.sensors.stereo",
-        "synth.sensors.structured_light",
-        "synth.sensors.time_of_flight",
-        "views.steps",
-    }
-)
+SAME_NAME = frozenset({"synth.sensors.stereo", "synth.sensors.structured_light", "synth.sensors.time_of_flight"})
 """Functions that their room exports under the name of a module of it: to be renamed, none may come."""
 
 

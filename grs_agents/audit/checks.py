@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from grs_agents.agents import TaskDefinition
-from grs_agents.audit.changes import changes
+from grs_agents.audit.photo_changes import changes
 from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library

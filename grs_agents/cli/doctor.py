@@ -17,7 +17,7 @@ from grs_agents.config.limits import Limits
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions
-from grs_agents.run.isolation import open_sandbox
+from grs_agents.run.sandbox_setup import open_sandbox
 from grs_agents.sandbox import REMEDIES, Choice, SandboxError, candidates
 from grs_agents.terminal import say_json
 from grs_agents.toolkit import ToolContext, load_tool

@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.cli.importing import Progress, library_root, tell_import
+from grs_agents.cli.assets_import import Progress, library_root, tell_import
 from grs_agents.errors import InputError
 from grs_agents.library.importing.archives import Opened
 from grs_agents.library.importing.importer import Importing

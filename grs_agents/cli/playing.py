@@ -3,18 +3,18 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from grs_agents.cli.looking import library_of
+from grs_agents.cli.show import library_of
 from grs_agents.run import RunRecord, read_record
 from grs_agents.terminal import say
 from grs_agents.trace import Rollout, read_events
 
 if TYPE_CHECKING:
-    from grs_agents.views.film import Shot
+    from grs_agents.views.film.film import Shot
 
 
 def shot_of(folder: Path, record: RunRecord, event: Rollout) -> "Shot":
     """A rollout of a run and how to look at it."""
-    from grs_agents.views.film import Shot
+    from grs_agents.views.film.film import Shot
 
     return Shot(folder.resolve(), event, library_of(folder), str(record.config.get("robot", "ur5e")))
 
@@ -30,7 +30,7 @@ def play_run(folder: Path, out: Path | None, seed: int | None) -> int:
         GrsError: there is nothing to draw with.
     """
     from grs_agents.views import working
-    from grs_agents.views.film import rollout_of, watch, write_film
+    from grs_agents.views.film.film import rollout_of, watch, write_film
 
     record = read_record(folder)
     shot = shot_of(folder, record, rollout_of(read_events(folder / "events.jsonl"), folder, seed))

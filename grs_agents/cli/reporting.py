@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from grs_agents.cli.looking import library_of
+from grs_agents.cli.show import library_of
 from grs_agents.files import STANDARD_OUTPUT, write_document
 from grs_agents.run import read_record
 from grs_agents.terminal import say

@@ -5,8 +5,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-from grs_agents.cli.looking import rebuilt
 from grs_agents.cli.reporting import write_report
+from grs_agents.cli.show import rebuilt
 from grs_agents.files import STANDARD_OUTPUT
 from grs_agents.models import PROVIDERS
 from grs_agents.run import read_record
@@ -20,9 +20,9 @@ def share_run(folder: Path, out: Path | None) -> None:
         InputError: the folder holds no run, or the file cannot be written.
         GrsError: something that must not leave could not be removed.
     """
+    from grs_agents.run.scrub import scrubber
+    from grs_agents.run.share import share
     from grs_agents.views import working
-    from grs_agents.views.scrub import scrubber
-    from grs_agents.views.share import share
 
     record = read_record(folder)
     path = out or folder.resolve().with_suffix(".zip")

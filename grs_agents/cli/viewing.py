@@ -19,7 +19,7 @@ def show(
     json: Json = False,
 ) -> None:
     """Show the steps of a run as a tree, or one of them with its exact prompts, replies, diffs and tracebacks."""
-    from grs_agents.cli.looking import show_run, show_step
+    from grs_agents.cli.show import show_run, show_step
 
     if step is None and not failed:
         show_run(run, json)
@@ -33,7 +33,7 @@ def replay(
     web: Annotated[bool, typer.Option("--web", help="Open the viewer in a browser.")] = False,
 ) -> None:
     """Open a run's trace, or two side by side, in the rerun viewer, on 127.0.0.1."""
-    from grs_agents.cli.looking import replay_run
+    from grs_agents.cli.show import replay_run
 
     sys.exit(replay_run(run, beside, web))
 
@@ -46,7 +46,7 @@ def trace(
     ] = False,
 ) -> None:
     """Make a run's rerun recording anew from its events, or send it as OpenTelemetry spans."""
-    from grs_agents.cli.tracing import print_schema, rebuild_trace, send_spans
+    from grs_agents.cli.outputs import print_schema, rebuild_trace, send_spans
 
     if schema:
         print_schema()

@@ -16,7 +16,7 @@ from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.library import Library
 from grs_agents.measure.match_types import Answered, Matching, MatchOrder, Outcome, matching_file
-from grs_agents.nodes.corresponding import asking, measurements
+from grs_agents.nodes.asset_matching import asking, measurements
 from grs_agents.perception import (
     Candidate,
     CandidateRecord,

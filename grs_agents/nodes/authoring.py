@@ -4,7 +4,7 @@ from grs_agents import content
 from grs_agents.agents import NoReply, TaskDefinition, examples, roles
 from grs_agents.files import write_json
 from grs_agents.nodes.evidence import evidence
-from grs_agents.nodes.programs import ProgramName, new_version
+from grs_agents.nodes.program_versions import ProgramName, new_version
 from grs_agents.nodes.scene_prompt import fixtures_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services, Update, node
 from grs_agents.perception import SceneDescription

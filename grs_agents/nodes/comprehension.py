@@ -8,13 +8,13 @@ import numpy as np
 
 from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
+from grs_agents.nodes.asset_matching import correspond, measurements
+from grs_agents.nodes.asset_registration import register_assets, seen_later
 from grs_agents.nodes.background import stand_in
-from grs_agents.nodes.corresponding import correspond, measurements
 from grs_agents.nodes.fitting import fitting
-from grs_agents.nodes.matching import Matched, drop_reason, object_of
-from grs_agents.nodes.registering import register_assets, seen_later
+from grs_agents.nodes.scene_objects import Matched, drop_reason, object_of
+from grs_agents.nodes.scene_settling import stand
 from grs_agents.nodes.services import Photo, Services, Update, node
-from grs_agents.nodes.standing import stand
 from grs_agents.perception import (
     CandidateRecord,
     DepthEstimate,

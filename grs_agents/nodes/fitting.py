@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from grs_agents.agents import Description
-from grs_agents.nodes.matching import Matched, drop_reason, object_of
+from grs_agents.nodes.scene_objects import Matched, drop_reason, object_of
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
     CandidateRecord,

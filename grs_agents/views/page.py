@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.terminal import visible
-from grs_agents.views.objects import Rectangle
+from grs_agents.views.common.scene_objects import Rectangle
 
 Verdict = Literal["", "good", "bad"]
 """The class, and so the colour, of what went well or wrong."""

@@ -15,10 +15,10 @@ from grs_agents.trace import (
     TaskDefined,
     TestsRun,
 )
+from grs_agents.views.common.step_text import sections
+from grs_agents.views.common.steps import Step, steps
 from grs_agents.views.page import Verdict, code, diff, folded, page, paragraph, section, table, text
 from grs_agents.views.report_pictures import Sources, photo, rollouts
-from grs_agents.views.step_text import sections
-from grs_agents.views.steps import Step, steps
 
 
 def report(record: dict[str, Any], events: Sequence[Event], sources: Sources) -> str:

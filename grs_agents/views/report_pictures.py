@@ -13,10 +13,10 @@ from grs_agents.foreign.pictures import read_picture
 from grs_agents.library import Library
 from grs_agents.sim.instance.instance import TaskInstance
 from grs_agents.trace import Event, NodeStarted, Rollout, SceneStage
-from grs_agents.views.film import Shot, pictures
-from grs_agents.views.objects import Rectangle, label_of, name_of, rectangles
+from grs_agents.views.common.run_objects import twin_objects, twin_picture
+from grs_agents.views.common.scene_objects import Rectangle, label_of, name_of, rectangles
+from grs_agents.views.film.film import Shot, pictures
 from grs_agents.views.page import paragraph, picture, table
-from grs_agents.views.twin import twin_objects, twin_picture
 
 FRAMES = 6
 """Pictures of a film strip."""

@@ -12,8 +12,8 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.trace import Event, NodeEnded, RunEnded, RunStarted
-from grs_agents.views.glyphs import one_line
-from grs_agents.views.steps import Status, Step, Steps
+from grs_agents.views.common.safe_text import one_line
+from grs_agents.views.common.steps import Status, Step, Steps
 
 MARKS: dict[Status, tuple[str, str]] = {
     "running": ("▶", "yellow"),

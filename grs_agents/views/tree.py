@@ -7,8 +7,8 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents.trace import ProgramVersion
-from grs_agents.views.glyphs import one_line
-from grs_agents.views.steps import Step
+from grs_agents.views.common.safe_text import one_line
+from grs_agents.views.common.steps import Step
 from grs_agents.views.terminal import mark_of
 
 _LONG = 400

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from grs_agents.run.batch import Job, run_jobs
-from grs_agents.run.experiment import summarise
+from grs_agents.run.experiments import summarise
 from grs_agents.run.tables import COLUMNS, markdown, row, table
 
 

@@ -14,7 +14,8 @@ import pytest
 from grs_agents.library import Library
 from grs_agents.trace import Decision, EventLog, Finding, Note, TaskDefined, read_events
 from grs_agents.trace import TestsRun as Tested
-from grs_agents.views import film, page, report_pictures
+from grs_agents.views import page, report_pictures
+from grs_agents.views.film import film
 from grs_agents.views.report import report
 from grs_agents.views.report_pictures import Sources
 from tests.views.conftest import Script

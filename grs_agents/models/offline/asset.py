@@ -3,8 +3,8 @@
 import json
 from typing import cast
 
-from grs_agents.models.offline.text import PromptText
-from grs_agents.models.offline.things import numbers
+from grs_agents.models.offline.prompt_text import PromptText
+from grs_agents.models.offline.scene_objects import numbers
 
 _KINDS = (
     "bottle", "can", "box", "bowl", "mug", "cup", "plate", "jar", "carton", "tub", "canister", "cube", "pitcher",

@@ -14,11 +14,11 @@ from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResu
 
 from grs_agents.models.offline.asset import describe_asset
 from grs_agents.models.offline.authors import author_simulation, author_task
-from grs_agents.models.offline.fix_code import fix_code
-from grs_agents.models.offline.look import describe, images, match
-from grs_agents.models.offline.route import route
-from grs_agents.models.offline.tests import author_tests, fix_tests
-from grs_agents.models.offline.text import PromptText, read_prompt
+from grs_agents.models.offline.code_fixer import fix_code
+from grs_agents.models.offline.describing import describe, images, match
+from grs_agents.models.offline.prompt_text import PromptText, read_prompt
+from grs_agents.models.offline.router import route
+from grs_agents.models.offline.test_author import author_tests, fix_tests
 
 Answer = Callable[[PromptText, list[bytes], np.random.Generator], str]
 ROLES: Mapping[str, Answer] = {

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from grs_agents.models.offline.things import FAR, GAP, NEAR, Rect, Thing
+from grs_agents.models.offline.scene_objects import FAR, GAP, NEAR, Rect, Thing
 
 X_RANGE, Y_RANGE = (0.25, 0.75), (-0.5, 0.5)
 """The part of the table that random poses are drawn from, metres, robot frame."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from grs_agents.models.offline.things import Thing, Vector
+from grs_agents.models.offline.scene_objects import Thing, Vector
 
 CONTAINER = "container/container-template.urdf"
 ZONE = "zone/zone-template.urdf"
