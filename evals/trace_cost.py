@@ -127,7 +127,7 @@ class TimedLog(EventLog):
 @contextmanager
 def _timed_rows() -> Generator[list[float]]:
     """The CPU time of each sending of rows, which threads of their own do."""
-    from grs_agents.views.rerun.rows import Rows
+    from grs_agents.views.rerun.recording import Rows
 
     spent: list[float] = []
     send = Rows.send

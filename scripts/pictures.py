@@ -149,7 +149,7 @@ def _still(viewer: Any) -> bytes:
 def moments_of(folder: Path) -> dict[str, list[float]]:
     """Where on the timeline ``replay`` each event of a run is, by kind, s."""
     from grs_agents.trace import Rollout, read_events
-    from grs_agents.views.rerun.clock import Clock
+    from grs_agents.views.rerun.recording import Clock
     from grs_agents.views.rerun.rollout_view import duration
 
     clock, moments = Clock(), defaultdict[str, list[float]](list)

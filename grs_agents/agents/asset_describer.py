@@ -16,8 +16,7 @@ from langchain_core.messages import HumanMessage
 from pydantic import ConfigDict, Field, ValidationError
 
 from grs_agents import content
-from grs_agents.agents.prompt import render
-from grs_agents.agents.reply import ReplyError, parse_json
+from grs_agents.agents.reply import ReplyError, parse_json, render
 from grs_agents.base import Frozen
 from grs_agents.files import write_json
 from grs_agents.library import Asset, Library

@@ -50,8 +50,7 @@ def import_assets(
     json: Json = False,
 ) -> None:
     """Import 3D models; broken ones are refused by name, the rest goes on. Exit status 1 if one was refused."""
-    from grs_agents.cli.assets_import import import_source
-    from grs_agents.cli.objaverse import PREFIX, import_objaverse
+    from grs_agents.cli.assets_import import PREFIX, import_objaverse, import_source
     from grs_agents.library.importing.types import ImportOptions
 
     options = ImportOptions(unit=unit, up=up, license=license_ or "unknown", faces=faces)
@@ -117,6 +116,6 @@ def index_assets(
     json: Json = False,
 ) -> None:
     """Bring an index up to date, for matching in a library too large to compare everything; see match.index."""
-    from grs_agents.cli.assets_index import index_assets as update
+    from grs_agents.cli.assets_describe import index_assets as update
 
     sys.exit(update(folder, again, json))

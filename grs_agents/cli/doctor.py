@@ -13,7 +13,7 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.config import UNSAFE, Config
-from grs_agents.config.limits import Limits
+from grs_agents.config.model import Limits
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions

@@ -66,7 +66,7 @@ def play(
     ] = None,
 ) -> None:
     """Play a run's task, as the oracle solved it, in MuJoCo's window or into an mp4 or gif file."""
-    from grs_agents.cli.playing import play_run
+    from grs_agents.cli.outputs import play_run
 
     sys.exit(play_run(run, out, seed))
 
@@ -81,7 +81,7 @@ def report(
     ] = None,
 ) -> None:
     """Write a run as one HTML page that needs nothing else: photo, task, pictures, decisions, changes, tests."""
-    from grs_agents.cli.reporting import report_run
+    from grs_agents.cli.outputs import report_run
 
     report_run(run, out)
 
@@ -96,7 +96,7 @@ def share(
     ] = None,
 ) -> None:
     """Pack a run into one zip file without keys and home folders, with its recording and report."""
-    from grs_agents.cli.sharing import share_run
+    from grs_agents.cli.outputs import share_run
 
     share_run(run, out)
 

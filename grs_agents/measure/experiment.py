@@ -23,7 +23,7 @@ from grs_agents.perception.reading import scene_name
 from grs_agents.perception.reading.bop import is_bop
 from grs_agents.perception.truth import labelled_folders
 from grs_agents.perception.truth_bop import bop_sources
-from grs_agents.run.tables import table
+from grs_agents.run.experiments import table
 from grs_agents.synth import Recipe
 from grs_agents.terminal import say_json
 

@@ -11,7 +11,7 @@ import numpy as np
 from grs_agents import content
 from grs_agents.agents import Agents, Description, NoReply, roles
 from grs_agents.config import Config, load_config
-from grs_agents.config.limits import Limits
+from grs_agents.config.model import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.library import Library

@@ -18,7 +18,7 @@ from grs_agents.measure.match_figures import SHOWN, write_matchings
 from grs_agents.measure.match_sheet import write_match_plot, write_match_sheet
 from grs_agents.measure.match_types import Matching, MatchOrder, Method, matching_file
 from grs_agents.measure.types import Order
-from grs_agents.run.tables import table
+from grs_agents.run.experiments import table
 from grs_agents.terminal import say, say_json
 
 _Outcome = TypeVar("_Outcome")

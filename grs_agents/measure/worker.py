@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents import content
-from grs_agents.config.limits import Limits
+from grs_agents.config.model import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes, write_json
 from grs_agents.library import Library

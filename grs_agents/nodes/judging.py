@@ -6,7 +6,7 @@ from grs_agents.agents import TaskDefinition
 from grs_agents.audit import AuditReport
 from grs_agents.audit import audit as judge
 from grs_agents.files import write_json
-from grs_agents.nodes.evidence import evidence
+from grs_agents.nodes.authoring import evidence
 from grs_agents.nodes.instances import measure
 from grs_agents.nodes.services import Services, Update, node
 from grs_agents.perception import SceneDescription

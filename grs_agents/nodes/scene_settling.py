@@ -7,8 +7,7 @@ import numpy as np
 
 from grs_agents.errors import GrsError
 from grs_agents.nodes.asset_registration import standing_at
-from grs_agents.nodes.fitting import given_way, unlike
-from grs_agents.nodes.scene_objects import about_z, write_stand_in
+from grs_agents.nodes.scene_objects import about_z, given_way, unlike, write_stand_in
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
     CandidateRecord,

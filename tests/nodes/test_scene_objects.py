@@ -8,8 +8,8 @@ import pytest
 
 from grs_agents.agents import Description
 from grs_agents.library import Library
+from grs_agents.nodes.authoring import fixtures_for_prompt, scene_for_prompt
 from grs_agents.nodes.scene_objects import Matched, drop_reason, object_of
-from grs_agents.nodes.scene_prompt import fixtures_for_prompt, scene_for_prompt
 from grs_agents.nodes.services import Services
 from grs_agents.perception import CandidateRecord, MatchEvidence, SceneDescription
 

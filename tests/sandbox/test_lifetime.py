@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import grs_agents
-from grs_agents.config.limits import Limits
+from grs_agents.config.model import Limits
 from grs_agents.sandbox import Sandbox
 from grs_agents.sandbox.host import streams, zygote_process
 from grs_agents.sandbox.isolation.backends import Choice

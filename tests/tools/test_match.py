@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.config.limits import Limits
+from grs_agents.config.model import Limits
 from grs_agents.errors import ConfigError
 from grs_agents.library import Library
 from grs_agents.perception import MatchEvidence, Shown, candidates_of, find_table

@@ -1,4 +1,7 @@
-"""The roles that look: the describer and the matcher."""
+"""The roles that look: the describer and the matcher.
+
+The role that describes 3D models: from what was measured, and it says so.
+"""
 
 import base64
 import json
@@ -11,8 +14,7 @@ import numpy.typing as npt
 from langchain_core.messages import HumanMessage
 
 from grs_agents.library.colors import COLORS, color_name
-from grs_agents.models.offline.prompt_text import Json, PromptText, words
-from grs_agents.models.offline.scene_objects import numbers
+from grs_agents.models.offline.prompt_text import Json, PromptText, numbers, words
 
 Image = npt.NDArray[np.uint8]
 """BGR, as OpenCV decodes it."""
@@ -214,3 +216,29 @@ def _color_words(text: str) -> list[str]:
 
 def _fenced(value: Json) -> str:
     return f"```json\n{json.dumps(value, ensure_ascii=False)}\n```"
+
+
+_KINDS = (
+    "bottle", "can", "box", "bowl", "mug", "cup", "plate", "jar", "carton", "tub", "canister", "cube", "pitcher",
+    "ball", "basket", "tray", "toy", "bag", "book", "pan", "sponge", "hammer", "scissors", "marker",
+)  # fmt: skip
+
+
+def describe_asset(prompt: PromptText) -> str:
+    """Reply to the ``describe_asset`` prompt from its facts alone; the pictures are not looked at."""
+    facts = prompt.json("facts")
+    told = facts.get("colors")
+    colors = [str(one) for one in cast(list[object], told)] if isinstance(told, list) and told else ["gray"]
+    words = str(facts.get("file_name", "")).lower().replace("_", " ").replace("-", " ").split()
+    words = [word for word in words if word.isalpha()]
+    category = next((word for word in reversed(words) if word in _KINDS), "object")
+    size = numbers(facts.get("size_m"), 3)
+    across = max(size[:2]) if size else 0.0
+    build = "" if not size else "tall " if size[2] > 1.6 * across else "flat " if size[2] < 0.45 * across else ""
+    called = " ".join(words) or category
+    hollow = ", hollow" if facts.get("hollow") is True else ""
+    paint = f"{build}{' and '.join(colors[:2])}"
+    article = "An" if paint[0] in "aeiou" else "A"
+    text = f"{article} {paint} {called}{hollow} (told from its name and measurements, not seen)."
+    reply = {"description": text, "color": colors[0], "category": category}
+    return f"```json\n{json.dumps(reply)}\n```"

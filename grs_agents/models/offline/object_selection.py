@@ -5,9 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from grs_agents.models.offline.layout import Table, apart, in_reach, pickable, steady
-from grs_agents.models.offline.plan import Family, Plan
-from grs_agents.models.offline.scene_objects import Thing
+from grs_agents.models.offline.plan import Family, Plan, Table, apart, in_reach, pickable, steady
+from grs_agents.models.offline.prompt_text import Thing
 from grs_agents.models.offline.task_families import FAMILIES, Wish
 
 MOST = 6

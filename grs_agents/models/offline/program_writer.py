@@ -2,10 +2,8 @@
 
 import keyword
 
-from grs_agents.models.offline.layout import TALLEST
-from grs_agents.models.offline.plan import CONTAINER, ZONE, Frame, Move, Plan
-from grs_agents.models.offline.prompt_text import identifier, words
-from grs_agents.models.offline.scene_objects import GAP
+from grs_agents.models.offline.plan import CONTAINER, TALLEST, ZONE, Frame, Move, Plan
+from grs_agents.models.offline.prompt_text import GAP, identifier, words
 
 _TOLD = {
     "pack": "put the {} into the {}",

@@ -4,10 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from grs_agents.models.offline.layout import Table, in_rows
-from grs_agents.models.offline.plan import WALL, ZONE_HEIGHT, Family, Frame, Move, Plan
-from grs_agents.models.offline.prompt_text import identifier
-from grs_agents.models.offline.scene_objects import COLORS, GAP, Rect, Thing, Vector
+from grs_agents.models.offline.plan import WALL, ZONE_HEIGHT, Family, Frame, Move, Plan, Table, in_rows
+from grs_agents.models.offline.prompt_text import COLORS, GAP, Rect, Thing, Vector, identifier
 
 PALETTE = ("green", "blue", "red", "yellow", "purple", "orange")
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from grs_agents.models.offline.plan import Family, Frame, Plan
-from grs_agents.models.offline.scene_objects import COLORS, Thing
+from grs_agents.models.offline.prompt_text import COLORS, Thing
 from grs_agents.models.offline.task_families import PALETTE, Wish
 
 _FAMILY_WORDS: tuple[tuple[Family, str], ...] = (

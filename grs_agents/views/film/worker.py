@@ -82,7 +82,7 @@ def _gl_painter(mujoco: Any, stage: Any, order: dict[str, Any]) -> Callable[[], 
 
 def _ray_painter(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
     from grs_agents.sim.world.rendering import View, rays
-    from grs_agents.views.film.ray_painter import paint
+    from grs_agents.views.film.stage import paint
 
     azimuth, elevation = np.deg2rad(order["azimuth"]), np.deg2rad(order["elevation"])
     ahead = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])

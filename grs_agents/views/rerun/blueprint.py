@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from grs_agents.base import Vec3
 from grs_agents.views.rerun import state_machine
-from grs_agents.views.rerun.paths import Paths
+from grs_agents.views.rerun.recording import Paths
 
 
 def blueprint(nodes: tuple[str, ...]) -> rrb.Blueprint:

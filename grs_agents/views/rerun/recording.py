@@ -1,12 +1,21 @@
-"""A rerun recording file with the four timelines; nothing is ever sent over a network."""
+"""A rerun recording file with the four timelines; nothing is ever sent over a network.
 
+Small rows of a recording, sent together: rerun takes about as long for one row as for many.
+
+The four timelines, computed from the events alone so that a live and a rebuilt recording agree.
+
+Where each thing lies in the recording; the blueprint and the writers agree by these names.
+"""
+
+import math
 import shutil
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +23,113 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from grs_agents.errors import InputError
-from grs_agents.views.rerun.clock import Moment
-from grs_agents.views.rerun.rows import Archetype, Rows
+from grs_agents.trace import Event, NodeStarted
+
+BEAT = 0.1
+"""Seconds of ``replay`` between two events inside a node; a node takes whole seconds, at least one."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One instant on every timeline.
+
+    Attributes:
+        replay: seconds into the film of the run: a second a node, real seconds inside rollouts.
+        event: sequence number of the event.
+        attempt: fixes made so far.
+        simulated: simulated seconds of all rollouts so far.
+    """
+
+    replay: float = 0.0
+    event: int = 0
+    attempt: int = 0
+    simulated: float = 0.0
+
+
+class Clock:
+    """Turns events into moments."""
+
+    def __init__(self) -> None:
+        self.now = Moment()
+
+    def tick(self, event: Event) -> Moment:
+        """The moment at which ``event`` is shown."""
+        replay = self.now.replay + BEAT
+        if isinstance(event, NodeStarted):
+            replay = float(math.ceil(round(replay, 6)))
+        self.now = Moment(round(replay, 6), event.sequence, event.attempt, self.now.simulated)
+        return self.now
+
+    def play(self, seconds: float) -> None:
+        """Let ``seconds`` of a rollout go by."""
+        now = self.now
+        self.now = Moment(now.replay + seconds, now.event, now.attempt, now.simulated + seconds)
+
+
+Values = Mapping[str, list[Any]]
+"""What each component of a row holds; all lists are of one length."""
+
+
+class Archetype(Protocol):
+    """An archetype of rerun of which many rows can be sent at once."""
+
+    @classmethod
+    def columns(cls) -> rr.ComponentColumnList:
+        """The values of each of its components, named by keyword, one after the other."""
+        ...
+
+
+def time_columns(moments: Sequence[Moment]) -> tuple[rr.TimeColumn, ...]:
+    """Where rows stand on the four timelines."""
+    return (
+        rr.TimeColumn("replay", duration=[moment.replay for moment in moments]),
+        rr.TimeColumn("event", sequence=[moment.event for moment in moments]),
+        rr.TimeColumn("attempt", sequence=[moment.attempt for moment in moments]),
+        rr.TimeColumn("sim_time", duration=[moment.simulated for moment in moments]),
+    )
+
+
+class Rows:
+    """Rows that wait to be sent to ``stream``, for ``wait`` seconds at most, whatever happens meanwhile."""
+
+    def __init__(self, stream: rr.RecordingStream, wait: float) -> None:
+        self._stream, self._wait = stream, wait
+        self._lock = threading.Lock()
+        self._timer: threading.Timer | None = None
+        self._waiting: dict[tuple[str, type[Archetype]], list[tuple[Moment, Values]]] = {}
+
+    def add(self, path: str, kind: type[Archetype], moment: Moment, values: Values) -> None:
+        """Send a row soon.
+
+        Args:
+            path: the entity.
+            kind: the archetype; the rows of one path name the same components.
+            moment: the time.
+            values: of its components.
+        """
+        with self._lock:
+            self._waiting.setdefault((path, kind), []).append((moment, values))
+            if self._timer is None:
+                self._timer = threading.Timer(self._wait, self.send)
+                self._timer.daemon = True
+                self._timer.start()
+
+    def send(self) -> None:
+        """Send what waits."""
+        with self._lock:
+            if self._timer:
+                self._timer.cancel()
+            waiting, self._waiting, self._timer = self._waiting, {}, None
+            for (path, kind), rows in waiting.items():
+                self._stream.send_columns(path, time_columns([moment for moment, _ in rows]),
+                                          _columns(kind, [values for _, values in rows]), strict=True)  # fmt: skip
+
+
+def _columns(kind: type[Archetype], rows: list[Values]) -> rr.ComponentColumnList:
+    """The components of ``rows``, each as one column."""
+    flat = {name: [value for row in rows for value in row[name]] for name in rows[0]}
+    return kind.columns(**flat).partition([len(next(iter(row.values()))) for row in rows])
+
 
 APPLICATION = "grs"
 LEAST_FREE = 16 * 2**20
@@ -114,3 +228,29 @@ class Recording:
         """Write what is left and the footer."""
         self._rows.send()
         self._stream.disconnect()
+
+
+class Paths:
+    """Entity paths."""
+
+    MACHINE = "/machine"
+    NODE = "/node"
+    LOG = "/log"
+    DECISION = "/decision"
+    TASK = "/task"
+    PROMPT = "/prompt"
+    IMAGE = "/prompt_image"
+    REPLY = "/reply"
+    SIMULATION = "/program/simulation"
+    TESTS = "/program/tests"
+    DIFF = "/diff"
+    REPORT = "/report"
+    OBJECTS = "/objects"
+    AUDIT = "/audit"
+    METRICS = "/metrics"
+    SCENE = "/scene"
+    CAMERA = "/scene/camera"
+    TWIN = "/scene/twin"
+    SURROUNDINGS = "/scene/background"
+    WORLD = "/world"
+    GRASPS = "/log/grasps"

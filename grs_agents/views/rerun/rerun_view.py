@@ -8,7 +8,7 @@ from grs_agents.trace import Event, read_events
 from grs_agents.views.rerun.blueprint import comparison
 from grs_agents.views.rerun.event_view import EventView
 from grs_agents.views.rerun.recording import Recording
-from grs_agents.views.rerun.state_machine_view import MachineView
+from grs_agents.views.rerun.state_machine import MachineView
 
 TRACE = "trace.rrd"
 

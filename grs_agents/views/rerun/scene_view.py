@@ -14,12 +14,10 @@ from grs_agents.foreign import member
 from grs_agents.foreign import pictures as foreign
 from grs_agents.library import Library
 from grs_agents.trace import SceneStage
-from grs_agents.views.common.run_objects import changed, run_library, twin_objects
 from grs_agents.views.common.safe_text import cell, document, drawable
-from grs_agents.views.common.scene_objects import label_of, name_of, rectangles
-from grs_agents.views.rerun.paths import Paths
-from grs_agents.views.rerun.recording import Recording
-from grs_agents.views.rerun.shape_view import show_asset
+from grs_agents.views.common.scene_objects import changed, label_of, name_of, rectangles, run_library, twin_objects
+from grs_agents.views.rerun.recording import Paths, Recording
+from grs_agents.views.rerun.rollout_view import show_asset
 
 MOST_POINTS = 40_000
 """Points of the cloud that are kept, evenly spread over the picture."""

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from grs_agents import content
-from grs_agents.config.limits import Limits
+from grs_agents.config.model import Limits
 from grs_agents.sandbox import CallResult, Sandbox
 from grs_agents.sandbox.isolation.backends import Choice
 from tests.needs import require

@@ -2,7 +2,7 @@
 
 import pytest
 
-from grs_agents.config.limits import Limits
+from grs_agents.config.model import Limits
 from grs_agents.sandbox import EachResult, Sandbox, call_each
 
 CODE = """

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import grs_agents
-from grs_agents.config.limits import Limits
+from grs_agents.config.model import Limits
 from grs_agents.errors import UnknownNameError
 from grs_agents.sandbox import CallResult, Sandbox, SandboxError
 from tests.sandbox.processes import ends

@@ -13,7 +13,7 @@ import pytest
 
 import grs_agents
 from grs_agents.config import Config
-from grs_agents.config.limits import Limits
+from grs_agents.config.model import Limits
 from grs_agents.sandbox import CallResult, Choice, Sandbox, SandboxError, TestReport
 from grs_agents.sandbox.isolation import hardening
 from grs_agents.sandbox.protocol.settings import ENVIRONMENT

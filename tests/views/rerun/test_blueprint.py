@@ -15,7 +15,7 @@ from tests.views.looking import headless, picture
 
 def moment(folder: Path, wanted: Callable[[Any], bool]) -> float:
     """Where on the timeline ``replay`` an event is that fits."""
-    from grs_agents.views.rerun.clock import Clock
+    from grs_agents.views.rerun.recording import Clock
 
     clock = Clock()
     for event in read_events(folder / "events.jsonl"):

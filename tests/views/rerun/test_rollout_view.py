@@ -11,8 +11,7 @@ from grs_agents.library import Library
 from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
 from grs_agents.trace import Rollout
 from grs_agents.views.rerun.blueprint import blueprint
-from grs_agents.views.rerun.paths import Paths
-from grs_agents.views.rerun.recording import Recording
+from grs_agents.views.rerun.recording import Paths, Recording
 from grs_agents.views.rerun.rollout_view import RolloutView, duration
 
 

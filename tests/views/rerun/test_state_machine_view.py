@@ -6,10 +6,8 @@ from rerun.chunk import RrdReader
 
 from grs_agents.trace import NodeStarted, RunEnded, RunStarted
 from grs_agents.views.rerun.blueprint import blueprint
-from grs_agents.views.rerun.clock import Moment
-from grs_agents.views.rerun.paths import Paths
-from grs_agents.views.rerun.recording import Recording
-from grs_agents.views.rerun.state_machine_view import MachineView
+from grs_agents.views.rerun.recording import Moment, Paths, Recording
+from grs_agents.views.rerun.state_machine import MachineView
 
 
 def test_the_graph_of_the_run_is_shown_with_visits(tmp_path: Path) -> None:
