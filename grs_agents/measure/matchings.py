@@ -43,7 +43,7 @@ def match_orders(
 ) -> list[MatchOrder]:
     """One order for each scene, method, model and run; methods that ask no model have one model, ``-``, and one run."""
     code = fingerprint(
-        *(CODE / room for room in ("scene", "correspondence", "agents")), content.path("tools", "match_features")
+        *(CODE / room for room in ("perception", "agents")), content.path("tools", "match_features")
     )
     found: list[MatchOrder] = []
     for name in methods:
