@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 from grs_agents import sandbox
 from grs_agents.base import Frozen
 from grs_agents.config.model import Limits
-from grs_agents.sandbox import CallResult, EachResult, Trace
+from grs_agents.sandbox import BatchResult, CallResult, Trace
 from grs_agents.sim import InstanceError, TaskInstance, first_fault, names_task, read_instance
 from grs_agents.toolkit import ToolContext, open_library, readable
 
@@ -114,9 +114,9 @@ def _unsound(request: Request) -> tuple[Failure, ...]:
 
 def _draw_all(
     seeds: Sequence[int], request: Request, context: ToolContext
-) -> tuple[dict[int, TaskInstance | Failure], EachResult]:
+) -> tuple[dict[int, TaskInstance | Failure], BatchResult]:
     """Draw each seed once, in a process that ran nothing before."""
-    each = sandbox.call_each(
+    each = sandbox.call_batch(
         context.sandbox,
         "instantiate",
         request.model_dump(mode="json") | {"limits": context.limits.model_dump(mode="json")},
@@ -153,7 +153,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
     sim.configure(library, robot=request["robot"], limits=limits, background=background)
     items: Sequence[str] = request["items"]
     task: Any = None
-    with sandbox.Caught() as loading:
+    with sandbox.CapturedError() as loading:
         sandbox.seed_everything(0)
         task = sim.task_class(sandbox.load_program(request["simulation"]))
     for item in items:
@@ -161,7 +161,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         sandbox.seed_everything(int(item))
         sim.begin_test()
         event: dict[str, Any] = {"instance": None}
-        with sandbox.Caught() as caught:
+        with sandbox.CapturedError() as caught:
             if loading.error is not None:
                 raise loading.error
             instance = sim.instantiate(task(), int(item), library)
@@ -183,7 +183,7 @@ def _failure(error: BaseException) -> dict[str, str]:
     return {**shown, "outcome": str(getattr(error, "outcome", "error"))}
 
 
-def _draw(seed: int, each: EachResult, source: str, limits: Limits) -> TaskInstance | Failure:
+def _draw(seed: int, each: BatchResult, source: str, limits: Limits) -> TaskInstance | Failure:
     item = str(seed)
     if item in each.stopped:
         return _stopped(seed, each.stopped[item], source)

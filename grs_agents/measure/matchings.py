@@ -42,9 +42,7 @@ def match_orders(
     scenes: Sequence[Order], methods: Sequence[str], models: Sequence[str], runs: int, settings: Sequence[str]
 ) -> list[MatchOrder]:
     """One order for each scene, method, model and run; methods that ask no model have one model, ``-``, and one run."""
-    code = fingerprint(
-        *(CODE / room for room in ("perception", "agents")), content.path("tools", "match_features")
-    )
+    code = fingerprint(*(CODE / room for room in ("perception", "agents")), content.path("tools", "match_features"))
     found: list[MatchOrder] = []
     for name in methods:
         method = METHODS[name]

@@ -9,10 +9,10 @@ from grs_agents.perception import (
     Registered,
     SceneObject,
     add_candidates,
-    found_later,
+    asset_surface_at,
     load_mask,
     register,
-    shell_of,
+    residual_candidates,
 )
 from grs_agents.perception.types import reachable
 
@@ -47,7 +47,7 @@ def standing_at(found: Registered) -> dict[str, object]:
     }
 
 
-def seen_later(
+def add_residual_candidates(
     objects: Sequence[SceneObject], records: Sequence[CandidateRecord], photo: Photo, services: Services
 ) -> tuple[tuple[CandidateRecord, ...], tuple[DroppedCandidate, ...]]:
     """Residual candidates, which no placed asset explains, and the objects whose segments they were part of."""
@@ -55,8 +55,11 @@ def seen_later(
         return (), ()
     (frame, table), library = photo, services.library
     masks = [load_mask(services.folder / one.mask) for one in objects]
-    shells = [shell_of(one.asset, (one.position, one.orientation), library) if one.matched else None for one in objects]
-    found = found_later(masks, shells, frame, table, max(one.id for one in records) + 1)
+    shells = [
+        asset_surface_at(one.asset, (one.position, one.orientation), library) if one.matched else None
+        for one in objects
+    ]
+    found = residual_candidates(masks, shells, frame, table, max(one.id for one in records) + 1)
     added = add_candidates(frame, found.candidates, records, services.folder) if found.candidates else ()
     return added, tuple(
         DroppedCandidate(id=objects[index].id, reason="much of it belongs to known things; the rest is looked at again")

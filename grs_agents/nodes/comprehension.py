@@ -13,9 +13,9 @@ from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
 from grs_agents.library import write_background
 from grs_agents.nodes.asset_matching import correspond, measurements
-from grs_agents.nodes.asset_registration import register_assets, seen_later
-from grs_agents.nodes.scene_objects import Matched, drop_reason, fitting, object_of
-from grs_agents.nodes.scene_settling import stand
+from grs_agents.nodes.asset_registration import add_residual_candidates, register_assets
+from grs_agents.nodes.scene_objects import Matched, check_sizes, drop_reason, object_of
+from grs_agents.nodes.scene_settling import settle_scene
 from grs_agents.nodes.services import Photo, Services, Update, node
 from grs_agents.perception import (
     Candidate,
@@ -170,7 +170,7 @@ def register(state: RunState, services: Services) -> Update:
     dropped = [*(DroppedCandidate.model_validate(one) for one in state.get("dropped", ())), *dropped]
     residual: tuple[CandidateRecord, ...] = ()
     if len(state["pending"]) == len(records):  # the first pass
-        residual, divided = seen_later(objects, records, _photo(state, services), services)
+        residual, divided = add_residual_candidates(objects, records, _photo(state, services), services)
         dropped += divided
         objects = [one for one in objects if one.id not in {gone.id for gone in divided}]
     return {
@@ -190,7 +190,7 @@ def registered(state: RunState) -> Literal["describe", "settle"]:
 def settle(state: RunState, services: Services) -> Update:
     """Resolve collisions, let the objects come to rest in MuJoCo, and write ``scene.json``."""
     records = [CandidateRecord.model_validate(one) for one in state["candidates"]]
-    stood = stand(
+    stood = settle_scene(
         [SceneObject.model_validate(one) for one in state["objects"]], records, _photo(state, services), services
     )
     warnings = [*state["notes"], *stood.warnings]
@@ -241,7 +241,9 @@ def _placed(
             objects.append(object_of(answer, services, [one.name for one in (*others, *objects)], photo))
     by_number = {one.id: one for one in records}
     names = [one.name for one in others]
-    placed, mismatched = fitting(register_assets(objects, records, photo, services), by_number, names, photo, services)
+    placed, mismatched = check_sizes(
+        register_assets(objects, records, photo, services), by_number, names, photo, services
+    )
     return placed, [*dropped, *mismatched]
 
 

@@ -20,10 +20,10 @@ from grs_agents.perception import (
     SceneObject,
     Surroundings,
     UprightBox,
-    certain,
-    deviation,
+    is_certain,
     load_mask,
     place_asset,
+    size_deviation,
     upright_of,
 )
 from grs_agents.perception.proxies.fitted import write_fitted_proxy, write_proxy
@@ -129,7 +129,7 @@ def about_z(yaw: float) -> Quat:
     return (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
 
 
-def fitting(
+def check_sizes(
     objects: Sequence[SceneObject],
     records: Mapping[int, CandidateRecord],
     taken: Sequence[str],
@@ -148,9 +148,9 @@ def fitting(
     kept: list[SceneObject] = []
     lost: list[DroppedCandidate] = []
     for one in objects:
-        why = unlike(one, services)
+        why = size_mismatch(one, services)
         names = [*taken, *(other.name for other in (*objects, *kept))]
-        found = given_way(one, why, records[one.id], names, photo, services) if why else one
+        found = replace_by_proxy(one, why, records[one.id], names, photo, services) if why else one
         if isinstance(found, DroppedCandidate):
             lost.append(found)
         else:
@@ -158,15 +158,17 @@ def fitting(
     return tuple(kept), lost
 
 
-def unlike(one: SceneObject, services: Services) -> str:
+def size_mismatch(one: SceneObject, services: Services) -> str:
     """Why the asset of an object does not stand for what was measured of it; empty if it does, or is a proxy."""
-    if not one.matched or certain(one):
+    if not one.matched or is_certain(one):
         return ""
-    off = deviation(one.asset, (one.position, one.orientation), services.library, one.upright or upright_of(one.box))
+    off = size_deviation(
+        one.asset, (one.position, one.orientation), services.library, one.upright or upright_of(one.box)
+    )
     return "" if off.agrees else f"is not of the measured size there: {off}"
 
 
-def given_way(
+def replace_by_proxy(
     one: SceneObject,
     why: str,
     record: CandidateRecord,

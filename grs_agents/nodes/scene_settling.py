@@ -7,7 +7,7 @@ import numpy as np
 
 from grs_agents.errors import GrsError
 from grs_agents.nodes.asset_registration import standing_at
-from grs_agents.nodes.scene_objects import about_z, given_way, unlike, write_stand_in
+from grs_agents.nodes.scene_objects import about_z, replace_by_proxy, size_mismatch, write_stand_in
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
     CandidateRecord,
@@ -23,23 +23,23 @@ from grs_agents.perception import (
     load_mask,
     relations,
 )
-from grs_agents.perception.proxies.free_space_map import crowded
+from grs_agents.perception.proxies.free_space_map import is_crowded
 from grs_agents.perception.settling import (
-    Known,
+    KnownObject,
+    PlacedObject,
     Reconciled,
     Segment,
-    Thing,
-    carriers,
-    disentangled,
-    reconcile,
+    reconcile_segments,
+    repair_collisions,
     report_of,
+    supporting_segments,
 )
 from grs_agents.perception.types import reachable
 from grs_agents.sim.instance.episode import SimulationError
 
 
 @dataclass(frozen=True)
-class Stood:
+class SettledScene:
     """The objects where they stand, how they lie to each other, their twin, and what a reader should know.
 
     ``dropped`` are those that turned out to be pieces of others, or no objects.
@@ -66,9 +66,9 @@ class _Scene:
         return load_mask(self.services.folder / one.mask)
 
 
-def stand(
+def settle_scene(
     objects: Sequence[SceneObject], records: Sequence[CandidateRecord], photo: Photo, services: Services
-) -> Stood:
+) -> SettledScene:
     """Tell pieces of others and relations, fit the proxies, and settle the twin; what MuJoCo refuses has none.
 
     Args:
@@ -78,7 +78,7 @@ def stand(
         services: of the run.
     """
     if not objects:
-        return Stood(())
+        return SettledScene(())
     scene = _Scene(*photo, {one.id: one for one in records}, services)
     apart, gone, warnings = tuple(objects), list[DroppedCandidate](), tuple[str, ...]()
     try:
@@ -98,20 +98,20 @@ def _apart(objects: Sequence[SceneObject], scene: _Scene) -> tuple[tuple[SceneOb
     """
     known = [index for index, one in enumerate(objects) if one.matched]
     things = [
-        Known(_thing(one), scene.records[one.id].upright, scene.mask(one))
+        KnownObject(_thing(one), scene.records[one.id].upright, scene.mask(one))
         for one in (objects[index] for index in known)
     ]
     placed: dict[int, SceneObject] = dict(enumerate(objects))
     lost: list[DroppedCandidate] = []
-    found = disentangled(things, scene.frame, scene.table, scene.services.library)
+    found = repair_collisions(things, scene.frame, scene.table, scene.services.library)
     for index, stood in found.moved.items():
         one = objects[known[index]].model_copy(update=standing_at(stood))
-        if not unlike(one, scene.services):
+        if not size_mismatch(one, scene.services):
             placed[known[index]] = one
     for index in sorted(found.wrong):
         one, names = placed.pop(known[index]), [other.name for other in (*objects, *placed.values())]
         photo, why = (scene.frame, scene.table), "it stands in another thing"
-        stand_in = given_way(one, why, scene.records[one.id], names, photo, scene.services)
+        stand_in = replace_by_proxy(one, why, scene.records[one.id], names, photo, scene.services)
         if isinstance(stand_in, DroppedCandidate):
             lost.append(stand_in)
         else:
@@ -119,7 +119,9 @@ def _apart(objects: Sequence[SceneObject], scene: _Scene) -> tuple[tuple[SceneOb
     return tuple(placed[index] for index in sorted(placed)), lost
 
 
-def _settled(objects: Sequence[SceneObject], united: Mapping[int, int], scene: _Scene) -> tuple[Stood, dict[int, int]]:
+def _settled(
+    objects: Sequence[SceneObject], united: Mapping[int, int], scene: _Scene
+) -> tuple[SettledScene, dict[int, int]]:
     """The objects at rest, without those that are pieces of others; and which of them are carried by which, by index.
 
     ``united`` are pieces of others, by index.
@@ -135,7 +137,7 @@ def _settled(objects: Sequence[SceneObject], united: Mapping[int, int], scene: _
         )
         for one in objects
     ]
-    agreed = reconcile(segments, scene.frame, scene.table, services.library, united)
+    agreed = reconcile_segments(segments, scene.frame, scene.table, services.library, united)
     here = [index for index in range(len(objects)) if index not in agreed.pieces]
     placed = [_written(objects[index], index, agreed, scene, bool(united)) for index in here]
     dropped = tuple(
@@ -144,7 +146,7 @@ def _settled(objects: Sequence[SceneObject], united: Mapping[int, int], scene: _
     )
     library = services.library  # with the proxies that were written again
     bodies = [body_of(one.name, one.asset, (one.position, one.orientation), library) for one in placed]
-    stood = Stood(tuple(placed), relations(bodies), dropped=dropped)
+    stood = SettledScene(tuple(placed), relations(bodies), dropped=dropped)
     try:
         mask = np.any([one.mask for one in segments], axis=0)
         rest, twin = report_of([_thing(one) for one in placed], library, scene.frame, scene.table, mask)
@@ -155,7 +157,7 @@ def _settled(objects: Sequence[SceneObject], united: Mapping[int, int], scene: _
         for one, at in zip(placed, rest.placed, strict=True)
     )
     fell = {index for index, at in zip(here, rest.placed, strict=True) if at is not None and at.fell}
-    return replace(stood, objects=resting, twin=twin), carriers(fell, agreed)
+    return replace(stood, objects=resting, twin=twin), supporting_segments(fell, agreed)
 
 
 def _written(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene, again: bool) -> SceneObject:
@@ -168,7 +170,7 @@ def _written(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene, ag
         return one
     around, mask = agreed.around(index), agreed.masks[index]
     fits = claim.box == record.upright and index not in agreed.pieces.values()
-    if fits and not again and not crowded(claim.box, around):
+    if fits and not again and not is_crowded(claim.box, around):
         return one
     photo, measured = (scene.frame, scene.table), claim.measured(record.upright)
     asset = write_stand_in(
@@ -186,5 +188,5 @@ def _written(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene, ag
     )
 
 
-def _thing(one: SceneObject) -> Thing:
-    return Thing(one.asset, (one.position, one.orientation), guessed=not one.matched)
+def _thing(one: SceneObject) -> PlacedObject:
+    return PlacedObject(one.asset, (one.position, one.orientation), guessed=not one.matched)

@@ -2,17 +2,17 @@
 
 from grs_agents.perception.background import Background, reconstruct
 from grs_agents.perception.pictures import add_candidates, annotate, load_frame, load_mask, save_candidates, save_frame
-from grs_agents.perception.proxies.box_clipping import Claim, clipped
-from grs_agents.perception.proxies.free_space_map import shown_free
+from grs_agents.perception.proxies.box_clipping import EstimatedVolume, clip_boxes
+from grs_agents.perception.proxies.free_space_map import observed_free
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.reading.camera import CameraFile, read_camera
 from grs_agents.perception.reading.masks import read_masks
 from grs_agents.perception.reading.photo_without_depth import DepthEstimate, Estimator
 from grs_agents.perception.reading.source import check_source, read_scene, scene_called, scene_name
 from grs_agents.perception.registration.registration import Registered, cost_of, register
-from grs_agents.perception.registration.residual_segments import Later, found_later
-from grs_agents.perception.registration.size_check import Deviation, aligned, certain, deviation, upright_of
-from grs_agents.perception.registration.surface_inliers import Shell, explained, shell_of
+from grs_agents.perception.registration.residual_segments import ResidualCandidates, residual_candidates
+from grs_agents.perception.registration.size_check import Deviation, aligned, is_certain, size_deviation, upright_of
+from grs_agents.perception.registration.surface_inliers import AssetSurface, asset_surface_at, surface_inliers
 from grs_agents.perception.segmentation.candidates import candidates_of, place_asset, place_robot
 from grs_agents.perception.segmentation.model_proposals import Proposal, segment_proposed
 from grs_agents.perception.segmentation.segmentation import segment
@@ -40,28 +40,28 @@ from grs_agents.perception.types import (
 
 __all__ = [
     "Aabb",
+    "AssetSurface",
     "Background",
     "Body",
     "Camera",
     "CameraFile",
     "Candidate",
     "CandidateRecord",
-    "Claim",
     "DepthEstimate",
     "Deviation",
     "DroppedCandidate",
+    "EstimatedVolume",
     "Estimator",
     "Image",
-    "Later",
     "Mask",
     "MatchEvidence",
     "Proposal",
     "RGBDFrame",
     "Registered",
     "Relation",
+    "ResidualCandidates",
     "SceneDescription",
     "SceneObject",
-    "Shell",
     "Shown",
     "Surroundings",
     "TableFrame",
@@ -70,19 +70,18 @@ __all__ = [
     "add_candidates",
     "aligned",
     "annotate",
+    "asset_surface_at",
     "body_of",
     "candidates_of",
-    "certain",
     "check_source",
-    "clipped",
+    "clip_boxes",
     "cost_of",
-    "deviation",
     "doubts",
-    "explained",
     "find_table",
-    "found_later",
+    "is_certain",
     "load_frame",
     "load_mask",
+    "observed_free",
     "place_asset",
     "place_robot",
     "read_camera",
@@ -92,13 +91,14 @@ __all__ = [
     "reconstruct",
     "register",
     "relations",
+    "residual_candidates",
     "save_candidates",
     "save_frame",
     "scene_called",
     "scene_name",
     "segment",
     "segment_proposed",
-    "shell_of",
-    "shown_free",
+    "size_deviation",
+    "surface_inliers",
     "upright_of",
 ]

@@ -4,10 +4,10 @@ The room knows nothing of simulations: its callers name the tools, what a worker
 the hooks that a test run calls.
 """
 
-from grs_agents.sandbox.harness.captured_error import Caught
+from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.harness.channel import progress
 from grs_agents.sandbox.harness.test_run import load_program, run_tests_inside, seed_everything
-from grs_agents.sandbox.host.batch_calls import EachResult, call_each
+from grs_agents.sandbox.host.batch_calls import BatchResult, call_batch
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.test_discovery import ExpectedTests, expected_tests, parse
 from grs_agents.sandbox.host.test_run import TestRun, run_tests
@@ -21,11 +21,11 @@ __all__ = [
     "SIMULATION_FILE",
     "TESTS_FILE",
     "Backend",
+    "BatchResult",
     "CallOutcome",
     "CallResult",
-    "Caught",
+    "CapturedError",
     "Choice",
-    "EachResult",
     "ExpectedTests",
     "Limits",
     "Sandbox",
@@ -34,7 +34,7 @@ __all__ = [
     "TestReport",
     "TestRun",
     "Trace",
-    "call_each",
+    "call_batch",
     "candidates",
     "describe",
     "expected_tests",

@@ -11,9 +11,9 @@ import pytest
 
 from grs_agents.agents import Description
 from grs_agents.library import Library
-from grs_agents.nodes.asset_registration import register_assets, seen_later
+from grs_agents.nodes.asset_registration import add_residual_candidates, register_assets
 from grs_agents.nodes.scene_objects import Matched, object_of
-from grs_agents.nodes.scene_settling import Stood, stand
+from grs_agents.nodes.scene_settling import SettledScene, settle_scene
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
     CandidateRecord,
@@ -77,8 +77,8 @@ def seen(tmp_path: Path) -> Seen:
     return Seen(cast(Services, OfRun(tmp_path)), (frame, table), low, high, stone)
 
 
-def stood(seen: Seen, objects: list[SceneObject]) -> Stood:
-    return stand(objects, [seen.lower, seen.upper, seen.block], seen.photo, seen.services)
+def stood(seen: Seen, objects: list[SceneObject]) -> SettledScene:
+    return settle_scene(objects, [seen.lower, seen.upper, seen.block], seen.photo, seen.services)
 
 
 def test_a_piece_of_a_known_thing_is_dropped_and_the_others_stand(seen: Seen) -> None:
@@ -114,7 +114,7 @@ def test_what_falls_off_another_thing_is_a_piece_of_it(tmp_path: Path) -> None:
     low, high = save_candidates(frame, candidates_of(frame, table, mask.astype("int32") + upper), tmp_path)
     high = high.model_copy(update={"upright": UprightBox(center=beam.pose[0], size=(0.029, 0.25, 0.05), yaw=0.0)})
     seen = Seen(cast(Services, OfRun(tmp_path)), (frame, table), low, high, high)
-    found = stand(
+    found = settle_scene(
         [seen.thing(low, None, []), seen.thing(high, None, ["red_thing_1"])], [low, high], seen.photo, seen.services
     )
     (one,) = found.objects
@@ -128,7 +128,7 @@ def test_a_segment_that_joins_a_known_thing_and_another_is_looked_at_again(seen:
     both = seen.services.folder / seen.upper.mask
     joined = load_mask(both) | load_mask(seen.services.folder / seen.block.mask)
     cv2.imwrite(str(both), joined.astype(np.uint8) * 255)
-    later, divided = seen_later(
+    later, divided = add_residual_candidates(
         [known, seen.thing(seen.upper, None, [])], [seen.lower, seen.upper], seen.photo, seen.services
     )
     assert [one.id for one in divided] == [seen.upper.id]

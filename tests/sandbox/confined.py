@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import grs_agents
-from grs_agents.sandbox.harness.captured_error import Caught
+from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.isolation import hardening, privileges
 from grs_agents.sandbox.isolation.privileges import Allowance
 
@@ -104,7 +104,7 @@ def _report(check: Callable[[], object], writing: int) -> None:
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(60)
     got: dict[str, Any] = {}
-    with Caught() as caught:
+    with CapturedError() as caught:
         got = {"value": check()}
     if (error := caught.error) is not None:
         text = "".join(traceback.format_exception(error))

@@ -24,7 +24,7 @@ _ARM = np.float32(0.05)
 
 
 @dataclass(frozen=True)
-class Laid:
+class AlignedPoses:
     """Poses of an asset, the best first.
 
     Attributes:
@@ -52,7 +52,7 @@ class Laid:
 
 
 @dataclass(frozen=True)
-class Approach:
+class AlignmentStart:
     """From where assets begin to be aligned with a candidate; the same for all of them.
 
     Attributes:
@@ -76,7 +76,7 @@ class Approach:
     most: Floats
 
 
-def approach_of(seen: Observation, view: View) -> Approach:
+def approach_of(seen: Observation, view: View) -> AlignmentStart:
     """Where to begin with a candidate."""
     yaws = seen.upright.yaw + np.array([0.0, np.pi / 6, -np.pi / 6])
     toward = view.eye[:2] - np.asarray(seen.upright.center[:2])
@@ -90,10 +90,10 @@ def approach_of(seen: Observation, view: View) -> Approach:
     least, most = np.percentile((seen.points - middle) @ axes, (2, 98), axis=0)
     top = seen.upright.center[2] + seen.upright.size[2] / 2
     about = _rotations(np.column_stack([0 * yaws, 0 * yaws, yaws]))
-    return Approach(about, top, flat, low, high, middle, axes.astype(np.float32), least, most)
+    return AlignmentStart(about, top, flat, low, high, middle, axes.astype(np.float32), least, most)
 
 
-def align(asset: Appearance, approach: Approach, seen: Observation, view: View) -> Laid:
+def align(asset: Appearance, approach: AlignmentStart, seen: Observation, view: View) -> AlignedPoses:
     """The poses in which the asset fits best."""
     turns, places = _starts(asset, approach, seen)
     begin = _off(asset, turns, places, seen.points[::4])
@@ -104,10 +104,10 @@ def align(asset: Appearance, approach: Approach, seen: Observation, view: View) 
     off = _off(asset, turns, places, seen.points)
     air, share, beside, lift = _air(asset, turns, places, seen, view)
     best = np.argsort(off + 0.7 * air, kind="stable")[:KEPT]
-    return Laid(turns[best], places[best], off[best], air[best], share[best], beside[best], lift[best])
+    return AlignedPoses(turns[best], places[best], off[best], air[best], share[best], beside[best], lift[best])
 
 
-def _starts(asset: Appearance, approach: Approach, seen: Observation) -> tuple[Floats, Floats]:
+def _starts(asset: Appearance, approach: AlignmentStart, seen: Observation) -> tuple[Floats, Floats]:
     """Turns (K, 3, 3) and places (K, 3): on each side under the measured top, and along the points' own axes."""
     turns = (approach.yaws[:, None] @ asset.turns).reshape(-1, 3, 3)
     heights = np.abs(turns[:, 2]) @ asset.half

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from grs_agents.library import Library
 from grs_agents.library.posed_meshes import Triangles, gather_posed
 from grs_agents.library.shapes import HERE
-from grs_agents.perception.matching.color_histogram import histograms, tone
-from grs_agents.perception.matching.feature_cache import Arrays, keep, kept, key_of
+from grs_agents.perception.matching.color_histogram import histograms, opponent_colors
+from grs_agents.perception.matching.feature_cache import Arrays, cached, key_of, store
 from grs_agents.perception.surfaces import Tree, quarter_turns
 from grs_agents.perception.types import Array
 
@@ -94,10 +94,10 @@ def appearance_of(name: str, library: Library) -> Appearance:
 def _appearance(name: str, roots: tuple[Path, ...], path: Path, modified: int) -> Appearance:
     library = Library(*roots)
     key = key_of(name, library)
-    found = kept(key)
+    found = cached(key)
     if found is None:
         found = _worked_out(name, library)
-        keep(key, found)
+        store(key, found)
     return Appearance(
         points=found["points"],
         normals=found["normals"],
@@ -132,7 +132,7 @@ def _worked_out(name: str, library: Library) -> Arrays:
     return {
         "points": points.astype(np.float32),
         "normals": normals.astype(np.float32),
-        "tones": tone(_smoothed(points, colors)).astype(np.float32),
+        "tones": opponent_colors(_smoothed(points, colors)).astype(np.float32),
         "half": half.astype(np.float32),
         "views": histograms(colors, facing),
         "around": around.astype(np.float32),

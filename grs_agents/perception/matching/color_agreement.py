@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.perception.matching.alignment import Laid
+from grs_agents.perception.matching.alignment import AlignedPoses
 from grs_agents.perception.matching.asset_appearance import Appearance, Floats
 from grs_agents.perception.matching.observation import Observation
 from grs_agents.perception.types import Array
@@ -72,7 +72,7 @@ class Painted:
         return float(np.exp(-0.5 * _misfit(self.level, self.hue, light)).mean())
 
 
-def paint(asset: Appearance, laid: Laid, seen: Observation, light: Light = DAYLIGHT) -> Painted | None:
+def paint(asset: Appearance, laid: AlignedPoses, seen: Observation, light: Light = DAYLIGHT) -> Painted | None:
     """Compare colours at the poses that fit about equally well; ``None`` where there are too few pixels."""
     if len(seen.surface) < _FEWEST:
         return None
@@ -92,7 +92,7 @@ def paint(asset: Appearance, laid: Laid, seen: Observation, light: Light = DAYLI
 
 
 def _apart(
-    asset: Appearance, laid: Laid, rank: int, turns: Floats, seen: Observation, count: int
+    asset: Appearance, laid: AlignedPoses, rank: int, turns: Floats, seen: Observation, count: int
 ) -> tuple[Floats, Floats, Floats]:
     """Brightness (S, P) beyond shading, hues (S, P, 2) and gain (S,) by which the photo differs, for each turn."""
     nearest = asset.at((seen.surface[:count] - laid.places[rank]) @ turns)
@@ -115,7 +115,7 @@ def _misfit(level: Floats, hue: Floats, light: Light) -> Floats:
     return level**2 + (((hue - tint.astype(np.float32)) / _HUES) ** 2).sum(axis=-1)
 
 
-def _pattern(asset: Appearance, laid: Laid, rank: int, seen: Observation, told: tuple[Floats, Floats]) -> float:
+def _pattern(asset: Appearance, laid: AlignedPoses, rank: int, seen: Observation, told: tuple[Floats, Floats]) -> float:
     """How much better the asset's pattern explains the photo than one colour; ``told`` is what both leave of it."""
     level, hue = told
     nearest = asset.at((seen.surface - laid.places[rank]) @ laid.turns[rank])

@@ -17,7 +17,7 @@ _SHARP = (1.2, 0.7)
 """How far a colour spills over, in bins: of brightness, of hue."""
 
 
-def tone(colors: Array) -> Array:
+def opponent_colors(colors: Array) -> Array:
     """(N, 3) brightness and the two ratios, as natural logarithms, of colours (N, 3) in 0..1."""
     red, green, blue = (colors[:, channel] + _DARK for channel in range(3))
     level = np.log(np.maximum(0.3 * red + 0.55 * green + 0.15 * blue, 1e-3))
@@ -26,10 +26,10 @@ def tone(colors: Array) -> Array:
 
 def histograms(colors: Array, weights: Array) -> npt.NDArray[np.float32]:
     """(V, BINS) square roots of histograms of colours (N, 3), one for each row of weights (V, N); of length 1."""
-    return tone_histograms(tone(colors), weights)
+    return color_histograms(opponent_colors(colors), weights)
 
 
-def tone_histograms(told: Array, weights: Array) -> npt.NDArray[np.float32]:
+def color_histograms(told: Array, weights: Array) -> npt.NDArray[np.float32]:
     """As `histograms`, of tones (N, 3)."""
     level = _soft((told[:, 0] - _LOW) / _STEP, LEVELS, _SHARP[0])
     hues = [_soft((np.clip(told[:, 1 + part], -_REACH, _REACH) / _REACH + 1) / 2 * (HUES - 1), HUES, _SHARP[1])
@@ -40,7 +40,7 @@ def tone_histograms(told: Array, weights: Array) -> npt.NDArray[np.float32]:
     return np.sqrt(shares).astype(np.float32)
 
 
-def brighter(roots: npt.NDArray[np.float32], levels: int) -> npt.NDArray[np.float32]:
+def brightness_shifts(roots: npt.NDArray[np.float32], levels: int) -> npt.NDArray[np.float32]:
     """Histograms (V, BINS) of the same colours in more light by so many levels of brightness, or in less."""
     grid = roots.reshape(-1, LEVELS, HUES * HUES)
     moved = np.zeros_like(grid)

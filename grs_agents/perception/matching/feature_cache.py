@@ -34,7 +34,7 @@ def key_of(name: str, library: Library) -> str:
     return whole.hexdigest()
 
 
-def kept(key: str) -> Arrays | None:
+def cached(key: str) -> Arrays | None:
     """The arrays kept under a key; ``None`` where there are none, or broken ones."""
     try:
         with np.load(_file(key), allow_pickle=False) as found:
@@ -43,7 +43,7 @@ def kept(key: str) -> Arrays | None:
         return None
 
 
-def keep(key: str, arrays: Arrays) -> None:
+def store(key: str, arrays: Arrays) -> None:
     """Keep arrays under a key; where the cache cannot be written they are worked out again next time."""
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **arrays)

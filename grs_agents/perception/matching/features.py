@@ -12,10 +12,10 @@ from typing import Literal
 
 import numpy as np
 
-from grs_agents.perception.matching.alignment import Laid, align, approach_of
+from grs_agents.perception.matching.alignment import AlignedPoses, align, approach_of
 from grs_agents.perception.matching.catalogue import Catalogue
 from grs_agents.perception.matching.color_agreement import DAYLIGHT, Light, Painted, paint
-from grs_agents.perception.matching.color_histogram import brighter
+from grs_agents.perception.matching.color_histogram import brightness_shifts
 from grs_agents.perception.matching.observation import Observation, View
 from grs_agents.perception.matching.printed_text import support
 from grs_agents.perception.types import Array
@@ -51,7 +51,7 @@ class Pair:
     """
 
     asset: int
-    laid: Laid
+    laid: AlignedPoses
     painted: Painted | None
     tones: float
     large: float
@@ -149,7 +149,7 @@ def _tones(
     """(A,) how alike the tones of the most alike view are; a light that differs from ``light`` has its price."""
     views = catalogue.views if numbers is None else catalogue.views[list(numbers)]
     own = seen.histogram(light.tint)[None]
-    asked = np.concatenate([brighter(own, -shift) for shift in SHIFTS])
+    asked = np.concatenate([brightness_shifts(own, -shift) for shift in SHIFTS])
     alike = (views.reshape(-1, views.shape[-1]) @ asked.T).reshape(*views.shape[:2], -1).max(axis=1)
     prices = price * np.abs(np.array(SHIFTS) - light.gain / _LEVEL)
     return np.asarray((alike - prices).max(axis=1), np.float64)

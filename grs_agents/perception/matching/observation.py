@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.perception.matching.asset_appearance import Floats, Indices
-from grs_agents.perception.matching.color_histogram import tone, tone_histograms
+from grs_agents.perception.matching.color_histogram import color_histograms, opponent_colors
 from grs_agents.perception.table import robot_points_at
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
 
@@ -81,13 +81,13 @@ class Observation:
     def histogram(self, tint: Array) -> Floats:
         """(B,) square roots of the shares of tones, once the tint (2,) of the light is taken out."""
         white = self.told - (0.0, *tint)
-        return tone_histograms(white, np.ones((1, len(white))))[0]
+        return color_histograms(white, np.ones((1, len(white))))[0]
 
 
 def view_of(frame: RGBDFrame, table: TableFrame) -> View:
     """Prepare a photo."""
     smooth = cv2.GaussianBlur(frame.rgb.astype(np.float32) / 255, (0, 0), max(0.7, frame.camera.width / 900))
-    tones = tone(np.asarray(smooth, np.float64).reshape(-1, 3)).astype(np.float32)
+    tones = opponent_colors(np.asarray(smooth, np.float64).reshape(-1, 3)).astype(np.float32)
     return View(frame, table, frame.depth.astype(np.float32), tones.reshape(*frame.depth.shape, 3))
 
 
@@ -105,7 +105,7 @@ def observe(view: View, mask: Mask, upright: UprightBox) -> Observation:
     tones = view.tones[rows[chosen[1]], columns[chosen[1]]]
     extents = np.minimum(upright.size, _filled(surface, upright))
     number = int((mask & (view.frame.depth > 0)).sum())
-    return Observation(points, surface, tones, mask, upright, extents, tone(colors), number)
+    return Observation(points, surface, tones, mask, upright, extents, opponent_colors(colors), number)
 
 
 def _filled(surface: Floats, upright: UprightBox) -> Array:

@@ -35,7 +35,7 @@ FLOOR, STEP = 0.7, 0.002
 
 
 @dataclass(frozen=True)
-class Claim:
+class EstimatedVolume:
     """The space that a thing of unknown shape is thought to fill, and its measured (N, 3) points, m, robot frame.
 
     What is ``hollow`` fills walls and a floor; others may stand in it.
@@ -64,7 +64,7 @@ class Claim:
         """Which share of (N, 3) points lies in it."""
         return float(self.holds(points).mean()) if len(points) else 0.0
 
-    def standing(self, hold: Callable[[Array], Mask]) -> "Claim":
+    def standing(self, hold: Callable[[Array], Mask]) -> "EstimatedVolume":
         """It on what known things fill of the lowest part of its box: that is what it stands on.
 
         ``hold`` tells which of (N, 3) points are in known things.
@@ -89,7 +89,7 @@ class Claim:
         half = np.array(before.size) / 2
         return _box(before, np.minimum(low, np.maximum(first, -half)), np.maximum(high, np.minimum(last, half)))
 
-    def joined(self, points: Array) -> "Claim":
+    def joined(self, points: Array) -> "EstimatedVolume":
         """It with (N, 3) points that belong to it too."""
         low, high = self._sides(self.box)
         first, last = np.percentile(_turned(self.box, points), (1, 99), axis=0)
@@ -127,7 +127,7 @@ class _Cut:
     cost: float
 
 
-def clipped(claims: Sequence[Claim], firm: Array) -> list[Claim]:
+def clip_boxes(claims: Sequence[EstimatedVolume], firm: Array) -> list[EstimatedVolume]:
     """Move the sides of boxes inwards until they leave out (M, 3) points of what stands ``firm``, and each other.
 
     Of two boxes the one gives way that loses fewer of its own points; one that would lose too many stays as it is.
@@ -153,7 +153,7 @@ def _cost(cut: _Cut | None) -> float:
     return np.inf if cut is None else cut.cost
 
 
-def _local(claim: Claim, points: Array) -> Array:
+def _local(claim: EstimatedVolume, points: Array) -> Array:
     return _turned(claim.box, points)
 
 
@@ -169,7 +169,7 @@ def _box(frame: UprightBox, low: Array, high: Array) -> UprightBox:
     return UprightBox(center=(x, y, z), size=(length, width, height), yaw=frame.yaw)
 
 
-def _inside(claim: Claim, local: Array) -> Mask:
+def _inside(claim: EstimatedVolume, local: Array) -> Mask:
     half = np.maximum(np.array(claim.box.size) / 2 - SLACK, 0)
     inside = (np.abs(local) < half).all(axis=1)
     if claim.shape == "cylinder":
@@ -179,12 +179,12 @@ def _inside(claim: Claim, local: Array) -> Mask:
     return np.asarray(inside, np.bool_)
 
 
-def _walled(claim: Claim, local: Array) -> Mask:
+def _walled(claim: EstimatedVolume, local: Array) -> Mask:
     """Which points (N, 3) in the frame of a hollow thing's box are in its walls, taken to be a cell thick."""
     return in_walls(local, claim.box.size, claim.shape == "cylinder", CELL)
 
 
-def _cut(claim: Claim, others: Array, certain: bool = False) -> _Cut | None:
+def _cut(claim: EstimatedVolume, others: Array, certain: bool = False) -> _Cut | None:
     """The cheapest cut that leaves the ``others`` (M, 3) out; ``None`` if none are inside or every cut is too dear.
 
     Where it is ``certain`` that others are there, what was measured beyond them is theirs; a box may be wrong itself.
@@ -220,7 +220,7 @@ def _kept(axis: int, place: float, side: int, own: Array, half: Array) -> bool:
     return bool(lost <= min(SLACK + (1 - KEPT) * (high - low), LONGEST_LOSS))
 
 
-def _applied(claim: Claim, cut: _Cut | None) -> Claim:
+def _applied(claim: EstimatedVolume, cut: _Cut | None) -> EstimatedVolume:
     if cut is None:
         return claim
     low, high = -np.array(claim.box.size) / 2, np.array(claim.box.size) / 2

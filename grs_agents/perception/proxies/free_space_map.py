@@ -17,7 +17,7 @@ FREE = 0.01
 """Where the photo shows something more than this (m) behind a point, it shows the point to be free."""
 
 
-def shown_free(points: Array, frame: RGBDFrame, table: TableFrame) -> Mask:
+def observed_free(points: Array, frame: RGBDFrame, table: TableFrame) -> Mask:
     """Which of (N, 3) points, m, robot frame, the photo shows to be free: what it shows there is behind them."""
     x, y, depth = projected(points, frame.camera, table)
     columns, rows = np.rint(x), np.rint(y)
@@ -41,7 +41,7 @@ CLEAR = 0.01
 """What is lower than this (m) above the bottom of a box may be what the box stands on."""
 
 
-def fill_of(
+def free_space_map(
     frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
 ) -> Columns:
     """What a candidate may fill of its box.
@@ -57,7 +57,7 @@ def fill_of(
     """
     grid = _Grid.over(box)
     middles = grid.middles() @ about_z(box.yaw).T + box.center
-    free, level = shown_free(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]
+    free, level = observed_free(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]
     taken = np.zeros_like(free) if around is None else around.hold(middles, grid.cell / 2).reshape(grid.counts)
     free |= taken
     heights = np.where(free.any(axis=2), free.argmax(axis=2), grid.counts[2]) * level
@@ -70,7 +70,7 @@ def fill_of(
     return Columns(floors, np.maximum(np.maximum(heights, own), floors), np.asarray(taken.any(axis=2), np.bool_))
 
 
-def crowded(box: UprightBox, around: Surroundings) -> bool:
+def is_crowded(box: UprightBox, around: Surroundings) -> bool:
     """Whether other things reach deep into a box."""
     inner = np.array(box.size) - 2 * np.minimum(DEEP, np.array(box.size) / 4)
     middles = _Grid.over(box.model_copy(update={"size": tuple(inner)})).middles()

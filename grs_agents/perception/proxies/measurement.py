@@ -5,7 +5,7 @@ import numpy as np
 
 from grs_agents.geometry.transforms import about_z
 from grs_agents.perception.proxies.fitted import Look
-from grs_agents.perception.proxies.free_space_map import crowded, fill_of, local_points
+from grs_agents.perception.proxies.free_space_map import free_space_map, is_crowded, local_points
 from grs_agents.perception.proxies.kind import Measured
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.table import projected, robot_points_at
@@ -34,8 +34,8 @@ def measured_shape(
     if around is not None:
         mask = _own(frame, table, mask, around)
     points = local_points(frame, table, mask & (frame.depth > 0), box)
-    entered = around is not None and crowded(box, around)
-    return Measured(points[:: max(1, len(points) // _POINTS)], fill_of(frame, table, mask, box, around), entered)
+    entered = around is not None and is_crowded(box, around)
+    return Measured(points[:: max(1, len(points) // _POINTS)], free_space_map(frame, table, mask, box, around), entered)
 
 
 def _own(frame: RGBDFrame, table: TableFrame, mask: Mask, around: Surroundings) -> Mask:

@@ -8,7 +8,7 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception.proxies.box_clipping import Claim
+from grs_agents.perception.proxies.box_clipping import EstimatedVolume
 from grs_agents.perception.proxies.meshes import holds
 from grs_agents.perception.types import Array, Mask
 
@@ -24,7 +24,7 @@ class Surroundings:
     """
 
     known: Sequence[tuple[str, Pose]]
-    claims: Sequence[Claim]
+    claims: Sequence[EstimatedVolume]
     library: Library
 
     def hold(self, points: Array, margin: float = 0.0) -> Mask:

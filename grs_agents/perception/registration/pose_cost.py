@@ -20,7 +20,7 @@ AIR_WEIGHT = 0.7
 
 
 @dataclass(frozen=True)
-class Sighting:
+class ObservedPoints:
     """What the camera saw of one object.
 
     Attributes:
@@ -39,19 +39,19 @@ class Sighting:
         """Where the camera is, (3,) m, robot frame."""
         return np.asarray(self.table.T_robot_cam)[:3, 3]
 
-    def coarse(self, factor: int) -> "Sighting":
+    def coarse(self, factor: int) -> "ObservedPoints":
         """The same with one of ``factor`` samples."""
         return replace(self, points=self.points[::factor], samples=self.samples // factor)
 
 
-def sighting_of(frame: RGBDFrame, table: TableFrame, mask: Mask) -> Sighting:
+def observed_points(frame: RGBDFrame, table: TableFrame, mask: Mask) -> ObservedPoints:
     """The points of a mask (H, W), at most `SAMPLES` of them, evenly drawn."""
     rows, columns = np.nonzero(mask & (frame.depth > 0))
     step = -(-len(rows) // SAMPLES) or 1
-    return Sighting(robot_points_at(frame, table, rows[::step], columns[::step]), frame, table)
+    return ObservedPoints(robot_points_at(frame, table, rows[::step], columns[::step]), frame, table)
 
 
-def residuals(surface: Surface, tree: Tree, poses: Array, seen: Sighting) -> Array:
+def residuals(surface: Surface, tree: Tree, poses: Array, seen: ObservedPoints) -> Array:
     """How far the object's points are off the surface at each of ``poses`` (K, 4, 4): mean of the nearest 90 %, m."""
     turns, shifts = poses[:, :3, :3], poses[:, None, :3, 3]
     local = ((seen.points - shifts) @ turns).reshape(-1, 3)
@@ -63,7 +63,7 @@ def residuals(surface: Surface, tree: Tree, poses: Array, seen: Sighting) -> Arr
     return np.partition(off, kept - 1, axis=1)[:, :kept].mean(axis=1)
 
 
-def in_the_air(surface: Surface, poses: Array, seen: Sighting) -> Array:
+def free_space_cost(surface: Surface, poses: Array, seen: ObservedPoints) -> Array:
     """How far the surface that faces the camera stands before what was measured, or below the table: means (K,), m."""
     turns = poses[:, :3, :3].transpose(0, 2, 1)
     points = surface.points[: seen.samples] @ turns + poses[:, None, :3, 3]
@@ -82,6 +82,6 @@ def in_the_air(surface: Surface, poses: Array, seen: Sighting) -> Array:
     return before / np.maximum(known.sum(axis=1), 1) + below / np.maximum(facing.sum(axis=1), 1)
 
 
-def costs(surface: Surface, tree: Tree, poses: Array, seen: Sighting) -> Array:
+def costs(surface: Surface, tree: Tree, poses: Array, seen: ObservedPoints) -> Array:
     """The residual, and what stands in the air or below the table, at each of ``poses`` (K, 4, 4): (K,) m."""
-    return residuals(surface, tree, poses, seen) + AIR_WEIGHT * in_the_air(surface, poses, seen)
+    return residuals(surface, tree, poses, seen) + AIR_WEIGHT * free_space_cost(surface, poses, seen)

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from grs_agents.geometry.transforms import about_z, pose_of
-from grs_agents.perception.registration.pose_cost import Sighting
+from grs_agents.perception.registration.pose_cost import ObservedPoints
 from grs_agents.perception.surfaces import Symmetry, quarter_turns
 from grs_agents.perception.types import Array, UprightBox
 
@@ -22,7 +22,9 @@ LEVEL = math.cos(math.radians(6))
 """A plane that is level within 6 degrees tells nothing that the measured box doesn't."""
 
 
-def starts(half: Array, symmetry: Symmetry, upright: UprightBox, seen: Sighting, normals: Array) -> Array:
+def pose_hypotheses(
+    half: Array, symmetry: Symmetry, upright: UprightBox, seen: ObservedPoints, normals: Array
+) -> Array:
     """(K, 4, 4) poses worth a try, each look of the asset once for each frame that it may be in.
 
     Args:
@@ -42,13 +44,13 @@ def starts(half: Array, symmetry: Symmetry, upright: UprightBox, seen: Sighting,
             found.append(pose_of(whole, np.array([*upright.center[:2], bottom + height])))
             if top - height > bottom + height / 5:  # its bottom may be hidden: what is seen of it is its top
                 found.append(pose_of(whole, np.array([*upright.center[:2], top - height])))
-    frame = leaning(seen, normals)
+    frame = leaning_axes(seen, normals)
     if frame is not None:
         found += [pose_of(frame @ turn, _against(frame, np.abs(turn) @ half, seen)) for turn in turns]
     return np.stack(found)
 
 
-def slid(poses: Array, half: Array, seen: Sighting) -> Array:
+def slid_hypotheses(poses: Array, half: Array, seen: ObservedPoints) -> Array:
     """More (K, 4, 4) poses: where a part is hidden, what is seen may be either end of the asset."""
     found: list[Array] = []
     for pose in poses:
@@ -77,7 +79,7 @@ def _unlike(turns: bytes, axes: bytes) -> tuple[Array, ...]:
     return tuple(tried)
 
 
-def leaning(seen: Sighting, normals: Array) -> Array | None:
+def leaning_axes(seen: ObservedPoints, normals: Array) -> Array | None:
     """(3, 3) axes of a thing that leans: its largest plane's normal, that of one across it, and the third.
 
     ``None`` where a normal is vertical, as it is for what stands upright.
@@ -105,7 +107,7 @@ def _mean(normals: Array, chosen: Array) -> Array:
     return total / max(float(np.linalg.norm(total)), 1e-9)
 
 
-def _against(axes: Array, half: Array, seen: Sighting) -> Array:
+def _against(axes: Array, half: Array, seen: ObservedPoints) -> Array:
     """Where the middle of a box of ``half`` extents along ``axes`` is whose nearer sides are the outermost points."""
     along = seen.points @ axes
     low, high = np.percentile(along, (2, 98), axis=0)

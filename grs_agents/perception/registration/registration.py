@@ -10,8 +10,8 @@ from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.geometry.transforms import about, about_z, pose_of
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception.registration.pose_cost import Sighting, costs, residuals, sighting_of
-from grs_agents.perception.registration.pose_hypotheses import slid, starts
+from grs_agents.perception.registration.pose_cost import ObservedPoints, costs, observed_points, residuals
+from grs_agents.perception.registration.pose_hypotheses import pose_hypotheses, slid_hypotheses
 from grs_agents.perception.segmentation.candidates import place_asset, quaternion
 from grs_agents.perception.surfaces import Cloud, Surface, Symmetry, Tree, align, surface_of, symmetry_of
 from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
@@ -79,7 +79,7 @@ class _Search:
 
     surface: Surface
     tree: Tree
-    seen: Sighting
+    seen: ObservedPoints
     upright: UprightBox
     symmetry: Symmetry
     entered: Entered | None = None
@@ -133,7 +133,11 @@ def register(
     """
     position, orientation, size = place_asset(upright, library.asset(asset).size)
     begin = pose_of(rotation_matrix(orientation), np.array(position))
-    surface, symmetry, seen = surface_of(asset, library), symmetry_of(asset, library), sighting_of(frame, table, mask)
+    surface, symmetry, seen = (
+        surface_of(asset, library),
+        symmetry_of(asset, library),
+        observed_points(frame, table, mask),
+    )
     search = _Search(surface, Tree(surface.points), seen, upright, symmetry, entered)
     if len(seen.points) < FEWEST:
         return Registered(position, orientation, size, 0.0, "box", _is_round(begin, symmetry))
@@ -156,7 +160,11 @@ def cost_of(
     Raises:
         UnknownNameError: the library has no such asset.
     """
-    surface, symmetry, seen = surface_of(asset, library), symmetry_of(asset, library), sighting_of(frame, table, mask)
+    surface, symmetry, seen = (
+        surface_of(asset, library),
+        symmetry_of(asset, library),
+        observed_points(frame, table, mask),
+    )
     search = _Search(surface, Tree(surface.points), seen, upright, symmetry)
     return float(search.seen_costs(pose_of(rotation_matrix(pose[1]), np.array(pose[0]))[None])[0])
 
@@ -178,9 +186,11 @@ def _extents(turn: Array, surface: Surface) -> Vec3:
 def _searched(search: _Search) -> Array:
     """The pose (4, 4) that costs least."""
     source = Cloud(search.seen.coarse(MEDIUM).points)
-    every = starts(search.surface.half, search.symmetry, search.upright, search.seen.coarse(MEDIUM), source.normals)
+    every = pose_hypotheses(
+        search.surface.half, search.symmetry, search.upright, search.seen.coarse(MEDIUM), source.normals
+    )
     good = every[np.argsort(search.costs(every, COARSE), kind="stable")[:SLID]]
-    more = np.concatenate([good, slid(good, search.surface.half, search.seen)])
+    more = np.concatenate([good, slid_hypotheses(good, search.surface.half, search.seen)])
     chosen = _unlike(more[np.argsort(search.costs(more, COARSE), kind="stable")], search.symmetry)
     poses = [chosen[0]]
     for start in chosen:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.perception.image_geometry import Index, Labels, components
-from grs_agents.perception.registration.surface_inliers import ON, Shell
+from grs_agents.perception.registration.surface_inliers import ON, AssetSurface
 from grs_agents.perception.segmentation.candidates import candidates_of
 from grs_agents.perception.table import projected, robot_points_at
 from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame
@@ -28,7 +28,7 @@ Picture = npt.NDArray[np.uint8]
 KERNEL = np.ones((3, 3), np.uint8)
 
 
-def _stands(shell: Shell, frame: RGBDFrame, table: TableFrame) -> bool:
+def _stands(shell: AssetSurface, frame: RGBDFrame, table: TableFrame) -> bool:
     """Whether an asset is the right one, as far as can be seen: its surface is where the photo shows one."""
     facing = ((shell.points - np.asarray(table.T_robot_cam)[:3, 3]) * shell.normals).sum(axis=1) < 0
     x, y, depth = projected(shell.points[facing], frame.camera, table)
@@ -42,7 +42,7 @@ def _stands(shell: Shell, frame: RGBDFrame, table: TableFrame) -> bool:
 
 
 @dataclass(frozen=True)
-class Later:
+class ResidualCandidates:
     """What is found once assets stand.
 
     Attributes:
@@ -54,20 +54,20 @@ class Later:
     divided: tuple[int, ...] = ()
 
 
-def found_later(
-    masks: Sequence[Mask], shells: Sequence[Shell | None], frame: RGBDFrame, table: TableFrame, first: int
-) -> Later:
+def residual_candidates(
+    masks: Sequence[Mask], shells: Sequence[AssetSurface | None], frame: RGBDFrame, table: TableFrame, first: int
+) -> ResidualCandidates:
     """What `left_over` finds, measured and numbered from ``first``."""
     labels, divided = left_over(masks, shells, frame, table)
     try:
         found = candidates_of(frame, table, labels)
     except InputError:  # nothing, or nothing that could be an object
-        return Later(divided=divided)
-    return Later(tuple(replace(one, id=first + index) for index, one in enumerate(found)), divided)
+        return ResidualCandidates(divided=divided)
+    return ResidualCandidates(tuple(replace(one, id=first + index) for index, one in enumerate(found)), divided)
 
 
 def left_over(
-    masks: Sequence[Mask], shells: Sequence[Shell | None], frame: RGBDFrame, table: TableFrame
+    masks: Sequence[Mask], shells: Sequence[AssetSurface | None], frame: RGBDFrame, table: TableFrame
 ) -> tuple[Labels, tuple[int, ...]]:
     """(H, W) labels from 1 of what is left over of segments once their assets stand, 0 elsewhere; and which it divides.
 
@@ -110,7 +110,7 @@ class _Cloud:
         return drawn
 
 
-def _beside(cloud: _Cloud, shell: Shell, frame: RGBDFrame, table: TableFrame) -> Picture | None:
+def _beside(cloud: _Cloud, shell: AssetSurface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
     """(H, W) what of a segment is not on the surface of its asset; ``None`` where that says nothing."""
     off = (shell.distances(cloud.points) > OFF) & (cloud.points[:, 2] > OFF)  # the table is no thing
     if not len(off) or off.mean() > 1 - FITS or not _stands(shell, frame, table):
@@ -118,7 +118,7 @@ def _beside(cloud: _Cloud, shell: Shell, frame: RGBDFrame, table: TableFrame) ->
     return cloud.picture(off)
 
 
-def _without(cloud: _Cloud, shells: Sequence[Shell]) -> Picture | None:
+def _without(cloud: _Cloud, shells: Sequence[AssetSurface]) -> Picture | None:
     """(H, W) what of a segment is not on the surfaces of other things; ``None`` where little of it is."""
     near = np.full(len(cloud.points), np.inf)
     for shell in shells:

@@ -36,7 +36,7 @@ class Deviation:
         return f"centre {1000 * self.centre:.0f} mm, size {100 * self.size:.0f} % off"
 
 
-def deviation(asset: str, pose: Pose, library: Library, measured: UprightBox) -> Deviation:
+def size_deviation(asset: str, pose: Pose, library: Library, measured: UprightBox) -> Deviation:
     """How far an asset is off what was measured, along the axes of the measured box.
 
     Args:
@@ -58,7 +58,7 @@ def deviation(asset: str, pose: Pose, library: Library, measured: UprightBox) ->
     )
 
 
-def certain(one: SceneObject) -> bool:
+def is_certain(one: SceneObject) -> bool:
     """Whether its asset is known so well that more of it than was measured may be hidden behind other things."""
     confidence = None if one.match is None else one.match.confidence
     if not one.matched or one.method != "registered" or confidence is None or one.residual is None:

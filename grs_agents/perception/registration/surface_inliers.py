@@ -18,7 +18,7 @@ SHARE = 0.8
 
 
 @dataclass(frozen=True)
-class Shell:
+class AssetSurface:
     """The surface of an asset where it stands.
 
     Attributes:
@@ -52,17 +52,17 @@ class Shell:
         return np.where(beside, np.sqrt(squares), across)
 
 
-def shell_of(asset: str, pose: Pose, library: Library) -> Shell:
+def asset_surface_at(asset: str, pose: Pose, library: Library) -> AssetSurface:
     """The surface of an asset whose bounding box has its centre (m) and rotation (xyzw) at ``pose``.
 
     Raises:
         UnknownNameError: the library has no such asset.
     """
     surface, turn = surface_of(asset, library), rotation_matrix(pose[1])
-    return Shell(surface.points @ turn.T + pose[0], surface.normals @ turn.T, surface.spacing)
+    return AssetSurface(surface.points @ turn.T + pose[0], surface.normals @ turn.T, surface.spacing)
 
 
-def explained(clouds: Sequence[Array], shells: Sequence[Shell | None]) -> dict[int, int]:
+def surface_inliers(clouds: Sequence[Array], shells: Sequence[AssetSurface | None]) -> dict[int, int]:
     """Which things are pieces of which, by index.
 
     Args:

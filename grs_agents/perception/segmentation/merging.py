@@ -18,7 +18,7 @@ from grs_agents.perception.image_geometry import (
     pixels_of,
     within,
 )
-from grs_agents.perception.segmentation.occlusion_edges import Brinks
+from grs_agents.perception.segmentation.occlusion_edges import OcclusionEdges
 from grs_agents.perception.types import Array
 
 TOUCHING = 0.012
@@ -128,7 +128,7 @@ class Merger:
         self.waiting = {label: set(self.parts) - {label} for label in self.parts}
         table = np.flatnonzero((labels == 0) & (np.abs(points[..., 2]) < 0.015))
         self.table = self.points.take(table[::5], axis=0)
-        self.brinks = Brinks(labels, points)
+        self.brinks = OcclusionEdges(labels, points)
 
     def _columns(self, label: int) -> int:
         """How many columns of the picture a part is seen in."""

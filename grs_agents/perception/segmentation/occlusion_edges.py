@@ -21,7 +21,7 @@ FEWEST = 8
 NOWHERE: Index = np.zeros(0, np.intp)
 
 
-class Brinks:
+class OcclusionEdges:
     """The upper edges of the parts of an (H, W) label image, and how deep lies the next part that is seen over them.
 
     Args:

@@ -36,7 +36,7 @@ LONG = 0.15
 """An arm reaches in by more than this (m) along the table."""
 
 
-def reaches_in(mask: Mask, points: Array) -> bool:
+def enters_from_outside(mask: Mask, points: Array) -> bool:
     """Whether a segment, (H, W), comes in from above or from beyond the picture.
 
     Args:
@@ -108,22 +108,22 @@ def objects_of(labels: Labels, smooth: RGBDFrame, points: Array, table: TableFra
         label
         for label, own in enumerate(pixels, 1)
         if len(own) >= smallest
-        and not _is_ghost(points.reshape(-1, 3).take(own, axis=0), 4 * smallest, flattest)
-        and not _is_veil(smooth.depth.take(own), smooth.camera.fx, 4 * smallest)
-        and not reaches_in(labels == label, points)
+        and not _is_sensor_noise(points.reshape(-1, 3).take(own, axis=0), 4 * smallest, flattest)
+        and not _is_depth_edge(smooth.depth.take(own), smooth.camera.fx, 4 * smallest)
+        and not enters_from_outside(labels == label, points)
     ]
     numbers = np.zeros(len(pixels) + 1, np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
     return _filled(split(join_hidden(numbers[labels], smooth, points), points, smallest), points)
 
 
-def _is_ghost(cloud: Array, small: int, flattest: float) -> bool:
+def _is_sensor_noise(cloud: Array, small: int, flattest: float) -> bool:
     """Whether a segment is a bump of the sensor's noise on the table."""
     top = float(np.nanpercentile(cloud[:, 2], 95))
     return top < flattest or (top < 2 * flattest and len(cloud) < small)
 
 
-def _is_veil(depth: Depth, focal: float, small: int) -> bool:
+def _is_depth_edge(depth: Depth, focal: float, small: int) -> bool:
     """Whether a small segment is a streak of pixels mixed of two surfaces: much deeper than it looks large."""
     if len(depth) > small:
         return False

@@ -1,22 +1,22 @@
 """The described scene in MuJoCo: how it comes to rest, and how it compares with the photo."""
 
-from grs_agents.perception.settling.collision_repair import Disentangled, Known, disentangled
-from grs_agents.perception.settling.reconciliation import Reconciled, Segment, carriers, reconcile
-from grs_agents.perception.settling.settling import Placed, Rest, Thing, settle
+from grs_agents.perception.settling.collision_repair import Disentangled, KnownObject, repair_collisions
+from grs_agents.perception.settling.reconciliation import Reconciled, Segment, reconcile_segments, supporting_segments
+from grs_agents.perception.settling.settling import Placed, PlacedObject, RestState, settle
 from grs_agents.perception.settling.twin_report import fidelity, report_of
 
 __all__ = [
     "Disentangled",
-    "Known",
+    "KnownObject",
     "Placed",
+    "PlacedObject",
     "Reconciled",
-    "Rest",
+    "RestState",
     "Segment",
-    "Thing",
-    "carriers",
-    "disentangled",
     "fidelity",
-    "reconcile",
+    "reconcile_segments",
+    "repair_collisions",
     "report_of",
     "settle",
+    "supporting_segments",
 ]

@@ -16,7 +16,7 @@ from grs_agents.library import Library
 from grs_agents.perception.registration.registration import Registered, cost_of, register
 from grs_agents.perception.segmentation.candidates import quaternion
 from grs_agents.perception.settling.depenetration import depth_of, overlaps
-from grs_agents.perception.settling.settling import Thing, instances, on_table, prepare
+from grs_agents.perception.settling.settling import PlacedObject, instances, on_table, prepare
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, UprightBox
 from grs_agents.sim.world.compilation import World, build, place
 
@@ -32,7 +32,7 @@ MOST = 8
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownObject:
     """A thing whose asset is known.
 
     Attributes:
@@ -41,7 +41,7 @@ class Known:
         mask: (H, W) its pixels.
     """
 
-    thing: Thing
+    thing: PlacedObject
     upright: UprightBox
     mask: Mask
 
@@ -59,7 +59,9 @@ class Disentangled:
     wrong: frozenset[int] = frozenset()
 
 
-def disentangled(things: Sequence[Known], frame: RGBDFrame, table: TableFrame, library: Library) -> Disentangled:
+def repair_collisions(
+    things: Sequence[KnownObject], frame: RGBDFrame, table: TableFrame, library: Library
+) -> Disentangled:
     """Which are not to stay in others.
 
     Of two that are in each other, that one is registered again of which this contradicts less of what was seen. Where
@@ -101,14 +103,14 @@ def disentangled(things: Sequence[Known], frame: RGBDFrame, table: TableFrame, l
 class _Crowd:
     """The things in a world; ``poses`` says where each stands by now."""
 
-    things: Sequence[Known]
+    things: Sequence[KnownObject]
     poses: list[Pose]
     photo: tuple[RGBDFrame, TableFrame]
     library: Library
     world: World
 
     @classmethod
-    def of(cls, things: Sequence[Known], photo: tuple[RGBDFrame, TableFrame], library: Library) -> "_Crowd":
+    def of(cls, things: Sequence[KnownObject], photo: tuple[RGBDFrame, TableFrame], library: Library) -> "_Crowd":
         items = instances([one.thing for one in things], library)
         world = build(items, library)
         place(world, items)
@@ -150,7 +152,7 @@ class _Crowd:
 
     def _depth(self, number: int, pose: Pose) -> float:
         """How deep a thing is in others at a pose, where it stays, m."""
-        thing, start = Thing(self.things[number].thing.asset, pose), self.world.addresses[number]
+        thing, start = PlacedObject(self.things[number].thing.asset, pose), self.world.addresses[number]
         position, (x, y, z, w) = instances([thing], self.library)[0].pose
         self.world.data.qpos[start : start + 7] = (*position, w, x, y, z)
         return depth_of(self.world, number)

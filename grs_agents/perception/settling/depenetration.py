@@ -33,7 +33,7 @@ DIRECTIONS: Floats = np.array(
 
 
 @dataclass(frozen=True)
-class Way:
+class Separation:
     """A way to take things apart.
 
     Attributes:
@@ -47,12 +47,12 @@ class Way:
     steps: tuple[float, ...] = STEPS
 
 
-def deepest(world: World) -> float:
+def deepest_overlap(world: World) -> float:
     """The deepest overlap, m."""
     return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
 
 
-def part(world: World, guessed: Collection[int], way: Way) -> None:
+def separate(world: World, guessed: Collection[int], way: Separation) -> None:
     """Move one thing after the other until none overlaps deeply, or none can be moved free of others.
 
     Of two that overlap the one that has to move least is moved; what is ``guessed`` rather than what is known.

@@ -8,10 +8,10 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.library import Library
-from grs_agents.perception.proxies.box_clipping import Claim, clipped
+from grs_agents.perception.proxies.box_clipping import EstimatedVolume, clip_boxes
 from grs_agents.perception.proxies.neighbors import Surroundings
-from grs_agents.perception.registration.surface_inliers import explained, shell_of
-from grs_agents.perception.settling.settling import Thing
+from grs_agents.perception.registration.surface_inliers import asset_surface_at, surface_inliers
+from grs_agents.perception.settling.settling import PlacedObject
 from grs_agents.perception.surfaces import Tree
 from grs_agents.perception.table import robot_points_at
 from grs_agents.perception.types import Mask, RGBDFrame, Solid, TableFrame, UprightBox
@@ -38,7 +38,7 @@ class Segment:
     mask: Mask
     box: UprightBox
     shape: Solid
-    known: Thing | None
+    known: PlacedObject | None
     hollow: bool = False
 
 
@@ -55,7 +55,7 @@ class Reconciled:
     """
 
     pieces: dict[int, int]
-    claims: dict[int, Claim]
+    claims: dict[int, EstimatedVolume]
     masks: dict[int, Mask]
     known: tuple[tuple[str, Pose], ...]
     library: Library
@@ -66,7 +66,7 @@ class Reconciled:
         return Surroundings(self.known, others, self.library)
 
 
-def reconcile(
+def reconcile_segments(
     segments: Sequence[Segment],
     frame: RGBDFrame,
     table: TableFrame,
@@ -85,18 +85,22 @@ def reconcile(
         UnknownNameError: an asset is not in the library.
     """
     clouds = [robot_points_at(frame, table, *np.nonzero(one.mask & (frame.depth > 0))) for one in segments]
-    shells = [None if one.known is None else shell_of(one.known.asset, one.known.pose, library) for one in segments]
-    pieces = explained(clouds, shells)
+    shells = [
+        None if one.known is None else asset_surface_at(one.known.asset, one.known.pose, library) for one in segments
+    ]
+    pieces = surface_inliers(clouds, shells)
     firm = [shell.points for index, shell in enumerate(shells) if shell is not None and index not in pieces]
     unknown = [index for index, shell in enumerate(shells) if shell is None and index not in pieces]
     solids = {index: Surroundings([(one.known.asset, one.known.pose)], (), library)
               for index, one in enumerate(segments) if one.known is not None and index not in pieces}  # fmt: skip
     known = Surroundings([one for solid in solids.values() for one in solid.known], (), library)
     claims = [
-        Claim(segments[index].box, segments[index].shape, clouds[index], segments[index].hollow).standing(known.hold)
+        EstimatedVolume(segments[index].box, segments[index].shape, clouds[index], segments[index].hollow).standing(
+            known.hold
+        )
         for index in unknown
     ]
-    fitted = clipped(claims, np.concatenate([np.zeros((0, 3)), *firm]))
+    fitted = clip_boxes(claims, np.concatenate([np.zeros((0, 3)), *firm]))
     claimed = dict(zip(unknown, fitted, strict=True))
     for piece, claim in list(claimed.items()):
         filled = {index: float(solid.hold(claim.space).mean()) for index, solid in solids.items()}
@@ -111,7 +115,7 @@ def reconcile(
     return Reconciled(pieces, claimed, {index: masks[index] for index in claimed}, tuple(known.known), library)
 
 
-def carriers(fell: AbstractSet[int], agreed: Reconciled) -> dict[int, int]:
+def supporting_segments(fell: AbstractSet[int], agreed: Reconciled) -> dict[int, int]:
     """Pieces of other things: what falls by itself is carried by what it touches, so they are one.
 
     Args:
@@ -133,7 +137,7 @@ def carriers(fell: AbstractSet[int], agreed: Reconciled) -> dict[int, int]:
 
 
 def _unite(
-    claims: dict[int, Claim], masks: dict[int, Mask], pieces: dict[int, int], segments: Sequence[Segment]
+    claims: dict[int, EstimatedVolume], masks: dict[int, Mask], pieces: dict[int, int], segments: Sequence[Segment]
 ) -> None:
     """Solid things are not inside each other: what still has most of its points in another's box belongs to it."""
     for piece in sorted(claims, key=lambda index: claims[index].volume):
@@ -149,7 +153,9 @@ def _unite(
             _join(piece, whole, claims, masks, pieces)
 
 
-def _join(piece: int, whole: int, claims: dict[int, Claim], masks: dict[int, Mask], pieces: dict[int, int]) -> None:
+def _join(
+    piece: int, whole: int, claims: dict[int, EstimatedVolume], masks: dict[int, Mask], pieces: dict[int, int]
+) -> None:
     """Make one thing of two."""
     claims[whole] = claims[whole].joined(claims[piece].points)
     masks[whole] = masks[whole] | masks[piece]

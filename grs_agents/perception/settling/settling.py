@@ -15,7 +15,7 @@ from grs_agents.base import Pose
 from grs_agents.engine import mujoco
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception.settling.depenetration import STEPS, Way, deepest, part
+from grs_agents.perception.settling.depenetration import STEPS, Separation, deepest_overlap, separate
 from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world.compilation import World, build, place
 
@@ -55,7 +55,7 @@ def ease(world: World) -> None:
     for _ in range(EASING):
         data.qvel[:] = 0
         mujoco.mj_step(model, data)
-        if deepest(world) < EASED:
+        if deepest_overlap(world) < EASED:
             break
     model.opt.gravity[:], model.geom_condim[:] = gravity, dimensions
     data.qvel[:] = 0
@@ -75,7 +75,7 @@ def fall(world: World) -> bool:
 
 
 @dataclass(frozen=True)
-class Thing:
+class PlacedObject:
     """An asset, and where the centre of its bounding box is (m) with its rotation (xyzw).
 
     ``guessed``: it stands for a thing of unknown shape, whose place is known less well.
@@ -96,8 +96,8 @@ WEDGED = 0.003
 FALLEN = 0.01
 """What moves farther than this (m) was not at rest as it is described, or not there."""
 WAYS = (
-    *(Way(deep, lift) for deep in (0.003, 0.012, 0.0015, 0.02) for lift in (True, False)),
-    Way(0.003, lift=True, steps=(*STEPS, 0.05, 0.07, 0.1)),
+    *(Separation(deep, lift) for deep in (0.003, 0.012, 0.0015, 0.02) for lift in (True, False)),
+    Separation(0.003, lift=True, steps=(*STEPS, 0.05, 0.07, 0.1)),
 )
 """Which of them moves things least hangs on the scene: they are tried in turn, until nothing moves too far."""
 MOST_HELD = 8
@@ -122,7 +122,7 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Rest:
+class RestState:
     """A scene at rest.
 
     Attributes:
@@ -142,13 +142,13 @@ class Rest:
         return max((placed.drift for placed in self.placed if placed is not None), default=0.0)
 
 
-def on_table(thing: Thing) -> bool:
+def on_table(thing: PlacedObject) -> bool:
     """Whether the thing is over the simulated table."""
     x, y, z = thing.pose[0]
     return float(np.hypot(x - CENTER[0], y - CENTER[1])) < REACH and abs(z) < REACH
 
 
-def instances(things: Sequence[Thing], library: Library) -> list[InstanceObject]:
+def instances(things: Sequence[PlacedObject], library: Library) -> list[InstanceObject]:
     """The things as objects of a simulation; ids count from 0."""
     return [
         InstanceObject(id=number, asset=one.asset, pose=_shifted(one.pose, -_middle(one.asset, library)))
@@ -156,7 +156,9 @@ def instances(things: Sequence[Thing], library: Library) -> list[InstanceObject]
     ]
 
 
-def settle(things: Sequence[Thing], library: Library, unseen: Callable[[Thing], bool] | None = None) -> Rest:
+def settle(
+    things: Sequence[PlacedObject], library: Library, unseen: Callable[[PlacedObject], bool] | None = None
+) -> RestState:
     """Let things come to rest, without the robot.
 
     Args:
@@ -169,7 +171,7 @@ def settle(things: Sequence[Thing], library: Library, unseen: Callable[[Thing], 
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
-    found: list[Rest] = []
+    found: list[RestState] = []
     for way in WAYS:
         rest = _settled(things, library, unseen, way)
         if rest.penetration < OVERLAP and rest.farthest < FALLEN:
@@ -178,13 +180,15 @@ def settle(things: Sequence[Thing], library: Library, unseen: Callable[[Thing], 
     return min(found, key=_dearness)
 
 
-def _dearness(rest: Rest) -> tuple[bool, int, float]:
+def _dearness(rest: RestState) -> tuple[bool, int, float]:
     """What is wrong with a scene at rest, the worst first: overlaps, things that moved too far, how far all did."""
     drifts = [placed.drift for placed in rest.placed if placed is not None]
     return rest.penetration >= OVERLAP, sum(drift > FALLEN for drift in drifts), sum(drifts)
 
 
-def _settled(things: Sequence[Thing], library: Library, unseen: Callable[[Thing], bool] | None, way: Way) -> Rest:
+def _settled(
+    things: Sequence[PlacedObject], library: Library, unseen: Callable[[PlacedObject], bool] | None, way: Separation
+) -> RestState:
     """The scene at rest, if it is taken apart in one way."""
     here = [number for number, one in enumerate(things) if on_table(one)]
     items, held, tried = instances([things[number] for number in here], library), set[int](), set[int]()
@@ -197,7 +201,7 @@ def _settled(things: Sequence[Thing], library: Library, unseen: Callable[[Thing]
         lowest = min(fell, key=lambda number: _bottom(begun.parted[number], library))
         tried.add(lowest)
         pose = _shifted(begun.parted[lowest].pose, _middle(items[lowest].asset, library))
-        if unseen(Thing(items[lowest].asset, pose)):
+        if unseen(PlacedObject(items[lowest].asset, pose)):
             held.add(lowest)
             fallen = _fallen(begun.parted, held, guessed, library, way)
     placed: list[Placed | None] = [None] * len(things)
@@ -205,7 +209,7 @@ def _settled(things: Sequence[Thing], library: Library, unseen: Callable[[Thing]
         pose = _shifted(rest, _middle(item.asset, library))
         drift = float(np.linalg.norm(np.subtract(pose[0], things[number].pose[0])))
         placed[number] = Placed(pose, drift, item.id in held, item.id in fallen.fell)
-    return Rest(tuple(placed), begun.found, fallen.penetration, fallen.still)
+    return RestState(tuple(placed), begun.found, fallen.penetration, fallen.still)
 
 
 @dataclass(frozen=True)
@@ -221,7 +225,7 @@ class _Fall:
 
 
 def _fallen(
-    items: Sequence[InstanceObject], held: Collection[int], guessed: Collection[int], library: Library, way: Way
+    items: Sequence[InstanceObject], held: Collection[int], guessed: Collection[int], library: Library, way: Separation
 ) -> _Fall:
     """Take things apart and let all fall but those that are held."""
     items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
@@ -229,22 +233,22 @@ def _fallen(
     place(world, items)
     prepare(world)
     mujoco.mj_forward(world.model, world.data)
-    found, still = deepest(world), False
+    found, still = deepest_overlap(world), False
     first: list[Pose] = []
     parted: list[Pose] = []
     for attempt in range(TRIES):
-        if attempt and deepest(world) < WEDGED:
+        if attempt and deepest_overlap(world) < WEDGED:
             last = attempt == TRIES - 1
             steps = tuple(step for step in way.steps if step < FALLEN or last)
-            part(world, guessed, replace(way, deep=OVERLAP, steps=steps))
+            separate(world, guessed, replace(way, deep=OVERLAP, steps=steps))
         else:
-            part(world, guessed, way)
+            separate(world, guessed, way)
         ease(world)
         parted = [_pose(world.data, world.bodies[item.id]) for item in items]
         first = first or parted
         still = fall(world)
         mujoco.mj_forward(world.model, world.data)
-        if deepest(world) < OVERLAP:
+        if deepest_overlap(world) < OVERLAP:
             break
     poses = [_pose(world.data, world.bodies[item.id]) for item in items]
     moved = [float(np.linalg.norm(np.subtract(one[0], two[0]))) for one, two in zip(first, poses, strict=True)]
@@ -253,7 +257,7 @@ def _fallen(
         item.model_copy(update={"pose": before if item.id in fell else after})
         for item, before, after in zip(items, first, parted, strict=True)
     ]
-    return _Fall(begun, poses, fell, found, deepest(world), still)
+    return _Fall(begun, poses, fell, found, deepest_overlap(world), still)
 
 
 def _bottom(item: InstanceObject, library: Library) -> float:

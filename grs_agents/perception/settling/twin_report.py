@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from grs_agents.library import Library
-from grs_agents.perception.settling.settling import Rest, Thing, instances, on_table, settle
-from grs_agents.perception.settling.unseen_support import may_stand_on_something_unseen
+from grs_agents.perception.settling.settling import PlacedObject, RestState, instances, on_table, settle
+from grs_agents.perception.settling.unseen_support import may_have_unseen_support
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, TwinReport
 from grs_agents.sim.world.rendering import Sight, cast
 
@@ -20,7 +20,7 @@ RAYS = 20_000
 
 
 def fidelity(
-    things: Sequence[Thing], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
+    things: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> float | None:
     """The share of the measured pixels of ``mask`` (H, W) at which the things, seen by the photo's camera, are right.
 
@@ -45,17 +45,17 @@ def fidelity(
 
 
 def report_of(
-    things: Sequence[Thing], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
-) -> tuple[Rest, TwinReport]:
+    things: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
+) -> tuple[RestState, TwinReport]:
     """The scene at rest, and its figures; ``mask`` (H, W) are the pixels of all objects.
 
     Raises:
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
-    rest = settle(things, library, lambda one: may_stand_on_something_unseen(one, library, frame, table))
+    rest = settle(things, library, lambda one: may_have_unseen_support(one, library, frame, table))
     pairs = zip(things, rest.placed, strict=True)
-    resting = [one if placed is None else Thing(one.asset, placed.pose) for one, placed in pairs]
+    resting = [one if placed is None else PlacedObject(one.asset, placed.pose) for one, placed in pairs]
     return rest, TwinReport(
         found=rest.found,
         penetration=rest.penetration,

@@ -3,13 +3,13 @@
 from types import TracebackType
 
 
-class Caught:
+class CapturedError:
     """``with Caught() as caught: ...``; afterwards ``caught.error`` is the exception or None."""
 
     def __init__(self) -> None:
         self.error: BaseException | None = None
 
-    def __enter__(self) -> "Caught":
+    def __enter__(self) -> "CapturedError":
         return self
 
     def __exit__(

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 from grs_agents import content
 from grs_agents.sandbox.harness import channel
-from grs_agents.sandbox.harness.captured_error import Caught
+from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.isolation import kernel
 from grs_agents.sandbox.isolation.hardening import HardeningError, file_rules, harden, prepare
 from grs_agents.sandbox.isolation.privileges import Allowance, limit
@@ -66,7 +66,7 @@ def serve(
 
 
 def _serve(frame: dict[str, Any], limits: Limits, settings: Settings, rules: int | None, before: float) -> None:
-    with Caught() as caught:
+    with CapturedError() as caught:
         for folder in frame["overlays"]:
             content.add_overlay(Path(folder))
         inside = _inside(frame)
@@ -158,7 +158,7 @@ def _explain_death() -> None:
 
 
 def _answer(inside: Callable[[dict[str, Any]], object], request: dict[str, Any]) -> None:
-    with Caught() as caught:
+    with CapturedError() as caught:
         value = inside(request)
         sys.stdout.flush()
         sys.stderr.flush()

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
-from grs_agents.sandbox.harness.captured_error import Caught
+from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn
 
 _MODULES = (
@@ -187,6 +187,6 @@ def _toothless(with_numpy: bool) -> Iterator[str]:
 
 
 def _fails(assertion: Callable[[unittest.TestCase], object], probe: unittest.TestCase) -> bool:
-    with Caught() as caught, contextlib.suppress(SystemExit):
+    with CapturedError() as caught, contextlib.suppress(SystemExit):
         assertion(probe)
     return isinstance(caught.error, AssertionError)

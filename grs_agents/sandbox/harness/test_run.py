@@ -23,7 +23,7 @@ from types import CodeType, ModuleType
 from typing import Any, TextIO, cast
 
 from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, counted
-from grs_agents.sandbox.harness.captured_error import Caught
+from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.harness.channel import progress
 from grs_agents.sandbox.harness.tampering import Integrity, overridden, shadowed
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe
@@ -138,7 +138,7 @@ class Result(unittest.TestResult):
 
     def _reached_limit(self, case: dict[str, Any]) -> dict[str, Any]:
         """What a limit that the test reached makes of its case, however it dealt with the error."""
-        with Caught():
+        with CapturedError():
             said = self._session.limit()
             if isinstance(said, str) and case.get("outcome") != "tampered":
                 return {"outcome": "limit", "message": said[:1000], "raised_in": case.get("raised_in") or "simulation"}
@@ -190,7 +190,7 @@ class _Tee(io.TextIOBase):
 
 def _plain_object(source: Callable[[], Any]) -> dict[str, Any] | None:
     """What ``source`` returns if that is a plain JSON object, else None."""
-    with Caught():
+    with CapturedError():
         plain = json.loads(json.dumps(source(), allow_nan=False))
         return cast(dict[str, Any], plain) if isinstance(plain, dict) else None
     return None
@@ -198,7 +198,7 @@ def _plain_object(source: Callable[[], Any]) -> dict[str, Any] | None:
 
 def _line(test: unittest.TestCase) -> int | None:
     """Where the code of a test begins in the test program; None if it is from elsewhere."""
-    with Caught():
+    with CapturedError():
         method: Any = getattr(type(test), getattr(test, "_testMethodName", ""), None)
         code = inspect.unwrap(method).__code__
         if isinstance(code, CodeType) and code.co_filename == TESTS_FILE:
@@ -223,7 +223,7 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
     seed_everything(seed)
     counter, tests, found = Counter(), ModuleType("test_task_code"), list[str]()
     integrity = Integrity(with_numpy="testing" in request["simulation"] + request["tests"])
-    with Caught() as caught:
+    with CapturedError() as caught:
         load_program(request["simulation"], request["simulation_name"])
         _check(integrity, "simulation")
         tests = _load_tests(request["tests"], counter)

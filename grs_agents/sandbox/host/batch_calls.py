@@ -10,7 +10,7 @@ from grs_agents.sandbox.protocol.report import CallResult, Limits
 
 
 @dataclass(frozen=True)
-class EachResult:
+class BatchResult:
     """What became of each item.
 
     Attributes:
@@ -35,7 +35,7 @@ class EachResult:
         return self.calls[-1]
 
 
-def call_each(
+def call_batch(
     sandbox: Sandbox,
     tool: str,
     request: dict[str, Any],
@@ -43,7 +43,7 @@ def call_each(
     limits: Limits,
     hopeless: Callable[[CallResult], bool],
     readable: Sequence[Path] = (),
-) -> EachResult:
+) -> BatchResult:
     """Call ``tool`` with ``{**request, "items": [...]}`` until each item has ended or been stopped.
 
     The tool reports ``{"item": ..., "phase": "start"}`` and ``{"item": ..., "phase": "end", ...}``. When a call
@@ -69,7 +69,7 @@ def call_each(
             left, second_chance = limits.wall_seconds, False
     strange = tuple(dict.fromkeys(found.strange))
     repeated, untimely = frozenset(found.repeated), frozenset(found.untimely)
-    return EachResult(found.ended, found.stopped, repeated, strange, untimely, tuple(calls))
+    return BatchResult(found.ended, found.stopped, repeated, strange, untimely, tuple(calls))
 
 
 @dataclass

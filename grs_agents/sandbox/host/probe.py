@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from grs_agents.sandbox.harness.captured_error import Caught
+from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.host.streams import exchange
 from grs_agents.sandbox.host.zygote_process import DOCTOR, SandboxError, Zygote
 from grs_agents.sandbox.isolation import allowlist
@@ -73,7 +73,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _succeeds(action: Callable[[], object]) -> bool:
-    with Caught() as caught:
+    with CapturedError() as caught:
         action()
     return caught.error is None
 

@@ -9,7 +9,7 @@ from typing import Any, cast
 from pydantic import Field
 
 from grs_agents.base import Frozen
-from grs_agents.sandbox.host.batch_calls import EachResult, call_each
+from grs_agents.sandbox.host.batch_calls import BatchResult, call_batch
 from grs_agents.sandbox.host.sandbox import Sandbox
 from grs_agents.sandbox.host.test_discovery import ExpectedTests, expected_tests, parse
 from grs_agents.sandbox.protocol.report import (
@@ -105,11 +105,11 @@ def run_tests(
         trace = from_stack(call.stack, sources, call.error)
         return trace is None or bool({"setUp", "setUpClass", "reset"} & set(trace.functions))
 
-    each = call_each(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
+    each = call_batch(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
     return _assemble(expected, each, sources)
 
 
-def _assemble(expected: ExpectedTests, each: EachResult, sources: dict[str, str]) -> TestReport:
+def _assemble(expected: ExpectedTests, each: BatchResult, sources: dict[str, str]) -> TestReport:
     cases = tuple(_case(item, expected, each, sources) for item in expected.ids) + _extra(expected, each)
     report = _load_failure(each, sources) or _judge(cases, each)
     totals = {
@@ -120,7 +120,7 @@ def _assemble(expected: ExpectedTests, each: EachResult, sources: dict[str, str]
     return report.model_copy(update=totals)
 
 
-def _judge(cases: tuple[TestCase, ...], each: EachResult) -> TestReport:
+def _judge(cases: tuple[TestCase, ...], each: BatchResult) -> TestReport:
     first = next((case for case in cases if case.outcome != "passed"), None)
     if first is not None:
         return TestReport(outcome=_verdict(cases), cases=cases, raised_in=first.raised_in)
@@ -151,7 +151,7 @@ def _stopped_as(call: CallResult) -> CaseOutcome:
     return _STOPPED.get(call.outcome, "exited" if call.error.startswith(EXITED) else "crashed")
 
 
-def _load_failure(each: EachResult, sources: dict[str, str]) -> TestReport | None:
+def _load_failure(each: BatchResult, sources: dict[str, str]) -> TestReport | None:
     """The report of programs that never got to a test, or None."""
     call = each.last
     if call.outcome == "ok":
@@ -180,7 +180,7 @@ def _load_failure(each: EachResult, sources: dict[str, str]) -> TestReport | Non
     )
 
 
-def _case(item: str, expected: ExpectedTests, each: EachResult, sources: dict[str, str]) -> TestCase:
+def _case(item: str, expected: ExpectedTests, each: BatchResult, sources: dict[str, str]) -> TestCase:
     if item in each.stopped:
         call = each.stopped[item]
         trace = from_stack(call.stack, sources, call.error)
@@ -204,7 +204,7 @@ def _case(item: str, expected: ExpectedTests, each: EachResult, sources: dict[st
     return TestCase(id=item, outcome="not_run", message=f"not run: {_last_line(each.last.error)}")
 
 
-def _ended(item: str, expected: ExpectedTests, each: EachResult) -> TestCase:
+def _ended(item: str, expected: ExpectedTests, each: BatchResult) -> TestCase:
     fields: dict[str, Any] = {
         key: value[: _BOUNDS[key]] if key in _BOUNDS and isinstance(value, str) else value
         for key, value in each.ended[item].items()
@@ -235,7 +235,7 @@ def _instead(case: TestCase, outcome: CaseOutcome, message: str) -> TestCase:
     return case.model_copy(update={"outcome": outcome, "message": message, "raised_in": "tests"})
 
 
-def _extra(expected: ExpectedTests, each: EachResult) -> tuple[TestCase, ...]:
+def _extra(expected: ExpectedTests, each: BatchResult) -> tuple[TestCase, ...]:
     """Tests that turned up though the source does not have them, and results that nobody asked for."""
     added = "it is no method in the source, so it did not run"
     made_up = "a result was reported for a test there is not"

@@ -19,7 +19,7 @@ from grs_agents.sim.cliport.task_helpers import TaskKit, kitting_objects
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.expert.push_oracle import PushOracle
 from grs_agents.sim.goals import task_accounting
-from grs_agents.sim.goals.task_accounting import Ledger
+from grs_agents.sim.goals.task_accounting import TaskAccounting
 from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.instance.goal import Goal, named
 from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
@@ -70,7 +70,7 @@ class Task(TaskKit):
 
     def __init__(self) -> None:
         super().__init__()
-        self.grs = Ledger(self)
+        self.grs = TaskAccounting(self)
         self.max_steps = 10
         self.lang_template = ""
         self.task_completed_desc = "task completed."

@@ -17,7 +17,7 @@ from grs_agents.base import Pose, Quat
 from grs_agents.geometry import transforms
 from grs_agents.sim.cliport import cameras
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.goals.task_accounting import Ledger
+from grs_agents.sim.goals.task_accounting import TaskAccounting
 from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
 from grs_agents.sim.instance.instance import InstanceTie
 from grs_agents.sim.motion import placement
@@ -126,7 +126,7 @@ _CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
 class TaskKit:
     """What a task can call besides ``add_object`` and ``add_goal``."""
 
-    grs: Ledger
+    grs: TaskAccounting
 
     def __init__(self) -> None:
         self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])

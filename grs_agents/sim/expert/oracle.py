@@ -15,7 +15,7 @@ from grs_agents.sim.goals.scene_view import SceneView, toppled
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.motion.grasp import find_hold
+from grs_agents.sim.motion.grasp import find_grasp
 from grs_agents.sim.motion.placement import Blocked, Spot, Suits, reach_note
 from grs_agents.sim.world.tabletop import Tabletop
 
@@ -227,7 +227,7 @@ class Oracle:
             where = f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f})"
             note = reach_note((position[0], position[1], view.outline(number).high), self.table.arm)
             return Stop("unreachable", f"object {name} at {where} {note}", (name,))
-        hold = find_hold(view.physics, number, position, view.outline(number), view.others(number))
+        hold = find_grasp(view.physics, number, position, view.outline(number), view.others(number))
         if hold.point is not None:
             return hold.point
         movable = [other for other in hold.covered_by if view.is_free(other)]

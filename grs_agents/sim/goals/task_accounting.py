@@ -73,14 +73,14 @@ class ScoredTask(Protocol):
     pos_eps: float
     rot_eps: float
     zone_bounds: npt.NDArray[np.float64]
-    grs: "Ledger"
+    grs: "TaskAccounting"
 
     def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
         """Whether two poses agree."""
         ...
 
 
-class Ledger:
+class TaskAccounting:
     """The accounts of one task: a program may call its own things ``count`` or ``scores`` without harm.
 
     Attributes:

@@ -44,7 +44,7 @@ def seal(physics: Physics, number: int) -> float:
 
 
 @dataclass(frozen=True)
-class Hold:
+class Grasp:
     """What looking down on an object finds.
 
     Attributes:
@@ -56,7 +56,7 @@ class Hold:
     covered_by: tuple[int, ...] = ()
 
 
-def find_hold(physics: Physics, number: int, center: Vec3, outline: Prism, others: Sequence[Prism] = ()) -> Hold:
+def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, others: Sequence[Prism] = ()) -> Grasp:
     """The flattest open point near the centre of an object.
 
     Args:
@@ -86,13 +86,13 @@ def find_hold(physics: Physics, number: int, center: Vec3, outline: Prism, other
             covered[beside] = covered.get(beside, 0) + 1
             continue
         if roughness == 0:
-            return Hold((x, y, height))
+            return Grasp((x, y, height))
         cost = roughness + _FARTHER * rank
         if fallback is None or cost < fallback[0]:
             fallback = (cost, (x, y, height))
     if fallback is not None:
-        return Hold(fallback[1])
-    return Hold(None, tuple(sorted(covered, key=lambda owner: -covered[owner])))
+        return Grasp(fallback[1])
+    return Grasp(None, tuple(sorted(covered, key=lambda owner: -covered[owner])))
 
 
 def _candidates(center: Vec3, outline: Prism) -> list[tuple[float, float]]:

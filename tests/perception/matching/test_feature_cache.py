@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.perception.matching.feature_cache import folder, keep, kept, key_of
+from grs_agents.perception.matching.feature_cache import cached, folder, key_of, store
 
 ARRAYS = {"points": np.arange(6.0).reshape(2, 3), "cell": np.array(0.5)}
 
@@ -18,10 +18,10 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_arrays_come_back_as_they_were(cache: Path) -> None:
-    assert kept("some") is None
-    keep("some", ARRAYS)
+    assert cached("some") is None
+    store("some", ARRAYS)
     assert folder() == cache / "grs-agents" / "looks"
-    found = kept("some")
+    found = cached("some")
     assert found is not None
     assert {name: array.tolist() for name, array in found.items()} == {
         name: array.tolist() for name, array in ARRAYS.items()
@@ -30,15 +30,15 @@ def test_arrays_come_back_as_they_were(cache: Path) -> None:
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 half a file", b"text"])
 def test_a_broken_file_is_none(content: bytes) -> None:
-    keep("some", ARRAYS)
+    store("some", ARRAYS)
     (folder() / "some.npz").write_bytes(content)
-    assert kept("some") is None
+    assert cached("some") is None
 
 
 def test_a_cache_that_cannot_be_written_is_no_error(cache: Path) -> None:
     cache.write_text("a file where the folder should be")
-    keep("some", ARRAYS)
-    assert kept("some") is None
+    store("some", ARRAYS)
+    assert cached("some") is None
 
 
 def test_another_file_is_another_key(tmp_path: Path) -> None:
@@ -59,5 +59,5 @@ def test_a_user_without_a_home_is_no_error(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr(Path, "home", homeless)
-    keep("some", ARRAYS)
-    assert kept("some") is None
+    store("some", ARRAYS)
+    assert cached("some") is None

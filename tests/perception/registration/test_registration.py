@@ -11,7 +11,7 @@ from grs_agents.library import Library
 from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
 from grs_agents.perception import UprightBox, register
 from grs_agents.perception.proxies.fitted import write_proxy
-from grs_agents.perception.settling import Thing
+from grs_agents.perception.settling import PlacedObject
 from grs_agents.perception.surfaces import symmetry_of
 from grs_agents.perception.types import Mask
 from tests.perception.settling.photo import photo_of
@@ -34,7 +34,7 @@ def box_around(asset: str, turn: Quat, yaw_error: float = 0.2) -> UprightBox:
 def test_an_asset_is_found_where_it_stands(asset: str, roll: float, yaw: float) -> None:
     turn = quaternion_from_rpy(roll, 0.0, yaw)
     middle = _resting(asset, turn)
-    frame, table, mask = photo_of([Thing(asset, (middle, turn))], LIBRARY)
+    frame, table, mask = photo_of([PlacedObject(asset, (middle, turn))], LIBRARY)
     found = register(asset, LIBRARY, box_around(asset, turn), frame, table, mask)
     assert found.method == "registered"
     assert np.linalg.norm(np.subtract(found.position, middle)) < 0.01
@@ -44,13 +44,13 @@ def test_an_asset_is_found_where_it_stands(asset: str, roll: float, yaw: float) 
 
 def test_the_yaw_of_a_round_thing_is_said_to_say_nothing() -> None:
     asset, turn = "HOPE/Tuna.urdf", quaternion_from_rpy(0.0, 0.0, 0.0)
-    frame, table, mask = photo_of([Thing(asset, (_resting(asset, turn), turn))], LIBRARY)
+    frame, table, mask = photo_of([PlacedObject(asset, (_resting(asset, turn), turn))], LIBRARY)
     assert register(asset, LIBRARY, box_around(asset, turn), frame, table, mask).round
 
 
 def test_what_is_hardly_seen_stays_in_its_box() -> None:
     asset, turn = "HOPE/Milk.urdf", quaternion_from_rpy(0.0, 0.0, 0.0)
-    frame, table, _ = photo_of([Thing(asset, (_resting(asset, turn), turn))], LIBRARY)
+    frame, table, _ = photo_of([PlacedObject(asset, (_resting(asset, turn), turn))], LIBRARY)
     nothing: Mask = np.zeros(frame.depth.shape, np.bool_)
     found = register(asset, LIBRARY, box_around(asset, turn, 0.0), frame, table, nothing)
     assert found.method == "box"
@@ -59,7 +59,7 @@ def test_what_is_hardly_seen_stays_in_its_box() -> None:
 
 def test_another_asset_is_no_fit() -> None:
     milk, turn = "HOPE/Milk.urdf", quaternion_from_rpy(0.0, 0.0, 0.4)
-    frame, table, mask = photo_of([Thing(milk, (_resting(milk, turn), turn))], LIBRARY)
+    frame, table, mask = photo_of([PlacedObject(milk, (_resting(milk, turn), turn))], LIBRARY)
     right = register(milk, LIBRARY, box_around(milk, turn), frame, table, mask)
     wrong = register("HOPE/Tuna.urdf", LIBRARY, box_around(milk, turn), frame, table, mask)
     assert wrong.residual > 3 * right.residual
@@ -69,7 +69,7 @@ def test_a_taller_can_is_not_sunk_into_the_table_to_fit_a_lower_one(tmp_path: Pa
     for name, height in (("low", 0.05), ("tall", 0.07)):
         write_proxy(tmp_path, name, "cylinder", (0.08, 0.08, height), (0.5, 0.5, 0.5), f"a {name} can")
     library = LIBRARY.overlay(tmp_path)
-    frame, table, mask = photo_of([Thing("proxy/low.urdf", ((0.5, 0.0, 0.025), (0.0, 0.0, 0.0, 1.0)))], library)
+    frame, table, mask = photo_of([PlacedObject("proxy/low.urdf", ((0.5, 0.0, 0.025), (0.0, 0.0, 0.0, 1.0)))], library)
     box = UprightBox(center=(0.504, 0.003, 0.025), size=(0.08, 0.08, 0.05), yaw=0.0)
     low, tall = (register(f"proxy/{name}.urdf", library, box, frame, table, mask) for name in ("low", "tall"))
     assert tall.position[2] - tall.size[2] / 2 > -0.01

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.library import Library
-from grs_agents.perception import Aabb, UprightBox, aligned, deviation, upright_of
+from grs_agents.perception import Aabb, UprightBox, aligned, size_deviation, upright_of
 
 LIBRARY = Library()
 MILK = "HOPE/Milk.urdf"
@@ -19,7 +19,7 @@ def test_the_deviation_is_how_far_the_box_is_off(yaw: float, shift: float, share
     x, y, z = SIZE
     measured = UprightBox(center=(0.5, 0.1, z / 2), size=(x, y, z / share), yaw=yaw)
     pose = ((0.5 + shift, 0.1, z / 2), (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
-    off = deviation(MILK, pose, LIBRARY, measured)
+    off = size_deviation(MILK, pose, LIBRARY, measured)
     assert off.centre == pytest.approx(abs(shift), abs=2e-3)
     assert off.size == pytest.approx(abs(share - 1), abs=0.02)
     assert off.agrees == (off.centre <= 0.02 and off.size <= 0.25)

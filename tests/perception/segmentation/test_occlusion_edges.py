@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.perception import find_table, segment
-from grs_agents.perception.segmentation.occlusion_edges import Brinks
+from grs_agents.perception.segmentation.occlusion_edges import OcclusionEdges
 from grs_agents.perception.table import robot_points
 from tests.perception.conftest import Rendered, Thing, render
 
@@ -21,8 +21,8 @@ def bowl() -> tuple[Rendered, np.ndarray]:
     return scene, np.where(scene.labels == 1, labels, 0)
 
 
-def _brinks(scene: Rendered, labels: np.ndarray) -> Brinks:
-    return Brinks(labels, robot_points(scene.frame, find_table(scene.frame, np.random.default_rng(0))))
+def _brinks(scene: Rendered, labels: np.ndarray) -> OcclusionEdges:
+    return OcclusionEdges(labels, robot_points(scene.frame, find_table(scene.frame, np.random.default_rng(0))))
 
 
 def test_the_inside_of_a_bowl_closes_at_its_near_wall(bowl: tuple[Rendered, np.ndarray]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from grs_agents.engine import mujoco
 from grs_agents.library import Library
 from grs_agents.perception import Camera, RGBDFrame, TableFrame
-from grs_agents.perception.settling import Thing
+from grs_agents.perception.settling import PlacedObject
 from grs_agents.perception.settling.settling import instances, prepare
 from grs_agents.perception.types import Mask
 from grs_agents.sim.world.compilation import World, build, place
@@ -20,13 +20,13 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 MILK, BLOCK = "HOPE/Milk.urdf", "block/red_block.urdf"
 
 
-def standing(asset: str, x: float, y: float, above: float = 0.0) -> Thing:
+def standing(asset: str, x: float, y: float, above: float = 0.0) -> PlacedObject:
     """An upright asset so far above the table, m."""
     low, high = np.array(LIBRARY.model(asset).bounds)
-    return Thing(asset, ((x, y, above + float(high[2] - low[2]) / 2), UPRIGHT))
+    return PlacedObject(asset, ((x, y, above + float(high[2] - low[2]) / 2), UPRIGHT))
 
 
-def world_of(*things: Thing) -> World:
+def world_of(*things: PlacedObject) -> World:
     """The things in a world, as `settle` begins with it; they are numbered from 0."""
     items = instances(things, LIBRARY)
     world = build(items, LIBRARY)
@@ -36,7 +36,7 @@ def world_of(*things: Thing) -> World:
     return world
 
 
-def photo_of(things: Sequence[Thing], library: Library) -> tuple[RGBDFrame, TableFrame, Mask]:
+def photo_of(things: Sequence[PlacedObject], library: Library) -> tuple[RGBDFrame, TableFrame, Mask]:
     """The photo, its pose, and the pixels of the things; the camera looks down by 45 degrees from 0.7 m."""
     slope = np.sqrt(0.5)
     turn = np.array([[0, -slope, slope], [-1, 0, 0], [0, -slope, -slope]])

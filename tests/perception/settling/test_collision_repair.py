@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grs_agents.perception import Mask, UprightBox
-from grs_agents.perception.settling import Disentangled, Known, Thing, disentangled
+from grs_agents.perception.settling import Disentangled, KnownObject, PlacedObject, repair_collisions
 from grs_agents.perception.types import RGBDFrame, TableFrame
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
@@ -14,14 +14,14 @@ SOUP = "HOPE/AlphabetSoup.urdf"
 FRONT, BEHIND = standing(SOUP, 0.42, 0.0), standing(MILK, 0.5, 0.02)
 
 
-def box_of(thing: Thing) -> UprightBox:
+def box_of(thing: PlacedObject) -> UprightBox:
     """The box around an upright asset."""
     low, high = LIBRARY.model(thing.asset).bounds
     x, y, z = (float(value) for value in np.subtract(high, low))
     return UprightBox(center=thing.pose[0], size=(x, y, z), yaw=0.0)
 
 
-def moved(thing: Thing, x: float, y: float) -> Thing:
+def moved(thing: PlacedObject, x: float, y: float) -> PlacedObject:
     """It, so far along x and y, m."""
     return replace(thing, pose=((thing.pose[0][0] + x, thing.pose[0][1] + y, thing.pose[0][2]), thing.pose[1]))
 
@@ -38,20 +38,20 @@ def photo() -> tuple[RGBDFrame, TableFrame, Mask, Mask]:
 def test_what_was_laid_into_another_thing_is_laid_beside_it(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
     frame, table, can, carton = photo
     wrong = moved(BEHIND, -0.05, -0.01)
-    things = [Known(FRONT, box_of(FRONT), can), Known(wrong, box_of(wrong), carton)]
-    found = disentangled(things, frame, table, LIBRARY)
+    things = [KnownObject(FRONT, box_of(FRONT), can), KnownObject(wrong, box_of(wrong), carton)]
+    found = repair_collisions(things, frame, table, LIBRARY)
     assert set(found.moved) == {1} and not found.wrong
     assert np.linalg.norm(np.subtract(found.moved[1].position, BEHIND.pose[0])) < 0.01
 
 
 def test_what_stands_side_by_side_stays(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
     frame, table, can, carton = photo
-    things = [Known(FRONT, box_of(FRONT), can), Known(BEHIND, box_of(BEHIND), carton)]
-    assert disentangled(things, frame, table, LIBRARY) == Disentangled()
-    assert disentangled([], frame, table, LIBRARY) == Disentangled()
+    things = [KnownObject(FRONT, box_of(FRONT), can), KnownObject(BEHIND, box_of(BEHIND), carton)]
+    assert repair_collisions(things, frame, table, LIBRARY) == Disentangled()
+    assert repair_collisions([], frame, table, LIBRARY) == Disentangled()
 
 
 def test_of_two_in_one_place_the_one_that_fits_worse_is_wrong(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
     frame, table, can, _ = photo
-    twice = [Known(FRONT, box_of(FRONT), can), Known(moved(FRONT, 0.01, 0.0), box_of(FRONT), can)]
-    assert disentangled(twice, frame, table, LIBRARY) == Disentangled(wrong=frozenset({1}))
+    twice = [KnownObject(FRONT, box_of(FRONT), can), KnownObject(moved(FRONT, 0.01, 0.0), box_of(FRONT), can)]
+    assert repair_collisions(twice, frame, table, LIBRARY) == Disentangled(wrong=frozenset({1}))

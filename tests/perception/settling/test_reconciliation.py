@@ -4,12 +4,12 @@ import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.perception import UprightBox
-from grs_agents.perception.settling import Segment, Thing, carriers, reconcile
+from grs_agents.perception.settling import PlacedObject, Segment, reconcile_segments, supporting_segments
 from tests.perception.settling.photo import photo_of
 
 LIBRARY = Library()
-MILK = Thing("HOPE/Milk.urdf", ((0.5, 0.0, 0.096), (0.0, 0.0, 0.0, 1.0)))
-BLOCK = Thing("block/red_block.urdf", ((0.38, 0.05, 0.02), (0.0, 0.0, 0.0, 1.0)))
+MILK = PlacedObject("HOPE/Milk.urdf", ((0.5, 0.0, 0.096), (0.0, 0.0, 0.0, 1.0)))
+BLOCK = PlacedObject("block/red_block.urdf", ((0.38, 0.05, 0.02), (0.0, 0.0, 0.0, 1.0)))
 
 
 def test_a_piece_is_dropped_and_a_fat_box_gives_way() -> None:
@@ -23,7 +23,7 @@ def test_a_piece_is_dropped_and_a_fat_box_gives_way() -> None:
         Segment(upper, box, "box", None),
         Segment(both & ~milk, box, "box", None),
     ]
-    agreed = reconcile(segments, frame, table, LIBRARY)
+    agreed = reconcile_segments(segments, frame, table, LIBRARY)
     assert agreed.pieces == {1: 0}
     assert set(agreed.claims) == {2}
     assert agreed.claims[2].box.size[0] < 0.11
@@ -39,7 +39,7 @@ def test_a_guess_that_a_known_thing_fills_is_a_piece_of_it() -> None:
         Segment(left, inner, "box", None),
         Segment(left, block, "box", None),
     ]
-    agreed = reconcile(segments, frame, table, LIBRARY)
+    agreed = reconcile_segments(segments, frame, table, LIBRARY)
     assert agreed.pieces == {1: 0} and set(agreed.claims) == {2}
     around = agreed.around(2)
     assert around.hold(np.array([MILK.pose[0], BLOCK.pose[0]])).tolist() == [True, False]
@@ -52,7 +52,7 @@ def test_what_stays_inside_a_solid_thing_is_a_piece_of_it_but_not_in_a_hollow_on
     inner = UprightBox(center=(0.45, 0.02, 0.1), size=(0.2, 0.15, 0.2), yaw=0.0)
     for hollow, pieces in ((False, {1: 0}), (True, {})):
         segments = [Segment(mask & ~left, around, "box", None, hollow), Segment(left, inner, "box", None)]
-        agreed = reconcile(segments, frame, table, LIBRARY)
+        agreed = reconcile_segments(segments, frame, table, LIBRARY)
         assert agreed.pieces == pieces
         assert set(agreed.claims) == {0, 1} - set(pieces)
 
@@ -71,11 +71,11 @@ def test_what_falls_is_a_piece_of_what_it_touches() -> None:
         Segment(upper, high, "box", None),
         Segment(block, stone, "box", None),
     ]
-    agreed = reconcile(segments, frame, table, LIBRARY)
-    assert not agreed.pieces and not carriers(set(), agreed)
-    assert carriers({1}, agreed) == {1: 0}
-    assert carriers({7}, agreed) == {}
-    whole = reconcile(segments, frame, table, LIBRARY, {1: 0})
+    agreed = reconcile_segments(segments, frame, table, LIBRARY)
+    assert not agreed.pieces and not supporting_segments(set(), agreed)
+    assert supporting_segments({1}, agreed) == {1: 0}
+    assert supporting_segments({7}, agreed) == {}
+    whole = reconcile_segments(segments, frame, table, LIBRARY, {1: 0})
     assert whole.pieces == {1: 0} and set(whole.claims) == {0, 2}
     assert (whole.masks[0] == (mask & ~block)).all()
     assert whole.claims[0].box.size[2] > agreed.claims[0].box.size[2] + 0.03
@@ -83,8 +83,8 @@ def test_what_falls_is_a_piece_of_what_it_touches() -> None:
 
 def test_what_lies_in_a_known_box_stands_on_its_floor() -> None:
     """The box measured of a block there reaches down to the table."""
-    container = Thing("container/open_box.urdf", ((0.5, 0.0, 0.045), (0.0, 0.0, 0.0, 1.0)))
-    block = Thing(BLOCK.asset, ((0.5, 0.0, 0.03), (0.0, 0.0, 0.0, 1.0)))
+    container = PlacedObject("container/open_box.urdf", ((0.5, 0.0, 0.045), (0.0, 0.0, 0.0, 1.0)))
+    block = PlacedObject(BLOCK.asset, ((0.5, 0.0, 0.03), (0.0, 0.0, 0.0, 1.0)))
     frame, table, mask = photo_of([container, block], LIBRARY)
     alone = photo_of([container], LIBRARY)[0]
     inner = mask & (np.abs(frame.depth - alone.depth) > 1e-4)
@@ -94,8 +94,8 @@ def test_what_lies_in_a_known_box_stands_on_its_floor() -> None:
         Segment(mask & ~inner, around, "box", container, hollow=True),
         Segment(inner, down, "box", None),
     ]
-    low = reconcile(segments, frame, table, LIBRARY).claims[1].box
+    low = reconcile_segments(segments, frame, table, LIBRARY).claims[1].box
     assert 0.003 < low.center[2] - low.size[2] / 2 < 0.015
     assert abs(low.center[2] + low.size[2] / 2 - 0.05) < 1e-6, "its top stays"
-    free = reconcile([segments[1]], frame, table, LIBRARY).claims[0].box
+    free = reconcile_segments([segments[1]], frame, table, LIBRARY).claims[0].box
     assert free == down, "on the table it stays"

@@ -1,14 +1,14 @@
 """What falls and may stand on something that the photo does not show stays where it is; what is shown to hang falls."""
 
-from grs_agents.perception.settling import Thing, report_of, settle
-from grs_agents.perception.settling.unseen_support import may_stand_on_something_unseen
+from grs_agents.perception.settling import PlacedObject, report_of, settle
+from grs_agents.perception.settling.unseen_support import may_have_unseen_support
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 
 def test_the_photo_shows_the_air_below_what_hangs() -> None:
     hanging = standing(BLOCK, 0.5, 0.0, above=0.1)
     frame, table, mask = photo_of([hanging], LIBRARY)
-    assert not may_stand_on_something_unseen(hanging, LIBRARY, frame, table)
+    assert not may_have_unseen_support(hanging, LIBRARY, frame, table)
     rest, report = report_of([hanging], LIBRARY, frame, table, mask)
     assert report.held == 0 and report.drift > 0.05
     assert rest.placed[0] is not None and not rest.placed[0].held
@@ -33,6 +33,6 @@ def test_only_the_lowest_of_a_pile_is_held() -> None:
 
 def test_a_guess_gives_way_before_what_is_known() -> None:
     milk, block = standing(MILK, 0.5, 0.0), standing(BLOCK, 0.5, 0.046)
-    guess = Thing(milk.asset, milk.pose, guessed=True)
+    guess = PlacedObject(milk.asset, milk.pose, guessed=True)
     moved = [placed.drift for placed in settle([guess, block], LIBRARY).placed if placed is not None]
     assert moved[0] > 0.005 > moved[1]

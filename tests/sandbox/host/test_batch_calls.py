@@ -3,7 +3,7 @@
 import pytest
 
 from grs_agents.config.model import Limits
-from grs_agents.sandbox import EachResult, Sandbox, call_each
+from grs_agents.sandbox import BatchResult, Sandbox, call_batch
 
 CODE = """
 import os
@@ -18,9 +18,9 @@ for item in request["items"]:
 """
 
 
-def each(sandbox: Sandbox, *items: str, code: str = CODE, hopeless: bool = False) -> EachResult:
+def each(sandbox: Sandbox, *items: str, code: str = CODE, hopeless: bool = False) -> BatchResult:
     limits = Limits(wall_seconds=0.6)
-    return call_each(sandbox, "execute", {"code": code}, items, limits, lambda call: hopeless)
+    return call_batch(sandbox, "execute", {"code": code}, items, limits, lambda call: hopeless)
 
 
 def test_all_items_share_a_worker(sandbox: Sandbox) -> None:

@@ -6,7 +6,7 @@ import pytest
 from sim_scenes import Scripted, at
 
 from grs_agents.sim import Environment
-from grs_agents.sim.motion.grasp import find_hold
+from grs_agents.sim.motion.grasp import find_grasp
 
 URDF = """<robot name="thing"><link name="thing">
   <inertial><mass value="{mass}"/></inertial>
@@ -63,7 +63,7 @@ def test_the_cup_finds_no_seal_on_a_small_ball_nor_on_an_edge(single) -> None:
 
 def test_the_hold_is_where_the_cup_seals(single) -> None:
     env = single(*box(0.06, 0.03, 0.04), 0.5, 0)
-    hold = find_hold(env.physics, 1, env.get_object_pose(1)[0], env.outline(1))
+    hold = find_grasp(env.physics, 1, env.get_object_pose(1)[0], env.outline(1))
     assert hold.point == pytest.approx((0.5, 0, 0.04), abs=0.002)
 
 
