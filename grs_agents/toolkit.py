@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 from pydantic import BaseModel
 
 from grs_agents import content
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.sandbox import Sandbox

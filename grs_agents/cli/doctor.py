@@ -12,8 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.config import UNSAFE, Config
-from grs_agents.config.model import Limits
+from grs_agents.config import UNSAFE, Config, Limits
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions

@@ -1,7 +1,6 @@
 """The sandbox of a run, as its configuration wants it."""
 
-from grs_agents.config import Config
-from grs_agents.config.model import Limits
+from grs_agents.config import Config, Limits
 from grs_agents.sandbox import Sandbox
 
 PRELOAD = ("grs_agents.sim", "grs_agents.toolkit", "unittest", "numpy.testing")
