@@ -1,7 +1,4 @@
-"""Strict parsers of replies: a fenced block, JSON by schema, Python that compiles, a verdict.
-
-Prompt templates: Markdown with strict ``{{variables}}``.
-"""
+"""Both ends of a model call: prompt templates with strict ``{{variables}}``, and strict parsers of the replies."""
 
 import ast
 import json

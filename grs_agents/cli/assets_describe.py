@@ -1,7 +1,4 @@
-"""``grs assets describe``.
-
-``grs assets index``.
-"""
+"""``grs assets describe`` and ``grs assets index``."""
 
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""``grs assets import``, ``list``, ``show`` and ``verify``.
-
-``grs assets import objaverse:WORDS``.
-"""
+"""``grs assets import`` (from files or ``objaverse:WORDS``), ``list``, ``show`` and ``verify``."""
 
 import tempfile
 from collections.abc import Sequence

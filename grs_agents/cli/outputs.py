@@ -1,11 +1,4 @@
-"""``grs trace``.
-
-``grs share``.
-
-``grs play``.
-
-``grs report``.
-"""
+"""What a finished run offers: ``grs trace``, ``grs share``, ``grs play`` and ``grs report``."""
 
 from collections.abc import Callable
 from functools import partial

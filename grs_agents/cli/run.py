@@ -1,7 +1,4 @@
-"""``grs run`` and ``grs scene``.
-
-``grs check``.
-"""
+"""``grs run``, ``grs scene`` and ``grs check``."""
 
 import shlex
 import sys

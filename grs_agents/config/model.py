@@ -1,6 +1,6 @@
 """The configuration's types: frozen, every key known, every bound stated.
 
-What one sandbox call may cost: the one definition that configuration, sandbox and simulation share.
+``Limits``, what one sandbox call may cost, is the one definition that configuration, sandbox and simulation share.
 """
 
 import re

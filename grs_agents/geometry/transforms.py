@@ -1,7 +1,4 @@
-"""Poses ((x, y, z), (qx, qy, qz, qw)), quaternions xyzw and rotation matrices; metres, radians.
-
-Turns and poses as matrices.
-"""
+"""Poses ((x, y, z), (qx, qy, qz, qw)), quaternions xyzw, rotation and pose matrices; metres, radians."""
 
 import math
 from collections.abc import Sequence

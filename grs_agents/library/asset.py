@@ -1,6 +1,6 @@
-"""An entry of the library's manifest.
+"""An entry of the library's manifest, and the physical properties of an asset.
 
-What an asset weighs and how it slides and bounces, with where each number comes from and how far off it may be.
+Each property (mass, friction, restitution) says where its number comes from and how far off it may be.
 """
 
 from pathlib import Path

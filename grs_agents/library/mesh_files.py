@@ -1,9 +1,4 @@
-"""The vertices of a mesh file, without a mesh library: what bounds need and no more.
-
-The triangles of a mesh file with their texture coordinates, without a mesh library.
-
-Triangles of boxes, cylinders and spheres.
-"""
+"""Meshes without a mesh library: vertices and textured triangles of files; boxes, cylinders, spheres as triangles."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

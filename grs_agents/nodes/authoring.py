@@ -1,10 +1,7 @@
 """The authoring nodes: task, simulation, tests, and the two fixes.
 
-The scene as the prompts tell it: plain JSON with rounded numbers.
-
-Versions of the two programs: written to the run folder with their diffs, and logged.
-
-The evidence that the router and the fixers read: the test report and, if it was run, the audit.
+Prompts show the scene as plain JSON with rounded numbers. Each version of a program is written to the run folder with
+its diff. The router and the fixers read the test report and, if there is one, the audit.
 """
 
 import difflib

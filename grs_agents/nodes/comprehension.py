@@ -1,6 +1,6 @@
 """The nodes of perception, from a photo to a scene at rest in MuJoCo (paper, Scene Comprehension).
 
-The background of a photo: from its pixels to an asset of the run.
+The background of the photo becomes an asset of the run.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,7 @@
 """What the photo shows besides the table and the objects, as a surface to look at and boxes to bump into.
 
-A surface from one depth image: truncated signed distance on a grid, then marching cubes.
-
-Few solid boxes around many points of a surface: MuJoCo takes a mesh for its convex hull, which would fill a room.
+The surface comes from one depth image: a truncated signed distance on a grid, then marching cubes. Boxes stand for its
+solid parts because MuJoCo takes a mesh for its convex hull, which would fill a room.
 """
 
 import importlib

@@ -1,8 +1,7 @@
-"""Which turns leave an asset's shape as it is, and how far two rotations are apart up to those.
+"""The surface of an asset as points with normals, in the frame at the centre of its bounding box, and its symmetry.
 
-The surface of an asset as points with normals, in the frame at the centre of its bounding box.
-
-Nearest points and point-to-plane alignment, by small_gicp.
+Nearest points and point-to-plane alignment come from small_gicp. Two rotations are compared up to those turns that
+leave the asset's shape as it is.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
-"""What the scene room says: boxes, candidates, the table's frame, and the description of the whole scene.
+"""The types of perception: frame and camera, boxes, candidates, the table's frame, the description of the whole scene.
 
-An RGB-D frame and the camera that took it.
-
-Where the arm works: on the table in front of its base, within its reach.
+The workspace is where the arm works: on the table in front of its base, within its reach.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""What experiments that make many runs share: options, progress, figures in files and on the terminal.
-
-Figures of many runs as rows, a terminal table and Markdown.
-"""
+"""What experiments with many runs share: options, progress, and figures in files, on the terminal, in Markdown."""
 
 import argparse
 import json

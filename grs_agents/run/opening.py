@@ -1,6 +1,6 @@
 """Open a run: all that can be known to be wrong is refused here, before anything ran and before a folder is made.
 
-The run folder: made new, or opened again to resume.
+The run folder is made new, or opened again to resume.
 """
 
 import fcntl

@@ -1,7 +1,4 @@
-"""A run as one zip file without keys and home folders, for anybody to replay.
-
-What must not leave this machine with a run: keys, and paths that tell whose machine it is.
-"""
+"""A run as one zip file for anybody to replay, without keys and without paths that tell whose machine it is."""
 
 import io
 import json

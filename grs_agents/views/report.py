@@ -1,8 +1,7 @@
 """A run as one HTML page to send to somebody who has none of this installed.
 
-The pictures of a report: the photo with its boxes, its twin, and the rollouts from beginning to end.
-
-Pieces of an HTML page that needs nothing from anywhere; all text that comes from outside is escaped here.
+The page needs nothing from anywhere, and all text from outside is escaped. Its pictures: the photo with its boxes, its
+twin, and the rollouts from beginning to end.
 """
 
 import base64

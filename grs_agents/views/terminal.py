@@ -1,7 +1,4 @@
-"""A run in the terminal: live progress and the final summary.
-
-A whole run in the terminal: what was tried, the steps of each try, and what happened in each step.
-"""
+"""A run in the terminal: live progress, the final summary, and the whole run as a tree of tries, steps and events."""
 
 import time
 from collections.abc import Callable, Generator

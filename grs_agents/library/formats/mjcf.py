@@ -4,10 +4,6 @@ The same care as for URDF: nothing is run or included, no file outside the libra
 understand is refused by name. A body with its children, which must not move against it, is one object; a free joint
 on it may stand there. Default classes count for geoms and meshes. A capsule becomes the cylinder of its length. Geoms
 that collide with nothing (contype = conaffinity = 0) are looks; where a file has none, the colliders are seen.
-
-Where MJCF puts things: positions and the many ways to write a rotation.
-
-Default classes and materials of MJCF.
 """
 
 import math

@@ -1,6 +1,6 @@
-"""One description file being read, so that every error names where it came from, and nothing leaves the library.
+"""Reads one model description with care: every error names its file, and nothing leaves the library.
 
-Reading XML that strangers wrote: bounded in length and depth, no document types, no entities, no inclusions.
+XML may come from strangers: it is bounded in length and depth, without document types, entities or inclusions.
 """
 
 import math

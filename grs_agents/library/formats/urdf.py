@@ -1,12 +1,8 @@
-"""Reading URDF: one rigid object of boxes, cylinders, spheres and meshes.
+"""Reading URDF: one rigid object of boxes, cylinders, spheres and meshes. Writing URDF: one rigid link.
 
-The files may come from users, so the reader trusts nothing: no document types or entities, no file outside
-the library root, no number that is not finite, no size that is not positive. Links that fixed joints hold together
-become one object; what moves in itself is refused.
-
-Writing URDF: the text of one rigid link that any URDF tool can load.
-
-The links of a URDF and where fixed joints hold them.
+The files may come from users, so the reader trusts nothing: no document types or entities, no file outside the library
+root, no number that is not finite, no size that is not positive. Links that fixed joints hold together become one
+object; what moves in itself is refused.
 """
 
 import posixpath

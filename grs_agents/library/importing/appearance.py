@@ -1,6 +1,6 @@
 """What can be said of a mesh by looking at it: its colours, whether things go into it, what it is called.
 
-What is known of published object sets: masses, sizes, licences.
+For published object sets, masses, sizes and licences are known besides.
 """
 
 import re

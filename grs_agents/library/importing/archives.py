@@ -1,6 +1,7 @@
-"""Unpacking archives that strangers made: zip (wheels too) and tar, bounded, nothing outside the folder, no links.
+"""From a source that a user names to a folder: a folder, a file, archives, or the installed HOPE packages.
 
-From what a user names as a source to a folder: a folder, a file, archives, or the installed HOPE packages.
+Archives (zip, wheels too, and tar) come from strangers: unpacking is bounded, follows no links and stays in its
+folder.
 """
 
 import importlib.util

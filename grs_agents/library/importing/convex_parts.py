@@ -1,7 +1,4 @@
-"""Convex hulls and convex parts: what collides.
-
-Mesh repair by trimesh: faces without area, duplicate faces, faces that are inside out, small holes.
-"""
+"""Mesh repair by trimesh, then the convex hulls and convex parts that collide."""
 
 import importlib
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
-"""Whether a thing rests on a table: compiled and dropped in MuJoCo for two seconds.
+"""Whether an asset rests on a table: compiled, dropped and simulated in MuJoCo for two seconds.
 
-Whether the assets of a library are whole: files, numbers, MuJoCo, and two seconds on a table.
+``grs assets verify`` checks a library so, and whether its files and numbers are whole.
 """
 
 import hashlib

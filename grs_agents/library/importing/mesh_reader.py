@@ -1,6 +1,6 @@
-"""Reading mesh files: OBJ, GLB, glTF, STL, PLY, DAE and MuJoCo's MSH, with every file they name checked first.
+"""Reading mesh files: OBJ, GLB, glTF, STL, PLY, DAE and MuJoCo's MSH, with their colours and pictures.
 
-Colours and pictures of what trimesh has read.
+Every file that a mesh names is checked before trimesh reads it.
 """
 
 import struct

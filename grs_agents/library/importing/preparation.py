@@ -1,7 +1,4 @@
-"""One item of a source, from its file to a repaired, weighed and decomposed thing in metres with z up.
-
-Metres, and z up.
-"""
+"""One item of a source, from its file to a repaired, weighed and decomposed asset in metres with z up."""
 
 import math
 from dataclasses import dataclass, replace

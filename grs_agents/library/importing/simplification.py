@@ -1,6 +1,6 @@
-"""Level of detail: fewer triangles, with the texture where it was.
+"""Level of detail: fewer triangles, with a texture of their own.
 
-A texture of its own for a simplified mesh: two faces share a square of texels, painted as the old mesh was there.
+Two faces of the simplified mesh share a square of texels, painted as the original mesh is there.
 """
 
 import importlib

@@ -1,6 +1,6 @@
 """Parts of several looks as one mesh with one picture: pictures side by side, plain colours as single texels.
 
-Textures whose unused texels take the colour of the nearest used ones, so that edges stay clean when it shrinks.
+Unused texels take the colour of the nearest used ones, so that edges stay clean when the picture shrinks.
 """
 
 from collections.abc import Sequence

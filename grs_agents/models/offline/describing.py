@@ -1,6 +1,6 @@
-"""The roles that look: the describer and the matcher.
+"""The offline roles that look: the describer, the matcher, and the describer of 3D models.
 
-The role that describes 3D models: from what was measured, and it says so.
+The last one goes by what was measured of a model, and says so.
 """
 
 import base64

@@ -1,6 +1,6 @@
-"""A plan: which things move where; a program is written from it, and it says nothing of any one scene.
+"""A plan: which things move where. A program is written from it, and it says nothing of any one scene.
 
-Where things fit: rows inside a rectangle, free places on the table, objects that do not touch.
+Places come from rows inside a rectangle and from free places on the table; objects do not touch.
 """
 
 import math

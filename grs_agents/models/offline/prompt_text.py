@@ -1,6 +1,6 @@
 """Read a prompt as the offline model gets it: a role line, ``## `` sections, fenced bodies.
 
-What the scene section of a prompt says, as typed values with the little geometry the rules need.
+The scene section becomes typed values, with the little geometry that the rules need.
 """
 
 import json

@@ -1,12 +1,11 @@
 """An index of assets on disk: the nearest of many thousands in milliseconds, opened without being read.
 
-FAISS is behind this one door. Most vectors lie in an inverted file that is mapped into memory; those added since lie
+Only this module uses FAISS. Most vectors lie in an inverted file that is mapped into memory; those added since lie
 beside it and are compared one by one, until there are enough of them to sort all again.
 
-One vector for what is known of an asset, and one for what is asked: words, look and size, compared by one product.
-
-Nothing is learnt and nothing is downloaded: words are hashed, looks projected, sizes told by random Fourier features
-(Rahimi and Recht 2007), so that a product of two vectors is the weighted sum of three similarities in 0..1.
+An asset and a query each become one vector of words, look and size. Nothing is learnt and nothing is downloaded: words
+are hashed, looks projected, sizes encoded by random Fourier features (Rahimi and Recht 2007), so that a product of two
+vectors is the weighted sum of three similarities in 0..1.
 """
 
 import hashlib

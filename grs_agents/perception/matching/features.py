@@ -1,6 +1,4 @@
-"""How well assets fit what was seen of a candidate, in numbers: size, place, tones, colours and pattern.
-
-From numbers to likelihoods: which asset stands for a candidate, if any, and how sure that is.
+"""Features of how well assets fit a candidate (size, place, tones, colours, pattern), and the likelihoods they give.
 
 The likelihoods are those of a choice between the assets that were tried and none of them (a conditional logit,
 McFadden 1974). Its weights were fitted to scenes of `grs_agents.synth` that no reported figure is measured on.

@@ -1,6 +1,6 @@
-"""Proxies fitted to points: box, cylinder, bowl, open box, hull or relief, with the photo as their texture.
+"""Proxies of real objects that no asset matches: box, cylinder, bowl, open box, hull or relief, fitted to points.
 
-Primitive proxies: a real object that no asset matches becomes a box or cylinder of its measured size.
+The photo is their texture. Where there are no points, a box or cylinder has the measured size.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""How high a candidate may be over each part of its box: not into air that the photo shows, nor where others are.
-
-Where the photo shows that nothing is.
-"""
+"""How high a candidate may be over each part of its box: not into space that the photo shows empty, nor into others."""
 
 from dataclasses import dataclass
 

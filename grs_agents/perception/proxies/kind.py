@@ -1,6 +1,6 @@
 """Which solid fits what was measured of an object: box, cylinder, bowl, open box, hull or relief.
 
-The parts of hollow solids: the walls of open boxes and bowls.
+The walls of hollow solids (open boxes and bowls) are parts of their own.
 """
 
 import math

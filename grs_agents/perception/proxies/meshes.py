@@ -1,6 +1,6 @@
 """The visible meshes of proxies: gridded boxes, turned solids, and hulls of points, each about its centre.
 
-Which points lie in what an asset's colliders fill.
+Also says which points lie inside an asset's colliders.
 """
 
 from collections.abc import Sequence

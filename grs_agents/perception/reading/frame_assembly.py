@@ -1,6 +1,6 @@
 """Bring colour, depth and camera to one pixel grid: the frame that everything else works on.
 
-Depth as it was recorded becomes depth in metres at the colour picture's pixels.
+Depth, however recorded, becomes depth in metres at the colour picture's pixels.
 """
 
 from collections.abc import Sequence

@@ -1,10 +1,6 @@
-"""Points as records of named numbers: what PLY and PCD have in common.
+"""Points of PLY files (ASCII or binary) and PCD files (version 0.7: ASCII, binary or binary_compressed, which is LZF).
 
-The vertices of a PLY file, ASCII or binary.
-
-The points of a PCD file (Point Cloud Library, version 0.7): ASCII, binary or binary_compressed.
-
-Unpack LZF, the compression of PCD files.
+Both are read as records of named numbers.
 """
 
 import warnings

@@ -1,10 +1,8 @@
-"""Cut the foreground into smooth patches and join those that meet without a crease.
+"""Cut the foreground (what stands on the table) into smooth patches and join those that meet without a crease.
 
 First many patches, cut wherever the surface bends inwards or jumps at all; then neighbours are joined, the smoothest
 border first, as long as the mean strength of their whole common border is low. So noise at one place does not cut an
 object, and a gap in a crease does not join two.
-
-What stands on the table: smoothed depth, the table's extent, and the pixels above it.
 """
 
 import cv2

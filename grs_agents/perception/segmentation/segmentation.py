@@ -1,6 +1,6 @@
 """Segment what stands on the table: the foreground's smooth patches, with the parts of one object merged.
 
-Arms, hands, lamps: what comes in from above, or from beyond the picture high over the table, is no object.
+What comes in from above, or from beyond the picture high over the table (arms, hands, lamps), is no object.
 """
 
 import cv2

@@ -1,9 +1,4 @@
-"""Let a described scene come to rest: what overlaps is taken or eased apart, then gravity acts.
-
-Things in a world of their own: pushed apart without gravity, then at rest under it.
-
-What stands in a twin.
-"""
+"""Let a described scene come to rest: overlaps are resolved without gravity, then gravity acts."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace

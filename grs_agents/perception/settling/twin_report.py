@@ -1,6 +1,6 @@
 """Settle a described scene, compare it with its photo, and say how both went.
 
-How much of what the photo shows the twin shows at the same depth.
+The comparison counts how much of what the photo shows the twin shows at the same depth.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
-"""The child's side of a test run: load the program and its tests, run them one by one, report each at once.
+"""The child's side of a test run: load the program and its tests, run them one by one.
 
-The result object of a test run in the sandbox: each test is reported as it starts and as it ends.
+Each test is reported as it starts and as it ends.
 """
 
 import ast

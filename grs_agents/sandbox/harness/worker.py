@@ -1,6 +1,6 @@
 """A process for a single call, where processes with their imports done cannot be forked: it imports, then waits.
 
-Started by ``children.Spawned`` under the system's sandbox, so that even its imports have no more rights than the code
+Started by ``zygote.Spawned`` under the system's sandbox, so that even its imports have no more rights than the code
 that it will run.
 """
 

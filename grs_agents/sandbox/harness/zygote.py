@@ -1,10 +1,9 @@
 """The process that has a hardened child for each call; it never runs generated code itself.
 
-Started by ``process.Zygote``, to which it is connected by a socket. Each order arrives with four descriptors: the
-child's frames, trace and output, and a control socket over which this process tells how the child ended. When the host
-closes its end of the control socket, or of the connection, the child is killed.
-
-Where the process of a call comes from: forked from one that has its imports done, or started ahead and used once.
+Started by the host's ``zygote_process.Zygote``, to which it is connected by a socket. Each order arrives with four
+descriptors: the child's frames, trace and output, and a control socket over which this process tells how the child
+ended. When the host closes its end of the control socket, or of the connection, the child is killed. A child is forked
+from a process that has its imports done or, where that cannot be, started ahead and used once.
 """
 
 import gc

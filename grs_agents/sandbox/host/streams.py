@@ -1,7 +1,4 @@
-"""Everything a worker writes, read as it comes and kept up to a bound.
-
-The host's end of one call: send the request, listen until its end, have nothing of it left.
-"""
+"""The host's end of one call: send the request, read all that the worker writes up to a bound, leave nothing of it."""
 
 import json
 import os

@@ -1,9 +1,8 @@
 """The few system calls that Python has no function for; a failure is an ``OSError``, as elsewhere in Python.
 
-The numbers of the system calls of both machines, from the kernel's own tables (up to Linux 6.19).
-
-Each table is written as runs: a number, then the names that count up from it.
-Since 424 all machines number new calls alike; aarch64 never had the calls that others replaced (``open``, ``fork``).
+The numbers of all system calls come from the tables of both machines (up to Linux 6.19). Each table is written as
+runs: a number, then the names that count up from it. Since 424 all machines number new calls alike; aarch64 never had
+the calls that others replaced (``open``, ``fork``).
 """
 
 import ctypes

@@ -1,7 +1,4 @@
-"""What a process gives up for good: capabilities, gaining any, being looked into, root's freedom to start threads.
-
-What a process may use up, kept by the kernel's resource limits.
-"""
+"""What a process gives up for good (capabilities, gaining any, being looked into), and its resource limits."""
 
 import _thread
 import ctypes

@@ -1,6 +1,6 @@
-"""What a test run says: one case for each test of the source, and the text that routers and fixers read.
+"""The results of a call, what it may cost, and the report of a test run: one case for each test of the source.
 
-What a call may cost and what it comes back as.
+Routers and fixers read the report as text.
 """
 
 import json

@@ -3,7 +3,7 @@
 What a worker sends once it has its request is sealed: a frame begins with its number and a tag, keyed BLAKE2b over
 number and body. So bytes that something else in the worker writes to the pipe end the call, and become no result.
 
-Orders: the host tells a zygote, and a zygote a waiting worker, to serve a call, with the descriptors it needs.
+Orders go from the host to a zygote, and from a zygote to a waiting worker: serve a call, with these descriptors.
 """
 
 import hmac

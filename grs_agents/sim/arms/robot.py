@@ -1,6 +1,7 @@
-"""Arms as MuJoCo bodies: serial chains of our own capsules, position actuators, and the suction cup that all share.
+"""Arms as MuJoCo bodies: serial chains of our own capsules, position actuators, and the tool at the tip.
 
-The spatula: a flat upright blade in the suction cup's place, for tasks that push along the table.
+The tool is the suction cup that all arms share or, for tasks that push along the table, the spatula: a flat upright
+blade.
 """
 
 from collections.abc import Sequence

@@ -1,11 +1,9 @@
 """A UR5e: published masses, inertias and limits, our own capsules, joint angles in closed form.
 
-The UR5e's kinematics in closed form.
-
-Frames after the published Denavit-Hartenberg parameters. The base is at the origin of the robot frame and the
-tip is the end of the suction cup. With the tool down the wrist's second joint stays at -90 degrees and the
-arm moves in a vertical plane that lies ``D4`` beside the base's axis: a planar problem with one elbow-up answer.
-Any other pose of the tool has up to eight answers: shoulder left or right, wrist up or down, elbow up or down.
+Frames follow the published Denavit-Hartenberg parameters. The base is at the origin of the robot frame and the tip is
+the end of the suction cup. With the tool down the wrist's second joint stays at -90 degrees and the arm moves in a
+vertical plane that lies ``D4`` beside the base's axis: a planar problem with one elbow-up answer. Any other pose of
+the tool has up to eight answers: shoulder left or right, wrist up or down, elbow up or down.
 """
 
 from itertools import product

@@ -1,8 +1,6 @@
 """Cameras under CLIPort's configuration: a dictionary of image size, intrinsics, position and rotation.
 
-The workspace seen straight from above, as maps of one size a pixel.
-
-What the cameras see, rendered only when somebody looks.
+Pictures are rendered only when somebody looks. Maps show the workspace straight from above, with pixels of one size.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

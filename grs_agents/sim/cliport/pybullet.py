@@ -1,6 +1,6 @@
 """A few of PyBullet's calls and constants, on the most recent environment; ``from grs_agents.sim import p``.
 
-PyBullet's way of making bodies from plain shapes; each becomes an object from a template of the library.
+A body that is made from plain shapes becomes an object from a template of the library.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""The class that simulation programs derive from.
-
-Finding the task in a simulation program.
-"""
+"""The class that simulation programs derive from, and how it is found in a program."""
 
 import ast
 from collections.abc import Mapping, Sequence

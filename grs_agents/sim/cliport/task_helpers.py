@@ -1,8 +1,7 @@
 """Helpers of CLIPort's and GenSim's ``Task`` that programs call while they set a scene up.
 
-Ropes: beads in a row, each tied to the next at a point, laid on the table in a gentle curve.
-
-Kitting shapes on the table, as GenSim's ``make_kitting_objects`` puts them there.
+They make ropes (beads in a row, each tied to the next at a point, laid on the table in a gentle curve) and kitting
+shapes (as GenSim's ``make_kitting_objects`` puts them there).
 """
 
 from collections.abc import Callable, Sequence

@@ -1,6 +1,6 @@
 """The oracle: knows the truth, works from the goals, frees what is in the way, and says why it stops.
 
-The oracle for ropes: which bead to take to its place, so that the others come along as near to theirs as can be.
+For ropes it chooses the bead whose move brings the others along as near to their places as can be.
 """
 
 from typing import Any, Final

@@ -1,6 +1,6 @@
 """The oracle's strokes: of many, the one that is expected to bring most of what is astray to where goals want it.
 
-A quick guess of what strokes of the spatula do: pieces in its way end up ahead of it, one behind the other.
+The expectation is a quick guess: pieces in the spatula's way end up ahead of it, one behind the other.
 """
 
 from collections.abc import Iterator, Sequence

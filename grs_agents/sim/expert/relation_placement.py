@@ -47,7 +47,7 @@ class RelationPlanner:
         self._lines: dict[Relation, dict[int, tuple[float, float]]] = {}
 
     def target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
-        """Where the object of one row of a typed goal should go, or why nowhere; arguments as ``targets.Planner``."""
+        """Where the object of one row of a typed goal should go, or why nowhere; arguments as ``placement_planner.Planner``."""
         relation, number = goal.relation, goal.objs[row]
         assert relation is not None, "a goal without a relation"
         if relation.kind == "upright":

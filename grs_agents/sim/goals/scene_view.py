@@ -1,6 +1,6 @@
-"""A snapshot of the scene for planning: outlines, names, and what stands where.
+"""A snapshot of the scene for planning: outlines, names, what stands where, what rests on what.
 
-What rests on what, and whether it lies still: shared by the scores and by the oracle.
+The scores and the oracle share the rules of support and of lying still.
 """
 
 import copy

@@ -1,8 +1,8 @@
 """How far goals hold at the end of an episode, strictly: height, support, upright, one object a target.
 
-The published score (``scoring``) ignores height and tilt, lets two objects claim one target and keeps credit for what
-was undone later. Here every goal is judged on the scene as it stands. An object counts where the published score
-counts it and, besides,
+The published score (``task_accounting``) ignores height and tilt, lets two objects claim one target and keeps credit
+for what was undone later. Here every goal is judged on the scene as it stands. An object counts where the published
+score counts it and, besides,
 
 * it rests at the height that the target says: its centre or its underside is within ``pos_eps`` of the target; or the
   target lies in or on another object and it rests on that object (a plate's rim is higher than its bottom), or within

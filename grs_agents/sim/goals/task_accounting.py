@@ -1,6 +1,6 @@
 """What the runtime keeps of a task's episode, apart from the names that programs know, set and override.
 
-How far goals are met, as published with CLIPort: z and tilt do not count.
+Also the published score of CLIPort: how far goals are met, where z and tilt do not count.
 """
 
 from typing import Protocol

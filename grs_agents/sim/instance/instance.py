@@ -1,6 +1,6 @@
 """A task as data: what a simulation program sets up, as typed JSON that trusted code can run.
 
-Task instances from files and processes that are not trusted: bounded, then parsed, then checked.
+Instances from files and processes that are not trusted are bounded, then parsed, then checked.
 """
 
 import json

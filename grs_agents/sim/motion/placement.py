@@ -1,6 +1,6 @@
 """Where there is room: random free poses, and tight packing of several objects into a region.
 
-What the arm can serve and how targets are spoken of: shared by the ways of choosing a target.
+The ways of choosing a target share what the arm can serve, and how targets are named.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,8 +1,7 @@
 """Typed objects become a MuJoCo model: colliders, the arm, the table top at z = 0, one suction weld a body.
 
-Ties between objects in a MuJoCo model: joints of ropes, and what is fixed to another thing.
-
-What room the arm itself takes, before anything is put around it.
+Ties are joints of ropes and what is fixed to another object. The arm's own room is kept clear before anything is
+placed.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
-"""The objects of a scene as events tell them: their number in the label picture, their name, where they are.
+"""The objects of a scene as events tell them: number in the label picture, name, pose, asset.
 
-The described scene as assets that stand where the photo shows them, and as the camera of the photo would see it.
+The described scene can be shown as its assets where the photo shows them, seen by the camera of the photo.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""Events folded into steps: one visit of one node each, with what came of it.
-
-Each event as one line: a mark, a phrase and a level.
-"""
+"""Events folded into steps (one visit of one node each), and each event as one line: a mark, a phrase and a level."""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal

@@ -1,6 +1,6 @@
 """A rollout as MuJoCo shows it: the arm, the table and the objects with their textures, moved by the recording.
 
-A picture of a MuJoCo model made of rays, where there is no graphics library.
+Where there is no graphics library, the picture is made of rays.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""One event after the other into a rerun recording.
-
-Program versions in the recording: the code, and what changed line by line.
-"""
+"""Events into a rerun recording, one after the other; of programs the code and what changed line by line."""
 
 from pathlib import Path
 

@@ -1,10 +1,7 @@
 """A rerun recording file with the four timelines; nothing is ever sent over a network.
 
-Small rows of a recording, sent together: rerun takes about as long for one row as for many.
-
-The four timelines, computed from the events alone so that a live and a rebuilt recording agree.
-
-Where each thing lies in the recording; the blueprint and the writers agree by these names.
+Times come from the events alone, so that a live and a rebuilt recording agree. Small rows are sent together: rerun
+takes about as long for one row as for many. The blueprint and the writers agree on the names of entities here.
 """
 
 import math

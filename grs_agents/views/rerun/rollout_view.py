@@ -1,7 +1,4 @@
-"""Rollouts in the recording: meshes once, poses as columns, the robot as links, the tool's path.
-
-Shapes of assets as rerun geometry.
-"""
+"""Rollouts in the recording: meshes of assets once, poses as columns, the robot as links, the tool's path."""
 
 from functools import lru_cache
 from hashlib import sha256

@@ -1,7 +1,4 @@
-"""The state machine as a picture: where each node stands, what leads where, and its colour.
-
-The state machine and the lane of nodes in the recording.
-"""
+"""The state machine in the recording: where each node stands, what leads where, its colour, and the lane of nodes."""
 
 from collections.abc import Iterable
 from itertools import pairwise
