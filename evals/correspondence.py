@@ -6,7 +6,7 @@ from pathlib import Path
 from grs_agents.errors import UnknownNameError
 from grs_agents.measure.experiment import Work, orders_of, synthesised_orders
 from grs_agents.measure.matchings import METHODS, match_orders, run_matchings
-from grs_agents.run.experiment import positive
+from grs_agents.run.experiments import positive
 from grs_agents.synth import recipes
 from grs_agents.terminal import VisibleParser
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from grs_agents.config import load_config
 from grs_agents.measure.experiment import Work, orders_of, run_orders, synthesised_orders
-from grs_agents.run.experiment import positive
+from grs_agents.run.experiments import positive
 from grs_agents.synth import recipes
 from grs_agents.terminal import VisibleParser
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.scene import SceneObject, certain, deviation, read_description, upright_of
+from grs_agents.perception import SceneObject, is_certain, read_description, size_deviation, upright_of
 from grs_agents.terminal import VisibleParser
 
 
@@ -32,9 +32,9 @@ def main(arguments: Sequence[str]) -> int:
         library, proxies = Library(), file.parent / "assets"
         library = library.overlay(proxies) if proxies.is_dir() else library
         rows += [{"scene": file.parent.name, **_row(thing, library)} for thing in read_description(file).objects]
-    off, known = [row for row in rows if not row["agrees"]], sum(row["certain"] for row in rows)
+    off, known = [row for row in rows if not row["agrees"]], sum(row["is_certain"] for row in rows)
     if options.json:
-        print(json.dumps({"scenes": len(files), "objects": len(rows), "off": off, "certain": known}, indent=2))
+        print(json.dumps({"scenes": len(files), "objects": len(rows), "off": off, "is_certain": known}, indent=2))
     else:
         for row in off:
             print(f"{row['scene']}: {row['object']} ({row['asset']}): centre {1000 * row['centre']:.0f} mm, "
@@ -47,6 +47,6 @@ def main(arguments: Sequence[str]) -> int:
 
 def _row(thing: SceneObject, library: Library) -> dict[str, Any]:
     measured = thing.upright or upright_of(thing.box)
-    off = deviation(thing.asset, (thing.position, thing.orientation), library, measured)
+    off = size_deviation(thing.asset, (thing.position, thing.orientation), library, measured)
     return {"object": thing.name, "asset": thing.asset, "centre": off.centre, "size": off.size,
-            "agrees": off.agrees or certain(thing), "certain": certain(thing) and not off.agrees}  # fmt: skip
+            "agrees": off.agrees or is_certain(thing), "is_certain": is_certain(thing) and not off.agrees}  # fmt: skip

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from grs_agents.errors import InputError
 from grs_agents.run.batch import Job
-from grs_agents.run.experiment import experiment_parser, job_settings, run_experiment
+from grs_agents.run.experiments import experiment_parser, job_settings, run_experiment
 
 
 def main(arguments: Sequence[str]) -> int:

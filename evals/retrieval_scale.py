@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from grs_agents.measure.retrieval import measured, targets
-from grs_agents.run.experiment import positive
+from grs_agents.run.experiments import positive
 from grs_agents.terminal import VisibleParser
 
 

@@ -16,10 +16,11 @@ from rich.table import Table
 from grs_agents import content
 from grs_agents.base import Frozen
 from grs_agents.config import Config
+from grs_agents.config.model import Limits
 from grs_agents.library import Library
-from grs_agents.run.experiment import positive
-from grs_agents.run.isolation import PRELOAD, TOOLS, open_sandbox
-from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.run.experiments import positive
+from grs_agents.run.sandbox_setup import PRELOAD, TOOLS, open_sandbox
+from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import VisibleParser
 from grs_agents.toolkit import ToolContext, load_tool
 

@@ -11,7 +11,7 @@ from typing import Any
 from langchain_core.runnables import RunnableConfig
 from langgraph.graph import END, START, StateGraph
 
-from grs_agents.cli.running import Watching, follow
+from grs_agents.cli.run import Watching, follow
 from grs_agents.config import load_config
 from grs_agents.errors import InputError
 from grs_agents.run import GIVEN, Order, execute, load_graph

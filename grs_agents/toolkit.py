@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 from pydantic import BaseModel
 
 from grs_agents import content
+from grs_agents.config import Limits
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.sandbox import Sandbox
 
 if TYPE_CHECKING:
     from langchain_core.tools import StructuredTool

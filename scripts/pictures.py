@@ -53,7 +53,7 @@ FIXED = (Picture("fixes", "3 Tests and fixes", ("decision", -1)),)
 def digest() -> str:
     """The SHA-256 of what the pictures show: the layout of the views, the sample scene, and rerun's version."""
     from grs_agents import content
-    from grs_agents.views.blueprint import blueprint
+    from grs_agents.views.rerun.blueprint import blueprint
 
     told = hashlib.sha256(f"{version('rerun-sdk')}\n".encode())
     layout = blueprint(("a", "b"))
@@ -101,7 +101,7 @@ def _viewer(trace: Path) -> Generator[Any]:
     """A viewer without a window, on this machine alone, that shows a recording."""
     from rerun.experimental import ViewerClient
 
-    from grs_agents.views.viewer import LOOPBACK, WebAddress, rerun_program, viewer_environment
+    from grs_agents.views.rerun.viewer import LOOPBACK, WebAddress, rerun_program, viewer_environment
 
     port = WebAddress.free().data
     command = [str(rerun_program()), "--headless", "--bind", LOOPBACK, "--port", str(port), str(trace)]
@@ -149,8 +149,8 @@ def _still(viewer: Any) -> bytes:
 def moments_of(folder: Path) -> dict[str, list[float]]:
     """Where on the timeline ``replay`` each event of a run is, by kind, s."""
     from grs_agents.trace import Rollout, read_events
-    from grs_agents.views.clock import Clock
-    from grs_agents.views.rollout_view import duration
+    from grs_agents.views.rerun.recording import Clock
+    from grs_agents.views.rerun.rollout_view import duration
 
     clock, moments = Clock(), defaultdict[str, list[float]](list)
     for event in read_events(folder / "events.jsonl"):
@@ -163,7 +163,7 @@ def moments_of(folder: Path) -> dict[str, list[float]]:
 def main() -> int:
     """Make two runs and their pictures, and note what they show."""
     from grs_agents import content
-    from grs_agents.cli.running import run_graph
+    from grs_agents.cli.run import run_graph
     from grs_agents.config import load_config
 
     scene = content.scenes()["groceries"]

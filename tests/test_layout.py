@@ -14,20 +14,18 @@ PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "base", "__version__"}),
-    frozenset({"files", "foreign", "interrupts", "pretrained", "terminal", "workspace"}),
-    frozenset({"content", "config", "trace"}),
+    frozenset({"files", "engine", "foreign", "interrupts", "terminal"}),
+    frozenset({"trace", "config", "content", "geometry"}),
     frozenset({"library"}),
-    frozenset({"sim", "scene", "sandbox", "models"}),
-    frozenset({"toolkit", "synth", "twin", "correspondence"}),
-    frozenset({"agents", "tools/", "export"}),
-    frozenset({"audit", "policies", "curate"}),
+    frozenset({"sim", "sandbox", "models"}),
+    frozenset({"perception", "agents", "toolkit"}),
+    frozenset({"audit", "policies", "envs", "export", "tools/", "synth"}),
     frozenset({"state"}),
     frozenset({"nodes"}),
-    frozenset({"graphs/"}),
-    frozenset({"run", "views"}),
-    frozenset({"measure"}),
-    frozenset({"evals/", "cli"}),
-    frozenset({"__main__", "serving"}),
+    frozenset({"run", "graphs/", "views"}),
+    frozenset({"cli", "measure"}),
+    frozenset({"evals/", "serving", "__main__"}),
+    frozenset({"scripts/"}),
 )
 """From the ground up; a room imports only from floors below its own. A slash marks a content folder."""
 
@@ -72,13 +70,7 @@ MODULES = {
 }
 """Every module of the package by its dotted name."""
 
-SAME_NAME = frozenset(
-    {
-        "audit.changes", "library.urdf_text", "run.check", "run.execute", "scene.relations", "sim.rollout",
-        "synth.sensors.stereo", "synth.sensors.structured_light", "synth.sensors.time_of_flight", "twin.fidelity",
-        "twin.reconcile", "twin.settle", "views.steps",
-    }
-)  # fmt: skip
+SAME_NAME = frozenset({"synth.sensors.stereo", "synth.sensors.structured_light", "synth.sensors.time_of_flight"})
 """Functions that their room exports under the name of a module of it: to be renamed, none may come."""
 
 

@@ -6,9 +6,10 @@ import pytest
 
 import grs_agents
 from grs_agents import content
+from grs_agents.config.model import Limits
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library
-from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool, open_library, tool_names, tools_for
 
 ADD = '''"""Add two numbers.

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from grs_agents.errors import InputError
-from grs_agents.scene import DepthEstimate, Image
+from grs_agents.perception import DepthEstimate, Image
 from grs_agents.toolkit import ToolContext
 
 Result = DepthEstimate

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import ConfigError
-from grs_agents.pretrained import LOCAL, config_of, stumbling, weights_of
-from grs_agents.scene import Image
+from grs_agents.perception import Image
+from grs_agents.perception.pretrained import LOCAL, config_of, stumbling, weights_of
 from grs_agents.toolkit import ToolContext
 
 METRIC = ("depth_pro", "glpn", "zoedepth")

@@ -11,7 +11,8 @@ from pydantic import Field, ValidationError
 
 from grs_agents import sandbox
 from grs_agents.base import Frozen
-from grs_agents.sandbox import CallResult, EachResult, Limits, Trace
+from grs_agents.config.model import Limits
+from grs_agents.sandbox import BatchResult, CallResult, Trace
 from grs_agents.sim import InstanceError, TaskInstance, first_fault, names_task, read_instance
 from grs_agents.toolkit import ToolContext, open_library, readable
 
@@ -113,9 +114,9 @@ def _unsound(request: Request) -> tuple[Failure, ...]:
 
 def _draw_all(
     seeds: Sequence[int], request: Request, context: ToolContext
-) -> tuple[dict[int, TaskInstance | Failure], EachResult]:
+) -> tuple[dict[int, TaskInstance | Failure], BatchResult]:
     """Draw each seed once, in a process that ran nothing before."""
-    each = sandbox.call_each(
+    each = sandbox.call_batch(
         context.sandbox,
         "instantiate",
         request.model_dump(mode="json") | {"limits": context.limits.model_dump(mode="json")},
@@ -144,15 +145,15 @@ def _same(first: TaskInstance | Failure, second: TaskInstance | Failure) -> Task
 def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part: load the program, draw an instance for each seed, report each at once."""
     from grs_agents import sim
-    from grs_agents.sim import compatibility
+    from grs_agents.sim.cliport import import_hook
 
-    compatibility.install()
+    import_hook.install()
     library = open_library(request["library_roots"])
     limits, background = Limits.model_validate(request["limits"]), request["background"]
     sim.configure(library, robot=request["robot"], limits=limits, background=background)
     items: Sequence[str] = request["items"]
     task: Any = None
-    with sandbox.Caught() as loading:
+    with sandbox.CapturedError() as loading:
         sandbox.seed_everything(0)
         task = sim.task_class(sandbox.load_program(request["simulation"]))
     for item in items:
@@ -160,7 +161,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         sandbox.seed_everything(int(item))
         sim.begin_test()
         event: dict[str, Any] = {"instance": None}
-        with sandbox.Caught() as caught:
+        with sandbox.CapturedError() as caught:
             if loading.error is not None:
                 raise loading.error
             instance = sim.instantiate(task(), int(item), library)
@@ -182,7 +183,7 @@ def _failure(error: BaseException) -> dict[str, str]:
     return {**shown, "outcome": str(getattr(error, "outcome", "error"))}
 
 
-def _draw(seed: int, each: EachResult, source: str, limits: Limits) -> TaskInstance | Failure:
+def _draw(seed: int, each: BatchResult, source: str, limits: Limits) -> TaskInstance | Failure:
     item = str(seed)
     if item in each.stopped:
         return _stopped(seed, each.stopped[item], source)

@@ -1,7 +1,7 @@
 """Propose the five likeliest assets by size and colour, and ask the model to decide among them."""
 
-from grs_agents.correspondence.asking import by_both
-from grs_agents.correspondence.types import MatchRequest, MatchResult
+from grs_agents.perception.matching.model_matcher import by_both
+from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.toolkit import ToolContext
 
 Request, Result = MatchRequest, MatchResult

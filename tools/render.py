@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from grs_agents.base import Frozen, Vec3
+from grs_agents.config.model import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
-from grs_agents.sandbox import CallResult, Limits
+from grs_agents.sandbox import CallResult
 from grs_agents.toolkit import ToolContext, open_library, readable
 
 
@@ -66,7 +67,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
 def _draw(asked: Request, limits: Limits) -> bytes:
     from grs_agents import sim
-    from grs_agents.sim import rendering
+    from grs_agents.sim.world import rendering
 
     instance = sim.TaskInstance.model_validate(asked.instance)
     library = open_library(asked.library_roots)

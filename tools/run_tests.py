@@ -6,7 +6,8 @@ from pydantic import Field
 
 from grs_agents import sandbox
 from grs_agents.base import Frozen
-from grs_agents.sandbox import Limits, TestReport, TestRun
+from grs_agents.config.model import Limits
+from grs_agents.sandbox import TestReport, TestRun
 from grs_agents.toolkit import ToolContext, open_library, readable
 
 
@@ -62,9 +63,9 @@ def run(request: Request, context: ToolContext) -> Result:
 def inside(request: dict[str, Any]) -> dict[str, Any]:
     """The worker's part."""
     from grs_agents import sim
-    from grs_agents.sim import compatibility
+    from grs_agents.sim.cliport import import_hook
 
-    compatibility.install()
+    import_hook.install()
     extra = request["extra"]
     limits = Limits.model_validate(extra["limits"])
     library, background = open_library(extra["library_roots"]), extra["background"]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from grs_agents.scene import Candidate, RGBDFrame, TableFrame, candidates_of, segment
+from grs_agents.perception import Candidate, RGBDFrame, TableFrame, candidates_of, segment
 from grs_agents.toolkit import ToolContext
 
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from grs_agents.errors import ConfigError
-from grs_agents.pretrained import config_of, stumbling, weights_of
-from grs_agents.scene import (
+from grs_agents.perception import (
     Candidate,
     Image,
     Mask,
@@ -20,6 +19,7 @@ from grs_agents.scene import (
     candidates_of,
     segment_proposed,
 )
+from grs_agents.perception.pretrained import config_of, stumbling, weights_of
 from grs_agents.toolkit import ToolContext
 
 KINDS = ("sam2", "sam2_video")

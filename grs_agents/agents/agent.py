@@ -14,8 +14,7 @@ from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 
 from grs_agents import content
 from grs_agents.agents.earlier import EarlierReplies, digest
-from grs_agents.agents.prompt import render
-from grs_agents.agents.reply import ReplyError
+from grs_agents.agents.reply import ReplyError, render
 from grs_agents.agents.types import NoReply
 from grs_agents.config import Config, ModelConfig
 from grs_agents.foreign import member

@@ -1,13 +1,16 @@
-"""Strict parsers of replies: a fenced block, JSON by schema, Python that compiles, a verdict."""
+"""Both ends of a model call: prompt templates with strict ``{{variables}}``, and strict parsers of the replies."""
 
 import ast
 import json
 import re
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
 
 from grs_agents.agents.types import RouterReply, Verdict
+from grs_agents.errors import ConfigError
 
 Model = TypeVar("Model", bound=BaseModel)
 _FENCE = re.compile(r"^```[ \t]*([\w+-]*)[ \t]*\r?\n(.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
@@ -87,3 +90,28 @@ def _is_program(text: str) -> bool:
     except (SyntaxError, ValueError, RecursionError, MemoryError):  # the last is the parser's word for too deep
         return False
     return True
+
+
+_VARIABLE = re.compile(r"\{\{\s*([a-z_]+)\s*\}\}")
+
+
+def variables(template: str) -> frozenset[str]:
+    """The names of the variables in ``template``."""
+    return frozenset(_VARIABLE.findall(template))
+
+
+def render(file: Path, values: Mapping[str, str]) -> str:
+    """Fill the template in ``file``; inserted text is never scanned for variables again.
+
+    Raises:
+        ConfigError: the template wants a variable that is not given, or leaves a given one out.
+    """
+    template = file.read_text(encoding="utf-8")
+    wanted = variables(template)
+    if wanted != frozenset(values):
+        unknown, unused = sorted(wanted - set(values)), sorted(set(values) - wanted)
+        raise ConfigError(
+            f"prompt {file.name} has unknown variables {unknown} and leaves out {unused}",
+            f"use exactly: {', '.join(sorted(values))}",
+        )
+    return _VARIABLE.sub(lambda found: values[found.group(1)], template)

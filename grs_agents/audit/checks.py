@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 
 from grs_agents.agents import TaskDefinition
-from grs_agents.audit.changes import changes
+from grs_agents.audit.photo_changes import changes
 from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
-from grs_agents.scene import SceneDescription
+from grs_agents.perception import SceneDescription
 from grs_agents.sim import InstanceGoal, Rollout, TaskInstance
-from grs_agents.sim.world import TIMESTEP
+from grs_agents.sim.world.compilation import TIMESTEP
 
 IDLE = 0.5
 """Doing nothing must earn less than this share of the reward: most of a task is left to do."""

@@ -80,7 +80,7 @@ def run(
     otel: Otel = False,
 ) -> None:
     """Make a validated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 bad input, 3 our error."""
-    from grs_agents.cli.running import Watching, run_graph
+    from grs_agents.cli.run import Watching, run_graph
 
     refuse_changes(resume, config, settings, seed, unsafe)
     chosen = effective(config, settings, seed, unsafe).config
@@ -97,7 +97,7 @@ def scene(
     json: Json = False,
 ) -> None:
     """Comprehend a photo alone: its objects, their boxes and assets."""
-    from grs_agents.cli.running import run_graph
+    from grs_agents.cli.run import run_graph
 
     refuse_graph(effective(config, settings, seed))
     chosen = effective(config, [*(settings or []), "graph=scene"], seed).config
@@ -120,7 +120,7 @@ def check(
     unsafe: Unsafe = False,
 ) -> None:
     """Check a simulation program of your own through sandbox, tests, oracle and audit. Exit status as for run."""
-    from grs_agents.cli.checking import Program, check_program
+    from grs_agents.cli.run import Program, check_program
 
     extra = [] if seeds is None else [f"audit.seeds={seeds}"]
     chosen = effective(config, [*(settings or []), *extra], unsafe=unsafe)

@@ -50,8 +50,7 @@ def import_assets(
     json: Json = False,
 ) -> None:
     """Import 3D models; broken ones are refused by name, the rest goes on. Exit status 1 if one was refused."""
-    from grs_agents.cli.importing import import_source
-    from grs_agents.cli.objaverse import PREFIX, import_objaverse
+    from grs_agents.cli.assets_import import PREFIX, import_objaverse, import_source
     from grs_agents.library.importing.types import ImportOptions
 
     options = ImportOptions(unit=unit, up=up, license=license_ or "unknown", faces=faces)
@@ -65,7 +64,7 @@ def list_assets(
     names: Names = None, library: LibraryFolder = None, shipped: Shipped = False, json: Json = False
 ) -> None:
     """List assets with size, mass, where the mass comes from, and licence."""
-    from grs_agents.cli.importing import list_library
+    from grs_agents.cli.assets_import import list_library
 
     list_library(library, names or [], shipped, json)
 
@@ -79,7 +78,7 @@ def show_assets(
     views: Annotated[int, typer.Option("--views", help="Pictures of each.", min=1, max=12)] = 3,
 ) -> None:
     """Write a contact sheet: a picture of the assets from several sides."""
-    from grs_agents.cli.importing import show_library
+    from grs_agents.cli.assets_import import show_library
 
     sys.exit(show_library(library, names or [], shipped, out, views))
 
@@ -89,7 +88,7 @@ def verify_assets(
     names: Names = None, library: LibraryFolder = None, shipped: Shipped = False, json: Json = False
 ) -> None:
     """Check files, sizes and MuJoCo, and that each stands two seconds on a table. Exit status 1 if one is broken."""
-    from grs_agents.cli.importing import verify_library
+    from grs_agents.cli.assets_import import verify_library
 
     sys.exit(verify_library(library, names or [], shipped, json))
 
@@ -105,7 +104,7 @@ def describe_assets(
     json: Json = False,
 ) -> None:
     """Describe three random views of each asset with the configured model, once; what it may cost is said first."""
-    from grs_agents.cli.describing import describe_library
+    from grs_agents.cli.assets_describe import describe_library
 
     sys.exit(describe_library(library, names or [], effective(config, settings).config, again, yes, json))
 
@@ -117,6 +116,6 @@ def index_assets(
     json: Json = False,
 ) -> None:
     """Bring an index up to date, for matching in a library too large to compare everything; see match.index."""
-    from grs_agents.cli.indexing import index_assets as update
+    from grs_agents.cli.assets_describe import index_assets as update
 
     sys.exit(update(folder, again, json))

@@ -12,12 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.config import UNSAFE, Config
+from grs_agents.config import UNSAFE, Config, Limits
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions
-from grs_agents.run.isolation import open_sandbox
-from grs_agents.sandbox import REMEDIES, Choice, Limits, SandboxError, candidates
+from grs_agents.run.sandbox_setup import open_sandbox
+from grs_agents.sandbox import REMEDIES, Choice, SandboxError, candidates
 from grs_agents.terminal import say_json
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.views import working

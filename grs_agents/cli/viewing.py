@@ -19,7 +19,7 @@ def show(
     json: Json = False,
 ) -> None:
     """Show the steps of a run as a tree, or one of them with its exact prompts, replies, diffs and tracebacks."""
-    from grs_agents.cli.looking import show_run, show_step
+    from grs_agents.cli.show import show_run, show_step
 
     if step is None and not failed:
         show_run(run, json)
@@ -33,7 +33,7 @@ def replay(
     web: Annotated[bool, typer.Option("--web", help="Open the viewer in a browser.")] = False,
 ) -> None:
     """Open a run's trace, or two side by side, in the rerun viewer, on 127.0.0.1."""
-    from grs_agents.cli.looking import replay_run
+    from grs_agents.cli.show import replay_run
 
     sys.exit(replay_run(run, beside, web))
 
@@ -46,7 +46,7 @@ def trace(
     ] = False,
 ) -> None:
     """Make a run's rerun recording anew from its events, or send it as OpenTelemetry spans."""
-    from grs_agents.cli.tracing import print_schema, rebuild_trace, send_spans
+    from grs_agents.cli.outputs import print_schema, rebuild_trace, send_spans
 
     if schema:
         print_schema()
@@ -66,7 +66,7 @@ def play(
     ] = None,
 ) -> None:
     """Play a run's task, as the oracle solved it, in MuJoCo's window or into an mp4 or gif file."""
-    from grs_agents.cli.playing import play_run
+    from grs_agents.cli.outputs import play_run
 
     sys.exit(play_run(run, out, seed))
 
@@ -81,7 +81,7 @@ def report(
     ] = None,
 ) -> None:
     """Write a run as one HTML page that needs nothing else: photo, task, pictures, decisions, changes, tests."""
-    from grs_agents.cli.reporting import report_run
+    from grs_agents.cli.outputs import report_run
 
     report_run(run, out)
 
@@ -96,7 +96,7 @@ def share(
     ] = None,
 ) -> None:
     """Pack a run into one zip file without keys and home folders, with its recording and report."""
-    from grs_agents.cli.sharing import share_run
+    from grs_agents.cli.outputs import share_run
 
     share_run(run, out)
 

@@ -1,8 +1,7 @@
 """Configuration: one TOML file, ``--set`` and the environment become one frozen ``Config``."""
 
-from grs_agents.config.limits import Limits
 from grs_agents.config.load import UNSAFE, Effective, load_config, validated
-from grs_agents.config.model import AuditConfig, Config, ModelConfig, TableChoice, ToolsConfig
+from grs_agents.config.model import AuditConfig, Config, Limits, ModelConfig, TableChoice, ToolsConfig
 
 __all__ = [
     "UNSAFE",

@@ -9,9 +9,9 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.files import write_text
+from grs_agents.library.formats.model_file import MAX_SHAPES
+from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.shapes import Shape
-from grs_agents.library.source import MAX_SHAPES
-from grs_agents.library.urdf_text import urdf_text
 
 BACKGROUND: Final = "background/room.urdf"
 """Its name in the library of the run. No manifest lists it: it is offered to nobody as a thing to use."""

@@ -7,10 +7,10 @@ from grs_agents.base import Vec3
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.foreign import member, read_text
 from grs_agents.library.asset import Asset, read_manifest
-from grs_agents.library.own_file import own_asset, own_names, own_path, read_model
+from grs_agents.library.formats.urdf import read_urdf
 from grs_agents.library.shapes import ObjectModel
-from grs_agents.library.template import Value, Values, fill_template
-from grs_agents.library.urdf import read_urdf
+from grs_agents.library.templates import Value, Values, fill_template
+from grs_agents.library.user_models import own_asset, own_names, own_path, read_model
 
 
 class Library:

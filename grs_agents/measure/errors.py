@@ -7,14 +7,14 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.library.generate.scene_mesh import gather_posed
+from grs_agents.library.posed_meshes import gather_posed
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.measure.standing import Standing
 from grs_agents.measure.types import FrameFigures, ObjectFigures
-from grs_agents.scene import Aabb, Candidate, TableFrame, find_table, place_asset
-from grs_agents.scene.metrics import MATCHED, overlaps
-from grs_agents.scene.symmetry import symmetry_of
-from grs_agents.scene.truth import LabelledScene, TrueObject
+from grs_agents.perception import Aabb, Candidate, TableFrame, find_table, place_asset
+from grs_agents.perception.metrics import MATCHED, overlaps
+from grs_agents.perception.surfaces import symmetry_of
+from grs_agents.perception.truth import LabelledScene, TrueObject
 
 Floats = npt.NDArray[np.float64]
 

@@ -18,12 +18,12 @@ from grs_agents.errors import InputError
 from grs_agents.measure.figures import Target, targets, write_figures
 from grs_agents.measure.sheet import write_plots, write_sheet
 from grs_agents.measure.types import Order, Result, SceneFigures, result_file
-from grs_agents.run.tables import table
-from grs_agents.scene.metrics import SegmentationScore
-from grs_agents.scene.reading import scene_name
-from grs_agents.scene.reading.bop import is_bop
-from grs_agents.scene.truth import labelled_folders
-from grs_agents.scene.truth_bop import bop_sources
+from grs_agents.perception.metrics import SegmentationScore
+from grs_agents.perception.reading import scene_name
+from grs_agents.perception.reading.bop import is_bop
+from grs_agents.perception.truth import labelled_folders
+from grs_agents.perception.truth_bop import bop_sources
+from grs_agents.run.experiments import table
 from grs_agents.synth import Recipe
 from grs_agents.terminal import say_json
 
@@ -110,7 +110,7 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
 def _order(name: str, source: str, recipe: Recipe | None, work: Work) -> Order:
     overlays = tuple(str(root) for root in content.roots()[:-1])
     tools = [content.path("tools", work.tool)] if work.tool else []
-    code = fingerprint(CODE / "scene", CODE / "twin", CODE / "measure", *tools)
+    code = fingerprint(CODE / "perception", CODE / "measure", *tools)
     return Order(
         name=name,
         source=source,

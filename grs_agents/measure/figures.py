@@ -11,8 +11,8 @@ from typing import Any
 from grs_agents.base import Frozen
 from grs_agents.files import write_json, write_text
 from grs_agents.measure.types import ObjectFigures, SceneFigures
-from grs_agents.run.tables import markdown
-from grs_agents.scene.metrics import total
+from grs_agents.perception.metrics import total
+from grs_agents.run.experiments import markdown
 
 COLUMNS = ("scene", "sensor", "tilt", "objects", "segments", "IoU", "F1@.5", "F1@.75", "over", "under", "boundary F",
            "centre mm", "size mm", "position mm", "angle deg", "drift mm", "twin", "penetration mm",

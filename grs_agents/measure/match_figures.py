@@ -10,7 +10,7 @@ from typing import Any
 from grs_agents.files import write_json, write_text
 from grs_agents.measure.match_types import Matching, scores
 from grs_agents.measure.ranks import RankTest, interval, kruskal_wallis, scheirer_ray_hare
-from grs_agents.run.tables import markdown
+from grs_agents.run.experiments import markdown
 
 COLUMNS = ("method", "model", "scenes", "runs", "F1", "F1 low", "F1 high", "precision", "recall", "pooled F1", "right",
            "wrong asset", "false alarm", "missed", "tokens in", "tokens out", "cost", "CPU s")  # fmt: skip

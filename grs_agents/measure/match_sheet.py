@@ -10,7 +10,7 @@ import numpy as np
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.library import Library
-from grs_agents.library.views import asset_views
+from grs_agents.library.asset_views import asset_views
 from grs_agents.measure.match_types import Answered, Matching
 from grs_agents.measure.sheet import Picture, write_words
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 from grs_agents.base import Frozen
 from grs_agents.measure.types import Order
-from grs_agents.scene import MatchEvidence
+from grs_agents.perception import MatchEvidence
 
 Outcome = Literal["right", "wrong asset", "missed", "false alarm", "rightly none"]
 

@@ -11,14 +11,13 @@ import numpy as np
 from grs_agents import content
 from grs_agents.agents import Agents, Description, NoReply, roles
 from grs_agents.config import Config, load_config
-from grs_agents.correspondence.types import MatchResult, Segment
+from grs_agents.config.model import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.library import Library
 from grs_agents.measure.match_types import Answered, Matching, MatchOrder, Outcome, matching_file
-from grs_agents.nodes.corresponding import asking, measurements
-from grs_agents.sandbox import Limits, Sandbox
-from grs_agents.scene import (
+from grs_agents.nodes.asset_matching import asking, measurements
+from grs_agents.perception import (
     Candidate,
     CandidateRecord,
     MatchEvidence,
@@ -28,8 +27,10 @@ from grs_agents.scene import (
     save_candidates,
     save_frame,
 )
-from grs_agents.scene.metrics import MATCHED, overlaps
-from grs_agents.scene.truth import LabelledScene, read_labelled
+from grs_agents.perception.matching.types import MatchResult, Segment
+from grs_agents.perception.metrics import MATCHED, overlaps
+from grs_agents.perception.truth import LabelledScene, read_labelled
+from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import say
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, Reply, read_events

@@ -18,7 +18,7 @@ from grs_agents.measure.match_figures import SHOWN, write_matchings
 from grs_agents.measure.match_sheet import write_match_plot, write_match_sheet
 from grs_agents.measure.match_types import Matching, MatchOrder, Method, matching_file
 from grs_agents.measure.types import Order
-from grs_agents.run.tables import table
+from grs_agents.run.experiments import table
 from grs_agents.terminal import say, say_json
 
 _Outcome = TypeVar("_Outcome")
@@ -42,9 +42,7 @@ def match_orders(
     scenes: Sequence[Order], methods: Sequence[str], models: Sequence[str], runs: int, settings: Sequence[str]
 ) -> list[MatchOrder]:
     """One order for each scene, method, model and run; methods that ask no model have one model, ``-``, and one run."""
-    code = fingerprint(
-        *(CODE / room for room in ("scene", "correspondence", "agents")), content.path("tools", "match_features")
-    )
+    code = fingerprint(*(CODE / room for room in ("perception", "agents")), content.path("tools", "match_features"))
     found: list[MatchOrder] = []
     for name in methods:
         method = METHODS[name]

@@ -15,11 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from grs_agents.correspondence.embedding import DIMENSIONS, WEIGHTS, Vectors, look_vector, size_vectors, words_vector
-from grs_agents.correspondence.index import AssetIndex
-from grs_agents.correspondence.tone import histograms
 from grs_agents.errors import GrsError, InputError
 from grs_agents.measure.figures import Target
+from grs_agents.perception.matching.asset_index import (
+    DIMENSIONS,
+    WEIGHTS,
+    AssetIndex,
+    Vectors,
+    look_vector,
+    size_vectors,
+    words_vector,
+)
+from grs_agents.perception.matching.color_histogram import histograms
 
 _KINDS, _WORDS, _TOLD, _COLORS = 300, 8000, 9, 400
 _MIXED = 6

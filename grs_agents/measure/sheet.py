@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from grs_agents.files import write_bytes
 from grs_agents.measure.types import Result, SceneFigures, result_file
-from grs_agents.scene import Camera
-from grs_agents.scene.metrics import outline
-from grs_agents.scene.truth import read_labelled
+from grs_agents.perception import Camera
+from grs_agents.perception.metrics import outline
+from grs_agents.perception.truth import read_labelled
 
 Picture = npt.NDArray[np.uint8]
 _TILE = 400

@@ -8,35 +8,37 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.correspondence.proxying import measured_shape
-from grs_agents.library import Library, fitted_kind, write_fitted_proxy
-from grs_agents.scene import (
+from grs_agents.library import Library
+from grs_agents.perception import (
     Candidate,
-    Claim,
+    EstimatedVolume,
     Mask,
     Registered,
     RGBDFrame,
     Surroundings,
     TableFrame,
     TwinReport,
-    found_later,
+    asset_surface_at,
     register,
-    shell_of,
+    residual_candidates,
 )
-from grs_agents.scene.metrics import MATCHED, overlaps
-from grs_agents.scene.truth import LabelledScene
-from grs_agents.twin import (
-    Known,
+from grs_agents.perception.metrics import MATCHED, overlaps
+from grs_agents.perception.proxies.fitted import write_fitted_proxy
+from grs_agents.perception.proxies.kind import fitted_kind
+from grs_agents.perception.proxies.measurement import measured_shape
+from grs_agents.perception.settling import (
+    KnownObject,
     Placed,
+    PlacedObject,
     Reconciled,
-    Rest,
+    RestState,
     Segment,
-    Thing,
-    carriers,
-    disentangled,
-    reconcile,
+    reconcile_segments,
+    repair_collisions,
     report_of,
+    supporting_segments,
 )
+from grs_agents.perception.truth import LabelledScene
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,11 @@ def standing(
         return Standing()
     poses: dict[int, Registered] = {}
     segments = _segments(candidates, _assets(scene, found, truth), poses, (scene.frame, table, library))
-    shells = [None if one.known is None else shell_of(one.known.asset, one.known.pose, library) for one in segments]
+    shells = [
+        None if one.known is None else asset_surface_at(one.known.asset, one.known.pose, library) for one in segments
+    ]
     first = max(one.id for one in candidates) + 1
-    later = found_later([one.mask for one in segments], shells, scene.frame, table, first)
+    later = residual_candidates([one.mask for one in segments], shells, scene.frame, table, first)
     candidates = [one for index, one in enumerate(candidates) if index not in later.divided]
     segments = [one for index, one in enumerate(segments) if index not in later.divided]
     new = np.zeros_like(found)
@@ -123,7 +127,7 @@ def _segments(
         thing = None
         if one.id in assets:
             stood = poses[one.id] = register(assets[one.id], library, one.upright, frame, table, one.mask)
-            thing = Thing(assets[one.id], (stood.position, stood.orientation))
+            thing = PlacedObject(assets[one.id], (stood.position, stood.orientation))
         segments.append(Segment(one.mask, one.upright, one.shape, thing, one.hollow))
     return segments
 
@@ -138,9 +142,9 @@ def _disentangled(
 ) -> list[Segment]:
     """The segments with their assets beside, not in each other; ``poses`` takes where those stand."""
     pairs = zip(candidates, segments, strict=True)
-    known = {one.id: Known(segment.known, segment.box, segment.mask)
+    known = {one.id: KnownObject(segment.known, segment.box, segment.mask)
              for one, segment in pairs if segment.known is not None}  # fmt: skip
-    apart = disentangled(list(known.values()), scene.frame, table, library)
+    apart = repair_collisions(list(known.values()), scene.frame, table, library)
     numbers = list(known)
     poses.update({numbers[index]: found for index, found in apart.moved.items()})
     for index in apart.wrong:
@@ -148,7 +152,9 @@ def _disentangled(
     found: list[Segment] = []
     for one, segment in zip(candidates, segments, strict=True):
         stood, thing = poses.get(one.id), segment.known
-        here = None if thing is None or stood is None else Thing(thing.asset, (stood.position, stood.orientation))
+        here = (
+            None if thing is None or stood is None else PlacedObject(thing.asset, (stood.position, stood.orientation))
+        )
         found.append(replace(segment, known=here))
     return found
 
@@ -164,7 +170,7 @@ def _settled(
     """The twin of segments and what stands for them."""
     rest, twin, agreed, kept = _at_rest(candidates, segments, {}, scene, library, table)
     fell = {index for index, one in zip(kept, rest.placed, strict=True) if one is not None and one.fell}
-    if carried := carriers(fell, agreed):
+    if carried := supporting_segments(fell, agreed):
         rest, twin, agreed, kept = _at_rest(candidates, segments, carried, scene, library, table)
     placed = {candidates[index].id: one for index, one in zip(kept, rest.placed, strict=True) if one is not None}
     return Standing(poses, placed, twin if placed else None)
@@ -177,9 +183,9 @@ def _at_rest(
     scene: LabelledScene,
     library: Library,
     table: TableFrame,
-) -> tuple[Rest, TwinReport, Reconciled, list[int]]:
+) -> tuple[RestState, TwinReport, Reconciled, list[int]]:
     """Segments at rest, what became of them, and which are no pieces, by index; ``united`` are pieces of others."""
-    agreed = reconcile(segments, scene.frame, table, library, united)
+    agreed = reconcile_segments(segments, scene.frame, table, library, united)
     kept = [index for index in range(len(segments)) if index not in agreed.pieces]
     with tempfile.TemporaryDirectory(prefix="grs-twin-") as folder:
         where = Path(folder)
@@ -196,17 +202,17 @@ def _at_rest(
 def _proxy(
     one: Candidate,
     mask: Mask,
-    claim: Claim,
+    claim: EstimatedVolume,
     around: Surroundings,
     scene: LabelledScene,
     table: TableFrame,
     folder: Path,
-) -> Thing:
+) -> PlacedObject:
     """What a run would let stand for a thing of no asset: the solid that fits its points best."""
     box = claim.box
     measured = measured_shape(scene.frame, table, mask, box, around)
     kind = fitted_kind(measured, box.size, claim.shape == "cylinder", one.hollow)
     asset = write_fitted_proxy(folder, f"candidate_{one.id}", kind, measured, box.size, one.color, "a proxy")
-    return Thing(
+    return PlacedObject(
         asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))), guessed=True
     )

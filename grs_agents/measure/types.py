@@ -6,8 +6,8 @@ from typing import Any
 from pydantic import Field
 
 from grs_agents.base import Frozen
-from grs_agents.scene import TwinReport
-from grs_agents.scene.metrics import SegmentationScore
+from grs_agents.perception import TwinReport
+from grs_agents.perception.metrics import SegmentationScore
 from grs_agents.synth import Recipe
 
 Corners = tuple[tuple[float, ...], ...]

@@ -16,16 +16,17 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents import content
+from grs_agents.config.model import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes, write_json
 from grs_agents.library import Library
 from grs_agents.measure.errors import frame_figures, object_figures
 from grs_agents.measure.standing import Standing, standing
 from grs_agents.measure.types import Order, Result, SceneFigures, dumped, result_file
-from grs_agents.sandbox import Limits, Sandbox
-from grs_agents.scene import Candidate, TableFrame, find_table
-from grs_agents.scene.metrics import score
-from grs_agents.scene.truth import LabelledScene, read_labelled
+from grs_agents.perception import Candidate, TableFrame, find_table
+from grs_agents.perception.metrics import score
+from grs_agents.perception.truth import LabelledScene, read_labelled
+from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import say
 from grs_agents.toolkit import Tool, ToolContext, load_tool
 

@@ -1,16 +1,113 @@
-"""The authoring nodes: task, simulation, tests, and the two fixes."""
+"""The authoring nodes: task, simulation, tests, and the two fixes.
+
+Prompts show the scene as plain JSON with rounded numbers. Each version of a program is written to the run folder with
+its diff. The router and the fixers read the test report and, if there is one, the audit.
+"""
+
+import difflib
+import hashlib
+from typing import Any, Literal
 
 from grs_agents import content
 from grs_agents.agents import NoReply, TaskDefinition, examples, roles
-from grs_agents.files import write_json
-from grs_agents.nodes.evidence import evidence
-from grs_agents.nodes.programs import ProgramName, new_version
-from grs_agents.nodes.scene_prompt import fixtures_for_prompt, scene_for_prompt
+from grs_agents.audit import AuditReport
+from grs_agents.files import write_json, write_text
+from grs_agents.library import Library
 from grs_agents.nodes.services import Services, Update, node
-from grs_agents.scene import SceneDescription
+from grs_agents.perception import SceneDescription, types
+from grs_agents.sandbox import TestReport
 from grs_agents.sim import api_reference
 from grs_agents.state import RunState
-from grs_agents.trace import Note, TaskDefined
+from grs_agents.trace import Note, ProgramVersion, TaskDefined
+
+WORKSPACE = {"x": list(types.X), "y": list(types.Y), "radius": types.FARTHEST}
+"""Where the arm works: metres in the robot frame, radius from its base."""
+
+
+def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any]:
+    """Each object with its asset, place and size (metres, robot frame, table top at z = 0)."""
+    objects = [
+        {
+            "name": thing.name,
+            "asset": thing.asset,
+            "description": thing.description,
+            "category": thing.category,
+            "color": thing.color,
+            "position": _rounded(thing.position),
+            "orientation": _rounded(thing.orientation, 4),
+            "size": _rounded(thing.size),
+            "box": {"low": _rounded(thing.box.low), "high": _rounded(thing.box.high)},
+            "reachable": thing.reachable,
+            "hollow": library.asset(thing.asset).hollow,
+        }
+        for thing in scene.objects
+    ]
+    return {"objects": objects, "workspace": WORKSPACE}
+
+
+def fixtures_for_prompt(library: Library) -> list[dict[str, Any]]:
+    """The assets that may be added to what the photo shows: containers and zones."""
+    return [
+        {
+            "name": asset.name,
+            "category": asset.category,
+            "description": asset.description,
+            "size": _rounded(asset.size),
+            "hollow": asset.hollow,
+        }
+        for asset in library.assets()
+        if asset.fixture
+    ]
+
+
+def _rounded(values: tuple[float, ...], digits: int = 3) -> list[float]:
+    return [round(float(value), digits) for value in values]
+
+
+ProgramName = Literal["simulation", "tests"]
+FILES: dict[ProgramName, str] = {"simulation": "simulation.py", "tests": "test_simulation.py"}
+
+
+def new_version(state: RunState, services: Services, program: ProgramName, source: str, author: str) -> Update:
+    """Keep ``source`` as the next version of ``program``: file, history, diff, event and state update."""
+    old = state.get(program, "")
+    number = state.get(f"{program}_version", 0) + 1
+    stem = FILES[program].removesuffix(".py")
+    path = f"history/{stem}_{number:03d}.py"
+    diff = "".join(
+        difflib.unified_diff(
+            old.splitlines(keepends=True), source.splitlines(keepends=True), f"{stem} {number - 1}", f"{stem} {number}"
+        )
+    )
+    write_text(services.folder / path, source)
+    write_text(services.folder / f"history/{stem}_{number:03d}.diff", diff)
+    write_text(services.folder / FILES[program], source)
+    services.log.append(
+        ProgramVersion(
+            program=program,
+            number=number,
+            sha256=_hash(source),
+            parent=_hash(old) if old else None,
+            path=path,
+            diff=diff,
+            author_role=author,
+            source="model",
+        )
+    )
+    return {program: source, f"{program}_version": number}
+
+
+def _hash(source: str) -> str:
+    return hashlib.sha256(source.encode()).hexdigest()
+
+
+def evidence(state: RunState) -> str:
+    """The report of the latest tests and of the audit that followed them, as text."""
+    parts = [TestReport.model_validate(state["report"]).text()] if state.get("report") else []
+    if state.get("audit"):
+        parts.append(AuditReport.model_validate(state["audit"]).text())
+    return "\n\n".join(parts) or "(nothing was run yet)"
+
 
 EXAMPLES = 3
 """How many example programs the simulation prompt shows."""

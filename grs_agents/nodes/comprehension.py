@@ -1,4 +1,7 @@
-"""The nodes of perception, from a photo to a scene at rest in MuJoCo (paper, Scene Comprehension)."""
+"""The nodes of perception, from a photo to a scene at rest in MuJoCo (paper, Scene Comprehension).
+
+The background of the photo becomes an asset of the run.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,32 +11,78 @@ import numpy as np
 
 from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
-from grs_agents.nodes.background import stand_in
-from grs_agents.nodes.corresponding import correspond, measurements
-from grs_agents.nodes.fitting import fitting
-from grs_agents.nodes.matching import Matched, drop_reason, object_of
-from grs_agents.nodes.registering import register_assets, seen_later
+from grs_agents.library import write_background
+from grs_agents.nodes.asset_matching import correspond, measurements
+from grs_agents.nodes.asset_registration import add_residual_candidates, register_assets
+from grs_agents.nodes.scene_objects import Matched, check_sizes, drop_reason, object_of
+from grs_agents.nodes.scene_settling import settle_scene
 from grs_agents.nodes.services import Photo, Services, Update, node
-from grs_agents.nodes.standing import stand
-from grs_agents.scene import (
+from grs_agents.perception import (
+    Candidate,
     CandidateRecord,
     DepthEstimate,
     DroppedCandidate,
     Estimator,
     Image,
     MatchEvidence,
+    RGBDFrame,
     SceneDescription,
     SceneObject,
     TableFrame,
     doubts,
     place_robot,
     read_scene,
+    reconstruct,
     save_candidates,
     save_frame,
 )
-from grs_agents.scene import find_table as table_in
+from grs_agents.perception import find_table as table_in
+from grs_agents.sim.world.compilation import arm_at_home
 from grs_agents.state import RunState
 from grs_agents.trace import Note, SceneStage
+
+
+def stand_in(
+    frame: RGBDFrame, table: TableFrame, candidates: Sequence[Candidate], services: Services
+) -> tuple[str, list[str]]:
+    """Reconstruct what is left of a photo, if the configuration says so, and write it beside the proxies of the run.
+
+    Args:
+        frame: the photo with depth.
+        table: the table in it, with the robot placed.
+        candidates: what is not left.
+        services: of the run.
+
+    Returns:
+        The library name of the background, empty without one, and what a reader of the scene should know.
+
+    Raises:
+        ConfigError: it is asked for, and scikit-image is not installed.
+    """
+    asked = services.config.background
+    if not asked.on:
+        return "", []
+    objects = np.zeros(frame.depth.shape, np.bool_)
+    for one in candidates:
+        objects |= one.mask
+    arm = arm_at_home(services.robot, services.library)
+    found = reconstruct(frame, table, objects, [one.box for one in candidates], arm, asked.voxel)
+    if found is None:
+        return "", ["the photo shows nothing but table and objects near the robot: there is no background"]
+    folder = services.folder / "assets"
+    folder.mkdir(exist_ok=True)
+    name = write_background(folder, found.mesh.vertices, found.mesh.faces, found.boxes, found.color)
+    low, high = found.boxes[:, 0].min(axis=0), found.boxes[:, 1].max(axis=0)
+    summary = {
+        "asset": name,
+        "faces": len(found.mesh.faces),
+        "boxes": len(found.boxes),
+        "pixels": found.pixels,
+        "low": [round(float(value), 3) for value in low],
+        "high": [round(float(value), 3) for value in high],
+    }
+    services.log.append(SceneStage(stage="background", summary=summary))
+    return name, []
 
 
 @node
@@ -121,7 +170,7 @@ def register(state: RunState, services: Services) -> Update:
     dropped = [*(DroppedCandidate.model_validate(one) for one in state.get("dropped", ())), *dropped]
     residual: tuple[CandidateRecord, ...] = ()
     if len(state["pending"]) == len(records):  # the first pass
-        residual, divided = seen_later(objects, records, _photo(state, services), services)
+        residual, divided = add_residual_candidates(objects, records, _photo(state, services), services)
         dropped += divided
         objects = [one for one in objects if one.id not in {gone.id for gone in divided}]
     return {
@@ -141,7 +190,7 @@ def registered(state: RunState) -> Literal["describe", "settle"]:
 def settle(state: RunState, services: Services) -> Update:
     """Resolve collisions, let the objects come to rest in MuJoCo, and write ``scene.json``."""
     records = [CandidateRecord.model_validate(one) for one in state["candidates"]]
-    stood = stand(
+    stood = settle_scene(
         [SceneObject.model_validate(one) for one in state["objects"]], records, _photo(state, services), services
     )
     warnings = [*state["notes"], *stood.warnings]
@@ -192,7 +241,9 @@ def _placed(
             objects.append(object_of(answer, services, [one.name for one in (*others, *objects)], photo))
     by_number = {one.id: one for one in records}
     names = [one.name for one in others]
-    placed, mismatched = fitting(register_assets(objects, records, photo, services), by_number, names, photo, services)
+    placed, mismatched = check_sizes(
+        register_assets(objects, records, photo, services), by_number, names, photo, services
+    )
     return placed, [*dropped, *mismatched]
 
 

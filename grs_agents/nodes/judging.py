@@ -6,12 +6,12 @@ from grs_agents.agents import TaskDefinition
 from grs_agents.audit import AuditReport
 from grs_agents.audit import audit as judge
 from grs_agents.files import write_json
-from grs_agents.nodes.evidence import evidence
+from grs_agents.nodes.authoring import evidence
 from grs_agents.nodes.instances import measure
 from grs_agents.nodes.services import Services, Update, node
+from grs_agents.perception import SceneDescription
 from grs_agents.policies import Routed, RoutingContext, failures
 from grs_agents.sandbox import TestReport
-from grs_agents.scene import SceneDescription
 from grs_agents.state import RunState
 from grs_agents.trace import Decision, Finding, TestsRun
 

@@ -17,10 +17,10 @@ from grs_agents.agents import Agents
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError
 from grs_agents.library import Library
+from grs_agents.perception import Camera, RGBDFrame, TableFrame, load_frame
 from grs_agents.policies import Policy
 from grs_agents.sandbox import Sandbox
-from grs_agents.scene import Camera, RGBDFrame, TableFrame, load_frame
-from grs_agents.sim.arms import ROBOTS, get_arm
+from grs_agents.sim.arms.registry import ROBOTS, get_arm
 from grs_agents.state import RunState
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, NodeEnded, NodeStarted, brief

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from grs_agents.errors import InputError
 from grs_agents.foreign import member
-from grs_agents.scene import Camera, CandidateRecord, SceneDescription, SceneObject, TableFrame
+from grs_agents.perception import Camera, CandidateRecord, SceneDescription, SceneObject, TableFrame
 from grs_agents.state import RunState
 
 FILE = "checkpoint.sqlite"

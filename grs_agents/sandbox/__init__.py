@@ -4,29 +4,28 @@ The room knows nothing of simulations: its callers name the tools, what a worker
 the hooks that a test run calls.
 """
 
-from grs_agents.sandbox.backends import REMEDIES, Backend, Choice, candidates
-from grs_agents.sandbox.call import CallOutcome, CallResult, Limits
-from grs_agents.sandbox.caught import Caught
-from grs_agents.sandbox.channel import progress
-from grs_agents.sandbox.discovery import ExpectedTests, expected_tests, parse
-from grs_agents.sandbox.each import EachResult, call_each
-from grs_agents.sandbox.harness import load_program, run_tests_inside, seed_everything
-from grs_agents.sandbox.host import Sandbox
-from grs_agents.sandbox.process import SandboxError
-from grs_agents.sandbox.report import TestCase, TestReport
-from grs_agents.sandbox.testing import TestRun, run_tests
-from grs_agents.sandbox.traces import SIMULATION_FILE, TESTS_FILE, Trace, describe, from_stack
+from grs_agents.sandbox.harness.captured_error import CapturedError
+from grs_agents.sandbox.harness.channel import progress
+from grs_agents.sandbox.harness.test_run import load_program, run_tests_inside, seed_everything
+from grs_agents.sandbox.host.batch_calls import BatchResult, call_batch
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.host.test_discovery import ExpectedTests, expected_tests, parse
+from grs_agents.sandbox.host.test_run import TestRun, run_tests
+from grs_agents.sandbox.host.zygote_process import SandboxError
+from grs_agents.sandbox.isolation.backends import REMEDIES, Backend, Choice, candidates
+from grs_agents.sandbox.protocol.report import CallOutcome, CallResult, Limits, TestCase, TestReport
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, Trace, describe, from_stack
 
 __all__ = [
     "REMEDIES",
     "SIMULATION_FILE",
     "TESTS_FILE",
     "Backend",
+    "BatchResult",
     "CallOutcome",
     "CallResult",
-    "Caught",
+    "CapturedError",
     "Choice",
-    "EachResult",
     "ExpectedTests",
     "Limits",
     "Sandbox",
@@ -35,7 +34,7 @@ __all__ = [
     "TestReport",
     "TestRun",
     "Trace",
-    "call_each",
+    "call_batch",
     "candidates",
     "describe",
     "expected_tests",

@@ -1,10 +1,13 @@
 """The simulation runtime: CLIPort's ``Task`` and ``Environment`` on MuJoCo, goals, an oracle, and tasks as data."""
 
-from grs_agents.sim import bullet as p
-from grs_agents.sim import utils
-from grs_agents.sim.allowance import begin_test, reached, reached_limit
-from grs_agents.sim.environment import Environment
-from grs_agents.sim.episode import (
+from grs_agents.sim.arms.ur5e import NEAREST, REACH
+from grs_agents.sim.cliport import pybullet as p
+from grs_agents.sim.cliport import utils
+from grs_agents.sim.cliport.api_reference import api_reference
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.cliport.task import Task, names_task, task_class
+from grs_agents.sim.expert.oracle import Oracle
+from grs_agents.sim.instance.episode import (
     ActionRecord,
     Episode,
     NoFreeSpaceError,
@@ -16,24 +19,22 @@ from grs_agents.sim.episode import (
     VertexLimitError,
     clear_episodes,
     last_episode,
-)  # fmt: skip
-from grs_agents.sim.instance import (
+)
+from grs_agents.sim.instance.goal import Relation, aligned, in_zone, inside, near, on, stacked, upright
+from grs_agents.sim.instance.instance import (
+    InstanceError,
     InstanceGoal,
     InstanceObject,
     InstanceRelation,
     InstanceTie,
     InstanceZone,
     TaskInstance,
-)  # fmt: skip
-from grs_agents.sim.kinematics import NEAREST, REACH
-from grs_agents.sim.oracle import Oracle
-from grs_agents.sim.program import names_task, task_class
-from grs_agents.sim.reading import InstanceError, first_fault, read_instance
-from grs_agents.sim.reference import api_reference
-from grs_agents.sim.relations import Relation, aligned, in_zone, inside, near, on, stacked, upright
-from grs_agents.sim.rollout import InstanceTask, Rollout, instantiate, rollout, solve
-from grs_agents.sim.task import Task
-from grs_agents.sim.templates import configure
+    first_fault,
+    read_instance,
+)
+from grs_agents.sim.instance_runs import InstanceTask, Rollout, instantiate, rollout, solve
+from grs_agents.sim.world.budget import begin_test, reached, reached_limit
+from grs_agents.sim.world.templates import configure
 
 __all__ = [
     "NEAREST", "REACH", "ActionRecord", "Environment", "Episode", "InstanceError", "InstanceGoal", "InstanceObject",

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.library.generate.raster import Buffer, barycentric, rasterise
-from grs_agents.library.generate.scene_mesh import Triangles
-from grs_agents.scene import Camera
+from grs_agents.geometry.raster import Buffer, barycentric, rasterise
+from grs_agents.library.posed_meshes import Triangles
+from grs_agents.perception import Camera
 from grs_agents.synth.scenery import Light, Scenery, bilinear, dotted
 
 Floats = npt.NDArray[np.float64]

@@ -14,10 +14,10 @@ from grs_agents.base import Frozen, Vec3
 from grs_agents.files import write_bytes, write_json, write_text
 from grs_agents.library import Library
 from grs_agents.library.generate.built import png
-from grs_agents.library.generate.scene_mesh import Triangles, gather_posed
 from grs_agents.library.generate.sensor import noisy_rgb
-from grs_agents.scene import Aabb, Camera
-from grs_agents.scene.truth import TrueObject, Truth
+from grs_agents.library.posed_meshes import Triangles, gather_posed
+from grs_agents.perception import Aabb, Camera
+from grs_agents.perception.truth import TrueObject, Truth
 from grs_agents.synth.camera import HIGHEST_TILT, LOWEST_TILT, random_camera
 from grs_agents.synth.clutter import CENTER, Resting, SynthesisError, heap
 from grs_agents.synth.distractors import FOLDER, write_distractors

@@ -17,10 +17,10 @@ from grs_agents.trace.events import (
     SceneStage,
     TaskDefined,
     TestsRun,
+    brief,
     event_schema,
 )
 from grs_agents.trace.log import EventLog, Subscriber, read_events
-from grs_agents.trace.values import brief
 
 __all__ = [
     "EVENT",

@@ -1,14 +1,13 @@
 """What people see of a run, made from its events.
 
 The rerun view is not imported here, since importing rerun is slow: use
-``grs_agents.views.rerun_view`` (``RerunView``, ``rebuild``) where it is wanted.
+``grs_agents.views.rerun.rerun_view`` (``RerunView``, ``rebuild``) where it is wanted.
 """
 
-from grs_agents.views.step_text import failed_step, find_step, sections
-from grs_agents.views.steps import Step, Steps, steps
-from grs_agents.views.terminal import Progress, summary_table, working
-from grs_agents.views.tree import step_record, steps_tree
-from grs_agents.views.viewer import WebAddress, live_viewer, viewer_command, viewing
+from grs_agents.views.common.step_text import failed_step, find_step, sections
+from grs_agents.views.common.steps import Step, Steps, steps
+from grs_agents.views.rerun.viewer import WebAddress, live_viewer, viewer_command, viewing
+from grs_agents.views.terminal import Progress, step_record, steps_tree, summary_table, working
 
 __all__ = [
     "Progress",

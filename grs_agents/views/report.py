@@ -1,24 +1,309 @@
-"""A run as one HTML page to send to somebody who has none of this installed."""
+"""A run as one HTML page to send to somebody who has none of this installed.
 
-from collections.abc import Iterator, Sequence
+The page needs nothing from anywhere, and all text from outside is escaped. Its pictures: the photo with its boxes, its
+twin, and the rollouts from beginning to end.
+"""
+
+import base64
+import html
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import GrsError, InputError
 from grs_agents.foreign import present, read_bytes
+from grs_agents.foreign.pictures import read_picture
+from grs_agents.library import Library
+from grs_agents.sim.instance.instance import TaskInstance
+from grs_agents.terminal import visible
 from grs_agents.trace import (
     Decision,
     Event,
     Finding,
     NodeStarted,
     ProgramVersion,
+    Rollout,
     RunStarted,
+    SceneStage,
     TaskDefined,
     TestsRun,
 )
-from grs_agents.views.page import Verdict, code, diff, folded, page, paragraph, section, table, text
-from grs_agents.views.report_pictures import Sources, photo, rollouts
-from grs_agents.views.step_text import sections
-from grs_agents.views.steps import Step, steps
+from grs_agents.views.common.scene_objects import Rectangle, label_of, name_of, rectangles, twin_objects, twin_picture
+from grs_agents.views.common.step_text import sections
+from grs_agents.views.common.steps import Step, steps
+from grs_agents.views.film.film import Shot, pictures
+
+Verdict = Literal["", "good", "bad"]
+"""The class, and so the colour, of what went well or wrong."""
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+_STYLE = """
+:root{color-scheme:light dark;--line:#8884;--good:#1a7f37;--bad:#cf222e;--soft:#8881}
+body{font:16px/1.5 system-ui,sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem}
+h1{margin:0 0 .2rem}h2{margin:2.4rem 0 .6rem;border-bottom:1px solid var(--line)}
+table{border-collapse:collapse;width:100%}td,th{padding:.25rem .6rem;border-bottom:1px solid var(--line);
+text-align:left;vertical-align:top;overflow-wrap:break-word}td.n,th.n{text-align:right;white-space:nowrap}
+pre{background:var(--soft);padding:.8rem;overflow:auto;font:13px/1.45 ui-monospace,monospace;border-radius:6px}
+figure{margin:0}figcaption{font-size:.9rem;opacity:.8}img,svg{max-width:100%;height:auto;display:block;border-radius:6px}
+.row{display:flex;flex-wrap:wrap;gap:1rem}.row>*{flex:1 1 20rem}.strip{display:flex;gap:4px}
+.strip>*{flex:1 1 0;min-width:0}
+.good{color:var(--good)}.bad{color:var(--bad)}.add{color:var(--good)}.del{color:var(--bad)}.hunk{opacity:.6}
+.table{overflow-x:auto}
+.status{font-size:1.2rem;font-weight:600}.quiet{opacity:.75}summary{cursor:pointer}
+"""
+
+
+def text(value: object) -> str:
+    """``value`` as text of a page: escaped, control characters spelt out."""
+    return html.escape(visible(str(value)), quote=True)
+
+
+def page(title: str, body: Iterable[str]) -> str:
+    """A whole page. Its policy lets no browser run or fetch anything, even if something got through."""
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        f'<meta name="viewport" content="width=device-width"><title>{text(title)}</title>\n'
+        f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
+    )
+
+
+def section(heading: str, *parts: str) -> str:
+    """A heading and what stands below it; nothing without parts."""
+    inner = "\n".join(part for part in parts if part)
+    return f"<section><h2>{text(heading)}</h2>\n{inner}</section>" if inner else ""
+
+
+def paragraph(value: object, kind: str = "") -> str:
+    """A paragraph of text."""
+    return f"<p{_kind(kind)}>{text(value)}</p>"
+
+
+def table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    numbers: Sequence[int] = (),
+    verdicts: Sequence[Verdict] = (),
+) -> str:
+    """A table of text.
+
+    Args:
+        heads: of the columns.
+        rows: the cells.
+        numbers: columns that are set to the right.
+        verdicts: the colour of each row; none has one without.
+    """
+
+    def cells(tag: str, values: Sequence[object]) -> str:
+        kinds = [' class="n"' if index in numbers else "" for index in range(len(values))]
+        return "".join(f"<{tag}{kind}>{text(value)}</{tag}>" for kind, value in zip(kinds, values, strict=True))
+
+    colors: Iterable[Verdict] = verdicts or repeat("")
+    lines = "".join(f"<tr{_kind(color)}>{cells('td', row)}</tr>\n" for row, color in zip(rows, colors, strict=False))
+    return f'<div class="table"><table><tr>{cells("th", heads)}</tr>\n{lines}</table></div>'
+
+
+def _kind(name: str) -> str:
+    return f' class="{name}"' if name else ""
+
+
+def folded(summary: str, inner: str, opened: bool = False, verdict: Verdict = "") -> str:
+    """Something to open by a click."""
+    head = f"<summary{_kind(verdict)}>{text(summary)}</summary>"
+    return f"<details{' open' if opened else ''}>{head}\n{inner}</details>"
+
+
+def code(value: str) -> str:
+    """A block of code."""
+    return f"<pre>{text(value)}</pre>"
+
+
+def diff(value: str) -> str:
+    """A unified diff in colours."""
+    kinds = {"+": "add", "-": "del", "@": "hunk"}
+    lines = (f'<span class="{kinds.get(line[:1], "")}">{text(line)}</span>' for line in value.split("\n"))
+    return "<pre>" + "\n".join(lines) + "</pre>"
+
+
+def picture(image: npt.NDArray[np.uint8], caption: str = "", marks: Sequence[tuple[str, Rectangle]] = ()) -> str:
+    """An image (H, W, 3) as a JPEG inside the page, with named boxes (pixels) drawn over it."""
+    height, width = image.shape[:2]
+    source = f"data:image/jpeg;base64,{base64.b64encode(_jpeg(image)).decode()}"
+    if marks:
+        boxes = "".join(_mark(name, box, width / 640) for name, box in marks)
+        below = f'<image href="{source}" width="{width}" height="{height}"/>'
+        drawn = f'<svg viewBox="0 0 {width} {height}">{below}{boxes}</svg>'
+    else:
+        drawn = f'<img src="{source}" width="{width}" height="{height}" alt="{text(caption)}">'
+    return f"<figure>{drawn}<figcaption>{text(caption)}</figcaption></figure>"
+
+
+def _mark(name: str, box: Rectangle, scale: float) -> str:
+    left, top, width, height = box
+    look = f'fill="none" stroke="#ffcd3c" stroke-width="{2 * scale:.1f}"'
+    outline = f'stroke="#000" stroke-width="{3 * scale:.1f}" paint-order="stroke" fill="#ffcd3c"'
+    return (
+        f'<rect x="{left}" y="{top}" width="{width}" height="{height}" {look}/>'
+        f'<text x="{left}" y="{top - 3 * scale:.1f}" font-size="{15 * scale:.1f}" {outline}>{text(name)}</text>'
+    )
+
+
+def _jpeg(image: npt.NDArray[np.uint8]) -> bytes:
+    import cv2
+
+    return cv2.imencode(".jpg", np.ascontiguousarray(image[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+
+
+FRAMES = 6
+"""Pictures of a film strip."""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where pictures come from.
+
+    Attributes:
+        folder: the run.
+        library: 3D assets, the run's own laid over.
+        robot: name of the arm, or its file.
+        show: is told what is drawn next.
+    """
+
+    folder: Path
+    library: Library
+    robot: str = "ur5e"
+    show: Callable[[str], None] | None = None
+
+    def drawing(self, what: str) -> None:
+        """Say what is drawn next."""
+        if self.show is not None:
+            self.show(f"drawing {what}")
+
+
+def photo(events: Sequence[Event], sources: Sources) -> Iterator[str]:
+    """The photo with a numbered box around each object, the simulation beside it, and the objects as a table."""
+    files: dict[str, str] = {}
+    camera: dict[str, Any] = {}
+    objects: list[dict[str, Any]] = []
+    background: str | None = None
+    for event in events:
+        if isinstance(event, SceneStage):
+            files.update(event.files)
+            camera.update(event.summary.get("camera") or {})
+            objects = event.summary.get("objects") or objects
+            background = event.summary.get("background") or background
+    sources.drawing("the camera's view of the simulation")
+    shown = [_photo(files, objects, sources.folder), _simulated(events, sources, objects, camera, background)]
+    if any(shown):
+        yield f'<div class="row">{"".join(shown)}</div>'
+    if objects:
+        yield table(["", "name", "size (cm)", "asset", "description"], [_row(*one) for one in enumerate(objects)], (0,))
+
+
+def _row(index: int, item: dict[str, Any]) -> tuple[object, ...]:
+    size = ""
+    if item.get("box"):
+        extents = np.subtract(item["box"]["high"], item["box"]["low"]) * 100
+        size = " x ".join(f"{extent:.1f}" for extent in extents)
+    return label_of(item, index), name_of(item), size, item.get("asset") or "", item.get("description") or ""
+
+
+def _photo(files: dict[str, str], objects: Sequence[dict[str, Any]], folder: Path) -> str:
+    import cv2
+
+    file = present(folder, files["rgb"]) if "rgb" in files else None
+    if file is None:
+        return ""
+    image = read_picture(file, cv2.IMREAD_COLOR)
+    drawn = present(folder, files["masks"]) if "masks" in files else None
+    labels = read_picture(drawn, cv2.IMREAD_UNCHANGED) if drawn is not None else None
+    numbers = {label_of(item, index) for index, item in enumerate(objects)}
+    boxes = rectangles(labels) if labels is not None and labels.shape == image.shape[:2] else {}
+    marks: list[tuple[str, Rectangle]] = [(str(label), box) for label, box in boxes.items() if label in numbers]
+    return picture(np.asarray(image[:, :, ::-1], dtype=np.uint8), "The photo, with the objects found in it", marks)
+
+
+def _simulated(
+    events: Sequence[Event],
+    sources: Sources,
+    objects: Sequence[dict[str, Any]],
+    camera: dict[str, Any],
+    background: str | None,
+) -> str:
+    """The task as the camera of the photo would see it; of a run that came to none, the objects found."""
+    if not camera.get("T_robot_cam"):
+        return ""
+    played = [event for event in last_rollouts(events) if event.instance]
+    try:
+        if played:
+            instance = read_instance(sources.folder, played[0])
+            things, background = list(instance.objects), instance.background
+            caption = f"The same view of the task, seed {instance.seed}, before the robot moves"
+        else:
+            things = twin_objects(objects, sources.library)
+            caption = "The same view of what was found: the asset that stands for each object"
+        image = twin_picture(things, sources.library, camera, background) if things else None
+    except GrsError as error:
+        return paragraph(f"The simulation cannot be drawn: {error}", "quiet")
+    return "" if image is None else picture(image, caption)
+
+
+def last_rollouts(events: Sequence[Event]) -> list[Rollout]:
+    """The rollouts of the last audit."""
+    found: list[Rollout] = []
+    for event in events:
+        if isinstance(event, NodeStarted) and event.node == "audit":
+            found.clear()
+        elif isinstance(event, Rollout):
+            found.append(event)
+    return found
+
+
+def read_instance(folder: Path, event: Rollout) -> TaskInstance:
+    """The task that a rollout solved.
+
+    Raises:
+        InputError: its file is missing or damaged.
+    """
+    file = folder / (event.instance or "")
+    try:
+        return TaskInstance.model_validate_json(file.read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file} is no task instance: {error}", "make the run again") from error
+
+
+def rollouts(events: Sequence[Event], sources: Sources) -> Iterator[str]:
+    """Each rollout of the last audit: before, after and its figures; of the first one a film strip."""
+    found = last_rollouts(events)
+    for event in found:
+        verdict = f"Seed {event.seed}: {event.outcome}, reward {event.reward:.2f} after {event.steps} steps; "
+        yield paragraph(
+            f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}",
+            "" if event.outcome == "success" else "bad",
+        )
+        drawn = event.instance and event.recording and present(sources.folder, event.recording)
+        yield from _stills(event, sources, strip=event is found[0]) if drawn else ()
+
+
+def _stills(event: Rollout, sources: Sources, strip: bool) -> Iterator[str]:
+    sources.drawing(f"the rollout of seed {event.seed}")
+    shot = Shot(sources.folder.resolve(), event, sources.library, sources.robot)
+    try:
+        end = shot.motion.seconds
+        moments = [0.0, end, *(np.linspace(0, end, FRAMES).tolist() if strip else ())]
+        drawn = list(pictures(shot, moments))
+    except GrsError as error:
+        yield paragraph(f"There is no picture of it: {error}", "quiet")
+        return
+    yield f'<div class="row">{picture(drawn[0], "before")}{picture(drawn[1], f"after {end:.1f} s")}</div>'
+    small = [image[::2, ::2] for image in drawn[2:]]
+    if small:
+        frames = (picture(image, f"{seconds:.1f} s") for image, seconds in zip(small, moments[2:], strict=True))
+        yield f'<div class="strip">{"".join(frames)}</div>'
 
 
 def report(record: dict[str, Any], events: Sequence[Event], sources: Sources) -> str:

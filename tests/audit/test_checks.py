@@ -8,7 +8,7 @@ from grs_agents.agents import TaskDefinition
 from grs_agents.audit import AuditReport, audit, changes
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
-from grs_agents.scene import SceneDescription
+from grs_agents.perception import SceneDescription
 from grs_agents.sim import Rollout, TaskInstance
 
 MILK, CAN, ZONE = "HOPE/Milk.urdf", "HOPE/Corn.urdf", "zone/zone.urdf"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tests.cli.command import grs
+from tests.perception.conftest import Thing, render
+from tests.perception.room import write
 from tests.pictures import read_picture
-from tests.scene.conftest import Thing, render
-from tests.scene.room import write
 
 ABOVE = (-0.6, 0.0, 1.35)
 LOW_TABLE = Thing("box", (0.5, 0.0), (0.5, 0.7, 0.5))

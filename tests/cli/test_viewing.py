@@ -18,7 +18,7 @@ import pytest
 from grs_agents.config import Config
 from grs_agents.run import RunRecord
 from grs_agents.trace import EventLog
-from grs_agents.views import film
+from grs_agents.views.film import film
 from tests.cli.command import grs
 from tests.needs import needs
 from tests.views.browsing import page_once

@@ -6,7 +6,8 @@ import pytest
 
 from grs_agents import content
 from grs_agents.errors import InputError, UnknownNameError
-from grs_agents.library import Library, write_proxy
+from grs_agents.library import Library
+from grs_agents.perception.proxies.fitted import write_proxy
 
 
 @pytest.fixture(scope="module")

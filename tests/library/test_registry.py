@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from grs_agents.engine import mujoco
 from grs_agents.library import Asset, Library, Shape
-from grs_agents.library.color import COLORS
-from grs_agents.sim.engine import mujoco
+from grs_agents.library.colors import COLORS
 
 LIBRARY = Library()
 ASSETS = LIBRARY.assets()

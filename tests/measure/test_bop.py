@@ -9,12 +9,12 @@ import pytest
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.library.generate.scene_mesh import gather_posed
+from grs_agents.library.posed_meshes import gather_posed
 from grs_agents.library.shapes import HERE, rotation_matrix
 from grs_agents.measure.errors import object_figures
-from grs_agents.scene import candidates_of, find_table
-from grs_agents.scene.truth import read_labelled
-from grs_agents.scene.truth_bop import bop_sources
+from grs_agents.perception import candidates_of, find_table
+from grs_agents.perception.truth import read_labelled
+from grs_agents.perception.truth_bop import bop_sources
 from grs_agents.synth import Recipe, SynthesisedScene, synthesise
 
 RECIPE = Recipe(seed=11, objects=4, distractors=0, tilt=55.0, sensor="time_of_flight", width=320, height=240)

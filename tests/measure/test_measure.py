@@ -12,8 +12,8 @@ from grs_agents.measure.errors import frame_figures, object_figures
 from grs_agents.measure.figures import COLUMNS, row, targets, totals
 from grs_agents.measure.types import Order, Result, result_file
 from grs_agents.measure.worker import measure
-from grs_agents.scene import candidates_of, find_table
-from grs_agents.scene.truth import read_labelled
+from grs_agents.perception import candidates_of, find_table
+from grs_agents.perception.truth import read_labelled
 
 
 @pytest.fixture(scope="module")

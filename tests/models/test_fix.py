@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.models.offline import edit
-from grs_agents.models.offline.evidence import read_evidence
+from grs_agents.models.offline import program_edits
+from grs_agents.models.offline.test_evidence import read_evidence
 from tests.models.conftest import Json, rich_scene, scenes
 from tests.models.roles import fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
 
@@ -49,8 +49,8 @@ def test_every_outcome_gives_another_program_that_compiles(scene: Json, outcome:
     concerned = [asset for asset in task["assets-used"] if "template" not in asset][:1]
     fixed = fixed_code(task, scene, code, report(outcome, concerned), seed)
     ast.parse(fixed)
-    assert edit.assets_in(fixed) <= set(task["assets-used"])
-    assert edit.task_class(fixed) == edit.task_class(code)
+    assert program_edits.assets_in(fixed) <= set(task["assets-used"])
+    assert program_edits.task_class(fixed) == program_edits.task_class(code)
 
 
 @pytest.mark.parametrize("outcome", OUTCOMES)
@@ -64,12 +64,12 @@ def test_a_rich_program_always_changes(made: tuple[Json, Json, str], outcome: st
 
 def test_too_few_steps_are_raised_and_nothing_else(made: tuple[Json, Json, str]) -> None:
     scene, task, code = made
-    short = edit.set_max_steps(code, 2)
+    short = program_edits.set_max_steps(code, 2)
     assert short is not None
     fixed = fixed_code(task, scene, short, report("step_limit", [], "2/2"))
-    steps = edit.max_steps(fixed)
+    steps = program_edits.max_steps(fixed)
     assert steps is not None and steps >= 4
-    assert edit.set_max_steps(fixed, 2) == short
+    assert program_edits.set_max_steps(fixed, 2) == short
 
 
 def test_small_areas_are_enlarged(made: tuple[Json, Json, str]) -> None:
@@ -98,7 +98,7 @@ def test_objects_that_topple_are_placed_otherwise_before_they_are_left_out(made:
         seen.add(code)
     code = fixed_code(task, scene, code, report("toppled", [asset]))
     assert asset not in code
-    assert len(edit.assets_in(code)) == 4
+    assert len(program_edits.assets_in(code)) == 4
 
 
 @pytest.mark.parametrize(
@@ -125,14 +125,14 @@ def test_a_program_that_is_not_python_is_written_anew(made: tuple[Json, Json, st
     fixed = fixed_code(task, scene, "class Mine(Task)\n  x = (", error("SyntaxError", "expected ':'"))
     ast.parse(fixed)
     assert "class Mine(Task):" in fixed
-    assert len(edit.assets_in(fixed)) == 5
+    assert len(program_edits.assets_in(fixed)) == 5
 
 
 def test_the_audit_s_demand_for_two_moved_objects_brings_objects_back(made: tuple[Json, Json, str]) -> None:
     scene, task, _ = made
     single = simulation_for({**task, "assets-used": [task["assets-used"][0], "zone/zone-template.urdf"]}, scene)
     audit = "passed: 3 of 3 tests passed\n\naudit: failed\n- moved: FAILED: objects moved: [1, 1, 1]; at least 2 must"
-    assert len(edit.assets_in(fixed_code(task, scene, single, audit))) >= 3
+    assert len(program_edits.assets_in(fixed_code(task, scene, single, audit))) >= 3
 
 
 FOREIGN = """import numpy as np
@@ -173,7 +173,7 @@ def test_tests_of_another_class_are_written_anew(made: tuple[Json, Json, str]) -
     wrong = "from task_code import Other\n"
     message = "cannot import name 'Other' from 'task_code'"
     fixed = fixed_tests(task, code, wrong, error("ImportError", message, "tests"))
-    assert f"from task_code import {edit.task_class(code)}" in fixed
+    assert f"from task_code import {program_edits.task_class(code)}" in fixed
 
 
 def test_tests_that_keep_failing_still_change(made: tuple[Json, Json, str]) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from grs_agents.library import BACKGROUND
 from tests.cli.command import grs
-from tests.scene import room
+from tests.perception import room
 
 ON = ("--set", "background.on=true", "--json")
 

@@ -11,10 +11,9 @@ from grs_agents import content
 from grs_agents.agents import Description
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.nodes.fitting import fitting
-from grs_agents.nodes.matching import Matched, object_of
+from grs_agents.nodes.scene_objects import Matched, check_sizes, object_of
 from grs_agents.nodes.services import Services
-from grs_agents.scene import (
+from grs_agents.perception import (
     CandidateRecord,
     MatchEvidence,
     RGBDFrame,
@@ -25,8 +24,8 @@ from grs_agents.scene import (
     save_candidates,
     save_frame,
 )
-from grs_agents.twin import Thing
-from tests.twin.photo import photo_of
+from grs_agents.perception.settling import PlacedObject
+from tests.perception.settling.photo import photo_of
 
 WORDS = Description(is_object=True, description="a carton", color="white", shape="box", category="carton")
 Photo = tuple[RGBDFrame, TableFrame]
@@ -41,7 +40,7 @@ def services_in(folder: Path, proxies: bool = True) -> Services:
 @pytest.fixture
 def seen(tmp_path: Path) -> tuple[Photo, CandidateRecord]:
     """A milk carton in a photo."""
-    milk = Thing("HOPE/Milk.urdf", ((0.5, 0.0, 0.096), (0.0, 0.0, 0.0, 1.0)))
+    milk = PlacedObject("HOPE/Milk.urdf", ((0.5, 0.0, 0.096), (0.0, 0.0, 0.0, 1.0)))
     frame, table, mask = photo_of([milk], Library())
     save_frame(frame, tmp_path)
     (record,) = save_candidates(frame, candidates_of(frame, table, mask.astype("int32")), tmp_path)
@@ -56,21 +55,21 @@ def matched(asset: str, record: CandidateRecord, services: Services) -> SceneObj
 def test_what_is_of_its_size_stays(seen: tuple[Photo, CandidateRecord], tmp_path: Path) -> None:
     photo, record = seen
     one = matched("HOPE/Milk.urdf", record, services_in(tmp_path))
-    assert fitting([one], {record.id: record}, [], photo, services_in(tmp_path)) == ((one,), [])
+    assert check_sizes([one], {record.id: record}, [], photo, services_in(tmp_path)) == ((one,), [])
 
 
 def test_what_is_not_of_its_size_gives_way_to_a_proxy(seen: tuple[Photo, CandidateRecord], tmp_path: Path) -> None:
     photo, record = seen
     one = matched("HOPE/Butter.urdf", record, services_in(tmp_path))
     other = one.model_copy(update={"matched": False, "name": "white_carton_1"})
-    (found, kept), lost = fitting([one, other], {record.id: record}, ["x"], photo, services_in(tmp_path))
+    (found, kept), lost = check_sizes([one, other], {record.id: record}, ["x"], photo, services_in(tmp_path))
     assert kept == other and not lost
     assert (found.name, found.asset, found.matched) == ("white_carton_2", "proxy/white_carton_2.urdf", False)
     assert found.match is not None and found.match.runner_up == "HOPE/Butter.urdf" and found.match.asset is None
     assert "HOPE/Butter.urdf was matched" in found.evidence and "% off" in found.evidence
     assert found.match.scores == {"HOPE/Butter.urdf": 0.8}
-    (_,), lost = fitting([one, other][1:], {record.id: record}, [], photo, services_in(tmp_path, proxies=False))
-    _, (dropped,) = fitting([one], {record.id: record}, [], photo, services_in(tmp_path, proxies=False))
+    (_,), lost = check_sizes([one, other][1:], {record.id: record}, [], photo, services_in(tmp_path, proxies=False))
+    _, (dropped,) = check_sizes([one], {record.id: record}, [], photo, services_in(tmp_path, proxies=False))
     assert not lost and "match.proxies" in dropped.reason
 
 
@@ -86,9 +85,9 @@ def test_what_is_certain_may_be_larger_than_what_is_seen(seen: tuple[Photo, Cand
         known.model_copy(update={"match": sure.model_copy(update={"confidence": 0.9})}),
         known.model_copy(update={"match": sure.model_copy(update={"confidence": None})}),
     ):
-        ((found,), _) = fitting([other], {record.id: record}, [], photo, services_in(tmp_path))
+        ((found,), _) = check_sizes([other], {record.id: record}, [], photo, services_in(tmp_path))
         assert not found.matched
-    assert fitting([known], {record.id: record}, [], photo, services_in(tmp_path)) == ((known,), [])
+    assert check_sizes([known], {record.id: record}, [], photo, services_in(tmp_path)) == ((known,), [])
 
 
 def test_the_evaluation_of_placement_names_what_is_off(

@@ -6,9 +6,10 @@ from typing import Any, cast
 import pytest
 
 from grs_agents.agents import Agents, TaskDefinition
+from grs_agents.config.model import Limits
 from grs_agents.library import Library
 from grs_agents.policies import RoutingContext, load_policy
-from grs_agents.sandbox import Limits, Sandbox
+from grs_agents.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
 from tests.tools.conftest import SIMULATION
 

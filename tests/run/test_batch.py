@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from grs_agents.run.batch import Job, run_jobs
-from grs_agents.run.experiment import summarise
-from grs_agents.run.tables import COLUMNS, markdown, row, table
+from grs_agents.run.experiments import COLUMNS, markdown, row, summarise, table
 
 
 def test_good_and_bad_jobs_side_by_side(tmp_path: Path, small_scene: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from grs_agents.config import Config
 from grs_agents.errors import InputError
-from grs_agents.run.folder import new_folder, old_folder
+from grs_agents.run.opening import new_folder, old_folder
 from grs_agents.run.record import RunRecord, read_record
 
 

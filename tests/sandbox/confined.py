@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import grs_agents
-from grs_agents.sandbox import hardening, privileges
-from grs_agents.sandbox.caught import Caught
-from grs_agents.sandbox.resources import Allowance
+from grs_agents.sandbox.harness.captured_error import CapturedError
+from grs_agents.sandbox.isolation import hardening, privileges
+from grs_agents.sandbox.isolation.privileges import Allowance
 
 PACKAGE = Path(grs_agents.__file__).parent
 PYTHON = (Path(sys.prefix), Path(sys.base_prefix), PACKAGE, *map(Path, ("/usr", "/lib", "/lib64", "/dev/urandom")))
@@ -104,7 +104,7 @@ def _report(check: Callable[[], object], writing: int) -> None:
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(60)
     got: dict[str, Any] = {}
-    with Caught() as caught:
+    with CapturedError() as caught:
         got = {"value": check()}
     if (error := caught.error) is not None:
         text = "".join(traceback.format_exception(error))

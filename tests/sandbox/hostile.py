@@ -19,7 +19,7 @@ class TestX(unittest.TestCase):
 """
 _PROGRAM = """
 import os, signal, zlib
-from grs_agents.sandbox import channel, wire
+from grs_agents.sandbox.harness import channel; from grs_agents.sandbox.protocol import wire
 from grs_agents.sim import Task
 
 def _send(descriptor, data):

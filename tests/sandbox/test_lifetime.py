@@ -13,8 +13,10 @@ from pathlib import Path
 import pytest
 
 import grs_agents
-from grs_agents.sandbox import Limits, Sandbox, exchange, process
-from grs_agents.sandbox.backends import Choice
+from grs_agents.config.model import Limits
+from grs_agents.sandbox import Sandbox
+from grs_agents.sandbox.host import streams, zygote_process
+from grs_agents.sandbox.isolation.backends import Choice
 from tests.sandbox.conftest import BACKENDS
 from tests.sandbox.processes import ends
 
@@ -127,8 +129,8 @@ def test_a_call_whose_zygote_is_killed_twice_crashes(sandbox: Sandbox) -> None:
 
 
 def test_a_stopped_zygote_does_not_stop_the_host(sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exchange, "END_SECONDS", 2.0)
-    monkeypatch.setattr(process, "END_SECONDS", 2.0)
+    monkeypatch.setattr(streams, "END_SECONDS", 2.0)
+    monkeypatch.setattr(zygote_process, "END_SECONDS", 2.0)
     with ThreadPoolExecutor(1) as pool:
         limits = Limits(wall_seconds=1, memory_mib=128)
         call = pool.submit(sandbox.call, "execute", {"code": f"{NAMED}time.sleep(0.5); value = {{'n': 1}}"}, limits)

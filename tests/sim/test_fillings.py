@@ -3,7 +3,7 @@ import pytest
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.sim import templates
+from grs_agents.sim.world import templates
 
 BOX = "box/box-template.urdf"
 

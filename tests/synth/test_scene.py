@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.scene.truth import read_labelled
+from grs_agents.perception.truth import read_labelled
 from grs_agents.synth import SENSORS, SynthesisedScene, SynthesisError, recipes, synthesise
 from tests.synth.conftest import SMALL
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from grs_agents.scene import Camera
+from grs_agents.perception import Camera
 from grs_agents.synth import SENSORS, SensorKind
 from grs_agents.synth.drawing import Seen
 from grs_agents.synth.sensors import stereo, structured_light, time_of_flight

@@ -8,7 +8,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.errors import InputError
-from grs_agents.scene import find_table, read_scene
+from grs_agents.perception import find_table, read_scene
 from grs_agents.toolkit import ToolContext
 from tests.pictures import read_picture
 

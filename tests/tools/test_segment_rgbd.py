@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from grs_agents import content
-from grs_agents.scene import find_table, read_scene
+from grs_agents.perception import find_table, read_scene
 from grs_agents.toolkit import ToolContext
 
 

@@ -13,10 +13,10 @@ import pytest
 
 from grs_agents import content
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.scene import find_table
+from grs_agents.perception import find_table
 from grs_agents.toolkit import ToolContext
 from tests.needs import require
-from tests.scene.conftest import THINGS, render
+from tests.perception.conftest import THINGS, render
 
 FRAME = render(THINGS, calibrated=True).frame
 TABLE = find_table(FRAME, np.random.default_rng(0))

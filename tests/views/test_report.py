@@ -14,9 +14,9 @@ import pytest
 from grs_agents.library import Library
 from grs_agents.trace import Decision, EventLog, Finding, Note, TaskDefined, read_events
 from grs_agents.trace import TestsRun as Tested
-from grs_agents.views import film, page, report_pictures
-from grs_agents.views.report import report
-from grs_agents.views.report_pictures import Sources
+from grs_agents.views import report as page
+from grs_agents.views.film import film
+from grs_agents.views.report import Sources, report
 from tests.views.conftest import Script
 
 HOSTILE = '<script>alert(1)</script><img src=x onerror=alert(2)>"\'--></style></pre><a href="javascript:x">\x1b[2J\x00'
@@ -67,7 +67,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, library: Library) -> str:
     )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(film, "_backends", lambda: ("rays",))
-        patch.setattr(report_pictures, "FRAMES", 2)
+        patch.setattr(page, "FRAMES", 2)
         return report(RECORD, read_events(run.log.path), Sources(run.folder, library))
 
 
@@ -91,7 +91,7 @@ def test_the_simulated_view_holds_the_task_in_its_colours(
     script: Callable[[], Any], library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(film, "_backends", lambda: ("rays",))
-    monkeypatch.setattr(report_pictures, "FRAMES", 2)
+    monkeypatch.setattr(page, "FRAMES", 2)
     run = script()
     run.before_fix()
     sources = Sources(run.folder, library)

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from grs_agents.files import write_bytes, write_text
 from grs_agents.library.asset import Asset
-from grs_agents.library.color import COLORS
+from grs_agents.library.colors import COLORS
+from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.shapes import Rgba, Shape
-from grs_agents.library.urdf_text import urdf_text
 
 
 @dataclass(frozen=True)

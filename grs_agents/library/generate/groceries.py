@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 from grs_agents.base import Vec3
 from grs_agents.library.asset import Asset
+from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.generate.built import Built
 from grs_agents.library.generate.grocery_table import GROCERIES, Grocery
 from grs_agents.library.generate.label import texture
 from grs_agents.library.generate.mesh import Floats, loft, rectangle, superellipse
 from grs_agents.library.generate.solids import box, stadium
 from grs_agents.library.shapes import Shape
-from grs_agents.library.urdf_text import urdf_text
 
 
 @dataclass(frozen=True)

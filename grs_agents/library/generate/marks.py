@@ -4,7 +4,7 @@ from grs_agents.base import Vec3
 from grs_agents.library.generate.built import Built
 from grs_agents.library.generate.templates import Part, mark
 from grs_agents.library.shapes import Rgba
-from grs_agents.library.template import STROKE_LENGTH, STROKE_WIDTH, Value
+from grs_agents.library.templates import STROKE_LENGTH, STROKE_WIDTH, Value
 
 _GREEN: Rgba = (0.20, 0.62, 0.25, 1.0)
 _BLUE: Rgba = (0.16, 0.36, 0.80, 1.0)

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.library.generate.raster import barycentric, rasterise
-from grs_agents.library.generate.scene_mesh import Triangles
+from grs_agents.geometry.raster import barycentric, rasterise
+from grs_agents.library.posed_meshes import Triangles
 
 Floats = npt.NDArray[np.float64]
 TABLE_LOW, TABLE_HIGH = (-0.45, -0.85), (1.05, 0.85)

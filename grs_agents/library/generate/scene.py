@@ -7,9 +7,9 @@ import numpy as np
 from grs_agents.files import write_bytes, write_json, write_text
 from grs_agents.library.generate.built import png
 from grs_agents.library.generate.picture import View, picture
-from grs_agents.library.generate.scene_mesh import Placed, gather
 from grs_agents.library.generate.sensor import MILLIMETRE, noisy_rgb, stereo_depth
 from grs_agents.library.library import Library
+from grs_agents.library.posed_meshes import Placed, gather
 
 SEED = 2
 VIEW = View(640, 480, 600.0, eye=(1.13, 0.02, 0.86), target=(0.47, 0.0, 0.03))

@@ -1,14 +1,19 @@
-"""What an import has done so far: one line for each item, so that it can go on where it stopped."""
+"""What an import has done so far, one line for each item, so that it can go on where it stopped.
+
+Also finds duplicates: assets of the same files, or of the same shape and the same look.
+"""
 
 import hashlib
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 from pydantic import ValidationError
 
 from grs_agents.files import unwritable, write_json
-from grs_agents.library.asset import MANIFEST, Asset, Manifest, read_manifest
-from grs_agents.library.importing.inside import Folder
+from grs_agents.library.asset import MANIFEST, Asset, Manifest, Origin, read_manifest
+from grs_agents.library.importing.source_folder import Folder
 from grs_agents.library.importing.types import ImportOptions, Outcome, RefusedError
 
 _VERSION = "1"
@@ -86,3 +91,50 @@ def write_entries(root: Path, assets: list[Asset], removed: set[str]) -> None:
     entries |= {asset.name: asset for asset in assets}
     manifest = Manifest(assets=tuple(entries[name] for name in sorted(entries)))
     write_json(root / MANIFEST, manifest.model_dump(mode="json"))
+
+
+_SHAPE, _LOOK = 0.01, 0.15
+"""Most that numbers of the shape differ, as a share; most that shares of colours differ in all."""
+
+
+class Known:
+    """The assets that there are.
+
+    Args:
+        assets: those without an origin are left out.
+    """
+
+    def __init__(self, assets: Iterable[Asset]) -> None:
+        self._by_content: dict[str, str] = {}
+        self._names: list[str] = []
+        self._origins: list[Origin] = []
+        for asset in assets:
+            self.add(asset)
+
+    def add(self, asset: Asset) -> None:
+        """One more."""
+        if asset.origin is not None:
+            self._by_content.setdefault(asset.origin.content, asset.name)
+            self._names.append(asset.name)
+            self._origins.append(asset.origin)
+
+    def of_content(self, content: str, name: str) -> str | None:
+        """The name of another asset than ``name`` that was made from the same files."""
+        found = self._by_content.get(content)
+        return found if found != name else None
+
+    def like(self, asset: Asset) -> tuple[str | None, str | None]:
+        """The names of another asset of the same shape and look, and of one of the same shape alone."""
+        origin, variant = asset.origin, None
+        if origin is None or not self._origins:
+            return None, None
+        shapes = np.array([one.shape for one in self._origins])
+        off = np.abs(shapes - origin.shape) / np.maximum(np.abs(shapes), 1e-12)
+        for index in np.flatnonzero(off.max(axis=1) < _SHAPE):
+            if self._names[index] == asset.name:
+                continue
+            look = np.abs(np.subtract(self._origins[index].look, origin.look)).sum()
+            if look < _LOOK:
+                return self._names[index], None
+            variant = variant or self._names[index]
+        return None, variant

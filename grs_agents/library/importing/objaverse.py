@@ -13,8 +13,8 @@ from typing import Any, Final, Protocol, cast
 
 from grs_agents.base import Frozen
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.library.importing.catalogue import words_of
-from grs_agents.library.importing.find import slug_of
+from grs_agents.library.importing.appearance import words_of
+from grs_agents.library.importing.discovery import slug_of
 
 _LICENSES: Final = {
     "by": "CC-BY-4.0", "by-sa": "CC-BY-SA-4.0", "by-nd": "CC-BY-ND-4.0", "by-nc": "CC-BY-NC-4.0",

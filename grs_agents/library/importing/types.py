@@ -9,8 +9,7 @@ from pydantic import Field
 
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
-from grs_agents.library.asset import Asset
-from grs_agents.library.physics import Quantity
+from grs_agents.library.asset import Asset, Quantity
 from grs_agents.library.shapes import Shape
 
 Floats = npt.NDArray[np.float64]

@@ -15,7 +15,7 @@ from typing import IO, Any
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset
-from grs_agents.library.importing.inside import Folder
+from grs_agents.library.importing.source_folder import Folder
 from grs_agents.library.importing.types import ImportOptions, Item, RefusedError
 
 _GRACE = 2.0
@@ -53,8 +53,8 @@ def carry_out(order: Order) -> Asset:
         RefusedError: it is broken or not to be trusted.
         InputError: the library cannot be written.
     """
-    from grs_agents.library.importing.prepare import prepare
-    from grs_agents.library.importing.write import write_prepared
+    from grs_agents.library.importing.preparation import prepare
+    from grs_agents.library.importing.writing import write_prepared
 
     folder = Folder(order.source, order.options.limits.bytes)
     thing = prepare(folder, order.item, order.options, order.known)

@@ -5,14 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from grs_agents.models.offline.choose import MOST, plan_for, pool, settled
-from grs_agents.models.offline.families import FAMILIES, PALETTE, Wish
-from grs_agents.models.offline.layout import in_reach
-from grs_agents.models.offline.plan import ZONE, Family, Plan
-from grs_agents.models.offline.program import class_name, write_program
-from grs_agents.models.offline.telling import UNTOLD, read_family, read_wish, task_description, task_name, told
-from grs_agents.models.offline.text import Json, PromptText
-from grs_agents.models.offline.things import Thing, read_things
+from grs_agents.models.offline.object_selection import MOST, plan_for, pool, settled
+from grs_agents.models.offline.plan import ZONE, Family, Plan, in_reach
+from grs_agents.models.offline.program_writer import class_name, write_program
+from grs_agents.models.offline.prompt_text import Json, PromptText, Thing, read_things
+from grs_agents.models.offline.task_families import FAMILIES, PALETTE, Wish
+from grs_agents.models.offline.task_wording import UNTOLD, read_family, read_wish, task_description, task_name, told
 
 
 def author_task(prompt: PromptText, rng: np.random.Generator) -> str:

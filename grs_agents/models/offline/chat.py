@@ -12,13 +12,12 @@ from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, Huma
 from langchain_core.messages.ai import UsageMetadata
 from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
 
-from grs_agents.models.offline.asset import describe_asset
 from grs_agents.models.offline.authors import author_simulation, author_task
-from grs_agents.models.offline.fix_code import fix_code
-from grs_agents.models.offline.look import describe, images, match
-from grs_agents.models.offline.route import route
-from grs_agents.models.offline.tests import author_tests, fix_tests
-from grs_agents.models.offline.text import PromptText, read_prompt
+from grs_agents.models.offline.code_fixer import fix_code
+from grs_agents.models.offline.describing import describe, describe_asset, images, match
+from grs_agents.models.offline.prompt_text import PromptText, read_prompt
+from grs_agents.models.offline.router import route
+from grs_agents.models.offline.test_author import author_tests, fix_tests
 
 Answer = Callable[[PromptText, list[bytes], np.random.Generator], str]
 ROLES: Mapping[str, Answer] = {

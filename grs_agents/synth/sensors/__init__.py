@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from grs_agents.scene import Camera
+from grs_agents.perception import Camera
 from grs_agents.synth.drawing import Floats, Seen
 from grs_agents.synth.sensors.stereo import stereo
 from grs_agents.synth.sensors.structured_light import structured_light

@@ -11,7 +11,7 @@ RealSense D435 for mobile robots", UR 2019 (noise that is alike over the window;
 import cv2
 import numpy as np
 
-from grs_agents.scene import Camera
+from grs_agents.perception import Camera
 from grs_agents.synth.drawing import Floats, Seen
 from grs_agents.synth.sensors.common import edges, jittered, patches, smooth_noise, unseen_from
 

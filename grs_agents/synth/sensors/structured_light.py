@@ -10,7 +10,7 @@ beside what is nearer, nothing measured on dark, mirroring and grazing surfaces 
 
 import numpy as np
 
-from grs_agents.scene import Camera
+from grs_agents.perception import Camera
 from grs_agents.synth.drawing import Floats, Seen
 from grs_agents.synth.sensors.common import edges, jittered, patches, returned, smooth_noise, unseen_from
 

@@ -11,7 +11,7 @@ over distance and incidence).
 import cv2
 import numpy as np
 
-from grs_agents.scene import Camera
+from grs_agents.perception import Camera
 from grs_agents.synth.drawing import Floats, Seen
 from grs_agents.synth.sensors.common import edges, returned
 

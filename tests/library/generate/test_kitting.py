@@ -7,7 +7,7 @@ from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library
 from grs_agents.library.generate.kitting import pieces
 from grs_agents.library.generate.outlines import outlines
-from grs_agents.library.mesh_file import read_vertices
+from grs_agents.library.mesh_files import read_vertices
 
 LIBRARY = Library()
 TOUCHING, SEEN = "kitting/object-template.urdf", "kitting/object-template-nocollision.urdf"

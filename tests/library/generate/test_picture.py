@@ -5,7 +5,7 @@ import pytest
 
 from grs_agents.library import Library
 from grs_agents.library.generate.picture import View, picture
-from grs_agents.library.generate.scene_mesh import Placed, gather
+from grs_agents.library.posed_meshes import Placed, gather
 
 VIEW = View(160, 120, 150.0, eye=(1.2, 0.0, 0.8), target=(0.5, 0.0, 0.0))
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from grs_agents.engine import mujoco
 from grs_agents.library import Library
 from grs_agents.library.generate.toys import build_toys
-from grs_agents.sim.engine import mujoco
 
 LIBRARY = Library()
 

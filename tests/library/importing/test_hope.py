@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.library.importing.catalogue import known_hope
-from grs_agents.library.importing.run import Importing
-from grs_agents.library.importing.source import HOPE, opened
+from grs_agents.library.importing.appearance import known_hope
+from grs_agents.library.importing.archives import HOPE, opened
+from grs_agents.library.importing.drop_test import verify
+from grs_agents.library.importing.importer import Importing
 from grs_agents.library.importing.types import ImportOptions
-from grs_agents.library.verify import verify
 from tests.needs import needs
 
 FOLDER = os.environ.get("HOPE_MESHES", "")

@@ -9,15 +9,15 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library.importing.convex import convex_parts, hull_of, hull_volume
-from grs_agents.library.importing.find import slug_of
-from grs_agents.library.importing.inside import Folder
-from grs_agents.library.importing.one_mesh import one_mesh
-from grs_agents.library.importing.rest import rest
-from grs_agents.library.importing.simplify import with_fewer_faces
+from grs_agents.library.asset import Quantity
+from grs_agents.library.importing.convex_parts import convex_parts, hull_of, hull_volume
+from grs_agents.library.importing.discovery import slug_of
+from grs_agents.library.importing.drop_test import rest
+from grs_agents.library.importing.preparation import guess_unit, turn_up, up_by_height
+from grs_agents.library.importing.simplification import with_fewer_faces
+from grs_agents.library.importing.source_folder import Folder
+from grs_agents.library.importing.texture_atlas import one_mesh
 from grs_agents.library.importing.types import Hull, Part, RefusedError, Up
-from grs_agents.library.importing.units import guess_unit, turn_up, up_by_height
-from grs_agents.library.physics import Quantity
 from tests.library.importing import models
 
 

@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library.importing.repair import repair_mesh, volume
+from grs_agents.library.importing.convex_parts import repair_mesh, volume
 from grs_agents.library.importing.types import Ints, Solid
 
 SPHERE: Any = trimesh.creation.icosphere(2, 0.05)

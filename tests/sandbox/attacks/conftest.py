@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from grs_agents import content
-from grs_agents.sandbox import CallResult, Limits, Sandbox
-from grs_agents.sandbox.backends import Choice
+from grs_agents.config.model import Limits
+from grs_agents.sandbox import CallResult, Sandbox
+from grs_agents.sandbox.isolation.backends import Choice
 from tests.needs import require
 from tests.sandbox.attacks import kit
 from tests.sandbox.attacks.world import Canaries

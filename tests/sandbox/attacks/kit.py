@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from grs_agents.sandbox import Caught
+from grs_agents.sandbox import CapturedError
 
 World = Mapping[str, Any]
 """The host's canaries, as ``world.Canaries.world`` lists them."""
@@ -112,7 +112,7 @@ def check(result: int, error: int | None = None) -> int:
 
 def answer(attack: Callable[..., Any], *arguments: Any) -> Any:
     """What an attack got: its loot, the name of its error, or ``nothing``."""
-    with Caught() as caught:
+    with CapturedError() as caught:
         loot = attack(*arguments)
         return "nothing" if loot is None else loot
     if isinstance(caught.error, MemoryError):

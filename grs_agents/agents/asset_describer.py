@@ -1,0 +1,214 @@
+"""Describing assets with a model, once: the words that photos are compared with."""
+
+import base64
+import hashlib
+import io
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from langchain_core.language_models.chat_models import BaseChatModel
+from langchain_core.messages import HumanMessage
+from pydantic import ConfigDict, Field, ValidationError
+
+from grs_agents import content
+from grs_agents.agents.reply import ReplyError, parse_json, render
+from grs_agents.base import Frozen
+from grs_agents.files import write_json
+from grs_agents.library import Asset, Library
+from grs_agents.library.asset_views import AssetView, asset_views, random_directions
+from grs_agents.library.colors import color_name
+from grs_agents.library.contact_sheet import on_paper
+from grs_agents.models import ReplyProblem, invoke
+
+PROMPT = "describe_asset"
+VIEWS, SIDE = 3, 384
+"""Random views of each asset as in the paper, and their pixels each way."""
+_REPLY_TOKENS = 120
+_PIXELS_PER_TOKEN = 600
+_TRIES = 3
+_SHARE = 0.08
+
+
+class AssetWords(Frozen):
+    """What a model says of an asset."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    description: str = Field(min_length=1, max_length=2000)
+    color: str = Field(min_length=1, max_length=40)
+    category: str = Field(min_length=1, max_length=40)
+
+
+class DescribedAsset(Frozen):
+    """A description with where it comes from, as it is kept beside the asset.
+
+    Attributes:
+        asset: its name.
+        words: what the model said.
+        model: who said it.
+        prompt: SHA-256 of the prompt's template.
+        content: SHA-256 of what was described; another makes the description out of date.
+        date: ISO 8601, UTC.
+        input_tokens, output_tokens: as the provider counted them.
+    """
+
+    asset: str
+    words: AssetWords
+    model: str
+    prompt: str
+    content: str
+    date: str
+    input_tokens: int = 0
+    output_tokens: int = 0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a description of assets comes to before it starts.
+
+    Attributes:
+        todo: the assets that are to be described.
+        done: those that were described before by the same model with the same prompt.
+        input_tokens, output_tokens: about, for all of ``todo``.
+    """
+
+    todo: tuple[Asset, ...]
+    done: tuple[DescribedAsset, ...]
+    input_tokens: int
+    output_tokens: int
+
+
+def plan(root: Path, assets: Sequence[Asset], model: str, again: bool = False) -> Plan:
+    """What there is to describe in the library ``root``, and about how many tokens that takes."""
+    prompt = _prompt_hash()
+    todo: list[Asset] = []
+    done: list[DescribedAsset] = []
+    for asset in assets:
+        before = read_described(root, asset.name)
+        fits = before is not None and (before.model, before.prompt, before.content) == (model, prompt, _content(asset))
+        if before is not None and fits and not again:
+            done.append(before)
+        else:
+            todo.append(asset)
+    template = content.path("prompts", PROMPT).read_text("utf-8")
+    each = len(template) // 4 + 60 + VIEWS * SIDE * SIDE // _PIXELS_PER_TOKEN
+    return Plan(tuple(todo), tuple(done), each * len(todo), _REPLY_TOKENS * len(todo))
+
+
+def describe_assets(
+    root: Path, library: Library, todo: Sequence[Asset], model: BaseChatModel, name: str, told: Callable[[str], None]
+) -> Iterator[tuple[Asset, DescribedAsset | None]]:
+    """Describe assets one after another; each description is on disk before the next is asked for.
+
+    Args:
+        root: the library in which the descriptions are kept.
+        library: where the assets are drawn from.
+        todo: what to describe.
+        model: who is asked.
+        name: of the model.
+        told: called with what went wrong with a reply.
+
+    Returns:
+        Each asset with its description in it, and the description; None where the model gave no usable reply.
+
+    Raises:
+        GrsError: the model cannot be reached, or refuses the request for good.
+    """
+    for asset in todo:
+        found = _described(library, asset, model, name, told)
+        if found is None:
+            yield asset, None
+            continue
+        write_json(described_path(root, asset.name), found.model_dump(mode="json"))
+        yield with_words(asset, found.words), found
+
+
+def with_words(asset: Asset, words: AssetWords) -> Asset:
+    """The asset with a model's words instead of its own; its size is added, since it is not in the pictures."""
+    x, y, z = (f"{100 * extent:.1f}" for extent in asset.size)
+    text = f"{words.description.strip().rstrip('.')}, {x} x {y} x {z} cm"
+    return asset.model_copy(update={"description": text, "color": words.color, "category": words.category.lower()})
+
+
+def described_path(root: Path, name: str) -> Path:
+    """Where the description of an asset is kept."""
+    urdf = root / name
+    return urdf.parent / "descriptions" / f"{urdf.stem}.json"
+
+
+def read_described(root: Path, name: str) -> DescribedAsset | None:
+    """The description that is kept of an asset; None where there is none or it cannot be read."""
+    try:
+        return DescribedAsset.model_validate_json(described_path(root, name).read_text("utf-8"))
+    except (OSError, ValidationError, UnicodeDecodeError):
+        return None
+
+
+def _described(
+    library: Library, asset: Asset, model: BaseChatModel, name: str, told: Callable[[str], None]
+) -> DescribedAsset | None:
+    seed = int.from_bytes(hashlib.sha256(asset.name.encode()).digest()[:8], "big")
+    views = asset_views(library, asset.name, random_directions(VIEWS, np.random.default_rng(seed)), size=SIDE)
+    facts = {
+        "file_name": Path(asset.name).stem,
+        "size_m": [round(extent, 3) for extent in asset.size],
+        "colors": colors_seen(views),
+        "hollow": asset.hollow,
+    }
+    text = render(content.path("prompts", PROMPT), {"facts": json.dumps(facts)})
+    blocks: list[str | dict[Any, Any]] = [_block(view) for view in views]
+    message = HumanMessage(content=[*blocks, {"type": "text", "text": text}])
+    for _ in range(_TRIES):
+        try:
+            answer = invoke(model, [message])
+            words = parse_json(answer.text, AssetWords)
+        except (ReplyProblem, ReplyError) as error:
+            told(f"{asset.name}: {error}")
+            continue
+        return DescribedAsset(
+            asset=asset.name,
+            words=words,
+            model=name,
+            prompt=_prompt_hash(),
+            content=_content(asset),
+            date=datetime.now(UTC).isoformat(timespec="seconds"),
+            input_tokens=answer.input_tokens,
+            output_tokens=answer.output_tokens,
+        )
+    return None
+
+
+def colors_seen(views: Sequence[AssetView]) -> list[str]:
+    """Names of the colours that views show, the most frequent first, at most three."""
+    pixels = np.concatenate([view.rgba[view.rgba[:, :, 3] > 200][::7, :3] for view in views])
+    levels, counts = np.unique(pixels // 16, axis=0, return_counts=True)
+    shares: dict[str, int] = {}
+    for level, count in zip(levels, counts, strict=True):
+        red, green, blue = ((float(one) * 16 + 8) / 255 for one in level)
+        named = color_name((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))
+        shares[named] = shares.get(named, 0) + int(count)
+    ranked = sorted(shares, key=lambda one: (-shares[one], one))
+    return ranked[:1] + [one for one in ranked[1:3] if shares[one] >= _SHARE * len(pixels)]
+
+
+def _block(view: AssetView) -> dict[str, str]:
+    from PIL import Image as Pictures
+
+    buffer = io.BytesIO()
+    Pictures.fromarray(on_paper(view)).save(buffer, "JPEG", quality=90)
+    return {"type": "image", "base64": base64.b64encode(buffer.getvalue()).decode(), "mime_type": "image/jpeg"}
+
+
+def _prompt_hash() -> str:
+    return hashlib.sha256(content.path("prompts", PROMPT).read_bytes()).hexdigest()
+
+
+def _content(asset: Asset) -> str:
+    """What makes a description out of date: other source files, another size."""
+    source = asset.origin.content if asset.origin is not None else ""
+    return hashlib.sha256(f"{asset.name} {asset.size} {source}".encode()).hexdigest()

@@ -1,0 +1,52 @@
+"""Which objects do not stand where the photo shows them."""
+
+import math
+from collections.abc import Sequence
+
+from grs_agents.audit.types import Change
+from grs_agents.base import Quat
+from grs_agents.perception import SceneDescription, SceneObject
+from grs_agents.sim import InstanceObject, TaskInstance
+
+SAME_PLACE = 0.03
+"""An object within this many metres of its place in the photo has kept it."""
+SAME_TILT = math.radians(15)
+"""And within this angle of how it stands there; its turn about the vertical does not count."""
+
+
+def changes(instances: Sequence[TaskInstance], scene: SceneDescription) -> list[Change]:
+    """Every object position that was not taken from the photo; each place in the photo is taken once."""
+    return [change for instance in instances for change in _changes_of(instance, scene)]
+
+
+def _changes_of(instance: TaskInstance, scene: SceneDescription) -> list[Change]:
+    free = list(scene.objects)
+    found: list[Change] = []
+    for thing in instance.objects:
+        places = [place for place in free if place.asset == thing.asset]
+        nearest = min(places, key=lambda place: math.dist(place.position, thing.pose[0]), default=None)
+        if nearest is not None and _kept(thing, nearest):
+            free.remove(nearest)
+            continue
+        found.append(
+            Change(
+                seed=instance.seed,
+                asset=thing.asset,
+                position=thing.pose[0],
+                photo=None if nearest is None else nearest.position,
+                distance=None if nearest is None else math.dist(nearest.position, thing.pose[0]),
+            )
+        )
+    return found
+
+
+def _kept(thing: InstanceObject, place: SceneObject) -> bool:
+    near = math.dist(place.position, thing.pose[0]) <= SAME_PLACE
+    cosine = sum(a * b for a, b in zip(_up(thing.pose[1]), _up(place.orientation), strict=True))
+    return near and math.acos(max(-1.0, min(1.0, cosine))) <= SAME_TILT
+
+
+def _up(quaternion: Quat) -> tuple[float, float, float]:
+    """The object's own z axis in the robot frame."""
+    x, y, z, w = quaternion
+    return (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))

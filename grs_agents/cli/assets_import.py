@@ -1,0 +1,223 @@
+"""``grs assets import`` (from files or ``objaverse:WORDS``), ``list``, ``show`` and ``verify``."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from grs_agents import content, terminal
+from grs_agents.errors import InputError
+from grs_agents.files import replaceable, write_bytes
+from grs_agents.library import Asset, Library
+from grs_agents.library.importing.archives import Opened, opened
+from grs_agents.library.importing.discovery import slug_of
+from grs_agents.library.importing.importer import Importing
+from grs_agents.library.importing.objaverse import Entry, download, load_package, matching
+from grs_agents.library.importing.source_folder import Folder
+from grs_agents.library.importing.types import ImportOptions, Item, Outcome
+from grs_agents.terminal import say, say_json
+
+DEFAULT = Path("grs-content")
+
+
+def content_folder(library: Path | None) -> Path:
+    """The content folder of the user's assets: as named, else that of ``--content``, else ``grs-content`` here."""
+    overlays = content.roots()[:-1]
+    return library or (overlays[0] if overlays else DEFAULT)
+
+
+def library_root(library: Path | None) -> Path:
+    """The library in the user's content folder."""
+    return content_folder(library) / "assets" / "library"
+
+
+def import_source(
+    source: str,
+    library: Path | None,
+    name: str | None,
+    options: ImportOptions,
+    *,
+    jobs: int,
+    again: bool,
+    as_json: bool,
+) -> int:
+    """Import a source, telling each outcome as it comes.
+
+    Returns:
+        0, or 1 where something was refused.
+
+    Raises:
+        InputError: there is no such source, or nothing in it.
+    """
+    with opened(source, options) as found:
+        collection = slug_of(name) if name is not None else found.collection
+        if not found.items and not found.refused:
+            raise InputError(f"{source} holds no mesh, URDF or MJCF", "name a folder that does")
+        order = Importing(library_root(library), collection, options, Library().assets(), again, jobs)
+        return tell_import(order.run(found, Progress(len(found.items) + len(found.refused), as_json)), library, as_json)
+
+
+class Progress:
+    """One line for each outcome, on standard error."""
+
+    def __init__(self, count: int, quiet: bool) -> None:
+        self._count, self._quiet, self._done = count, quiet, 0
+
+    def __call__(self, outcome: Outcome, old: bool) -> None:
+        self._done += 1
+        if self._quiet:
+            return
+        told = f"{outcome.status}{' before' if old else ''}"
+        what = outcome.asset.description if outcome.asset is not None else outcome.reason
+        say(f"[{self._done}/{self._count}] {outcome.item}: {told}: {what}", error=True)
+        for note in outcome.notes if not old else ():
+            say(f"    {note}", error=True)
+
+
+def tell_import(outcomes: Sequence[Outcome], library: Path | None, as_json: bool) -> int:
+    """Print the report of an import; the exit status."""
+    refused = [one for one in outcomes if one.status == "refused"]
+    if as_json:
+        say_json([one.model_dump(mode="json") for one in outcomes])
+        return 1 if refused else 0
+    counts = {status: sum(one.status == status for one in outcomes) for status in ("imported", "duplicate", "refused")}
+    folder = content_folder(library)
+    say(f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused; in {folder}")
+    for one in refused:
+        say(f"refused {one.source}: {one.reason}")
+    say(f"look: grs assets show --library {folder}   use: grs --content {folder} run SCENE")
+    return 1 if refused else 0
+
+
+def chosen_assets(library: Path | None, names: Sequence[str], shipped: bool) -> tuple[Library, list[Asset]]:
+    """The library with the user's own laid over, and the assets that names or collections tell; all own ones if none.
+
+    Raises:
+        InputError: there is nothing of that name, or no library of one's own.
+    """
+    root, known = library_root(library), Library()
+    if root.is_dir() and root.resolve() not in [one.resolve() for one in known.roots]:
+        known = known.overlay(root)
+    elif not root.is_dir() and library is not None:
+        raise InputError(f"there is no asset library in {library}", "import one: grs assets import SOURCE")
+    mine = Library(root).assets() if root.is_dir() else ()
+    if not names:
+        return known, list(known.assets() if shipped or not mine else mine)
+    found: list[Asset] = []
+    for name in names:
+        group = [one for one in known.assets() if one.name.startswith(f"{name.rstrip('/')}/")]
+        found += group or [known.asset(name)]
+    return known, found
+
+
+_WIDE = 120
+"""Columns of a terminal from which a description fits beside name, size, mass and licence."""
+
+
+def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> None:
+    """Print assets as a table or JSON."""
+    _, assets = chosen_assets(library, names, shipped)
+    if as_json:
+        say_json([asset.model_dump(mode="json") for asset in assets])
+        return
+    console = terminal.console()
+    columns = ["name", "size (cm)", "mass", "from"]
+    columns += ["licence"] if any(asset.origin is not None for asset in assets) else []
+    columns += ["what it is"] if console.width >= _WIDE else []
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    for column in columns:
+        table.add_column(column, overflow="fold", no_wrap=column in ("size (cm)", "mass"))
+    for asset in assets:
+        mass = asset.physical().mass
+        cells = {
+            "name": asset.name,
+            "size (cm)": "x".join(f"{100 * extent:.1f}" for extent in asset.size),
+            "mass": f"{1000 * mass.value:.0f} g",
+            "from": mass.provenance,
+            "licence": asset.origin.license if asset.origin is not None else "",
+            "what it is": asset.description,
+        }
+        table.add_row(*(Text(cells[column]) for column in columns))
+    console.print(table)
+
+
+def show_library(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:
+    """Write a contact sheet; 1 where an asset cannot be drawn."""
+    from grs_agents.library.contact_sheet import MOST, contact_sheet
+    from grs_agents.library.importing.writing import png_bytes
+
+    known, assets = chosen_assets(library, names, shipped)
+    sheets = [assets[start : start + MOST] for start in range(0, len(assets), MOST)]
+    broken: dict[str, str] = {}
+    for number, part in enumerate(sheets):
+        picture, failed = contact_sheet(known, part, views)
+        path = out if len(sheets) == 1 else out.with_stem(f"{out.stem}-{number + 1}")
+        write_bytes(replaceable(path), png_bytes(picture))
+        say(f"{len(part)} assets in {path}")
+        broken |= failed
+    for name, reason in broken.items():
+        say(f"{name}: {reason}", error=True)
+    return 1 if broken else 0
+
+
+def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> int:
+    """Check assets; 1 where one is broken."""
+    from grs_agents.library.importing.drop_test import verify
+
+    known, assets = chosen_assets(library, names, shipped)
+    verdicts = [verify(known, asset) for asset in assets]
+    broken = [one for one in verdicts if not one.ok]
+    if as_json:
+        say_json([one.model_dump(mode="json") for one in verdicts])
+        return 1 if broken else 0
+    table = Table("asset", "state", "rests", "findings", box=None, pad_edge=False, header_style="bold")
+    for one in verdicts:
+        rests = "" if one.rests is None else "yes" if one.rests else "no"
+        table.add_row(*map(Text, (one.name, "ok" if one.ok else "broken", rests, "; ".join(one.findings))))
+    terminal.console().print(table)
+    say(f"{len(verdicts) - len(broken)} of {len(verdicts)} are whole")
+    return 1 if broken else 0
+
+
+COLLECTION = "objaverse"
+PREFIX = "objaverse:"
+"""Of a source that is searched for in Objaverse."""
+
+
+def import_objaverse(words: str, library: Path | None, options: ImportOptions, count: int, as_json: bool) -> int:
+    """List what matches words; with ``count``, download the first so many and import them.
+
+    Raises:
+        ConfigError: the package is not installed.
+        InputError: nothing matches, or Objaverse cannot be reached.
+    """
+    door = load_package()
+    found = matching(door, words)
+    if not found:
+        raise InputError(f"nothing in Objaverse matches {words!r}", "use fewer or other words")
+    if count == 0:
+        _list(found, as_json)
+        return 0
+    with tempfile.TemporaryDirectory(prefix="grs-objaverse-") as name:
+        named = download(door, found[:count], Path(name))
+        items = tuple(
+            Item(kind="mesh", name=Path(file).stem, file=file, license=entry.license) for file, entry in named.items()
+        )
+        if not items:
+            raise InputError(f"none of {count} matches could be downloaded", "try again, or other words")
+        source = Opened(Folder(Path(name), options.limits.bytes), items, COLLECTION)
+        outcomes = Importing(library_root(library), COLLECTION, options).run(source, Progress(len(items), as_json))
+        return tell_import(outcomes, library, as_json)
+
+
+def _list(found: list[Entry], as_json: bool) -> None:
+    if as_json:
+        say_json([one.model_dump(mode="json") for one in found])
+        return
+    table = Table("uid", "title", "author", "licence", "faces", box=None, pad_edge=False, header_style="bold")
+    for one in found:
+        table.add_row(*map(Text, (one.uid, one.title, one.author, one.license, str(one.faces or ""))))
+    terminal.console().print(table)
+    say(f"{len(found)} matches, nothing downloaded; --download N fetches and imports the first N", error=True)

@@ -1,0 +1,150 @@
+"""What a finished run offers: ``grs trace``, ``grs share``, ``grs play`` and ``grs report``."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from grs_agents.cli.show import library_of, rebuilt
+from grs_agents.files import STANDARD_OUTPUT, check_output, write_document
+from grs_agents.models import PROVIDERS
+from grs_agents.run import RunRecord, read_record
+from grs_agents.terminal import say, say_json
+from grs_agents.trace import Rollout, event_schema, read_events
+
+if TYPE_CHECKING:
+    from grs_agents.views.film.film import Shot
+
+
+def print_schema() -> None:
+    """Print the JSON schema of one line of ``events.jsonl``."""
+    say_json(event_schema())
+
+
+def rebuild_trace(folder: Path) -> None:
+    """Make the recording of a run anew and say so.
+
+    Raises:
+        InputError: the folder holds no run, or the run logged nothing.
+    """
+    from grs_agents.views import working
+
+    with working("making the recording"):
+        recording = rebuilt(folder)
+    count = len(read_events(folder / "events.jsonl"))
+    say(f"{recording}: {count} events, {recording.stat().st_size / 2**20:.1f} MiB")
+
+
+def send_spans(folder: Path) -> None:
+    """Send a run as OpenTelemetry spans to where the ``OTEL_*`` variables say.
+
+    Raises:
+        InputError: the folder holds no run.
+        ConfigError: OpenTelemetry is not installed.
+    """
+    from grs_agents.views.telemetry import SpanView, otlp_provider
+
+    read_record(folder)
+    events = read_events(folder / "events.jsonl")
+    view = SpanView(otlp_provider())
+    for event in events:
+        view(event)
+    view.finish()
+    say(f"{folder}: {len(events)} events sent as spans")
+
+
+def shot_of(folder: Path, record: RunRecord, event: Rollout) -> "Shot":
+    """A rollout of a run and how to look at it."""
+    from grs_agents.views.film.film import Shot
+
+    return Shot(folder.resolve(), event, library_of(folder), str(record.config.get("robot", "ur5e")))
+
+
+def play_run(folder: Path, out: Path | None, seed: int | None) -> int:
+    """Play a rollout of a run in MuJoCo's window, or into the file ``out``.
+
+    Returns:
+        The exit status.
+
+    Raises:
+        InputError: the folder holds no run with such a rollout, or the file cannot be written.
+        GrsError: there is nothing to draw with.
+    """
+    from grs_agents.views import working
+    from grs_agents.views.film.film import rollout_of, watch, write_film
+
+    record = read_record(folder)
+    shot = shot_of(folder, record, rollout_of(read_events(folder / "events.jsonl"), folder, seed))
+    if out is None:
+        return watch(shot)
+    with working("drawing the film") as show:
+        frames = write_film(shot, out, show=show)
+    say(f"{out}: seed {shot.event.seed}, {frames} frames, {out.stat().st_size / 2**20:.1f} MiB")
+    return 0
+
+
+def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) -> Path:
+    """Write a run as one HTML page, ``report.html`` in its folder if nothing else is named.
+
+    Args:
+        folder: the run.
+        out: the page.
+        show: is told what comes next.
+
+    Raises:
+        InputError: the folder holds no run, or the page cannot be written.
+    """
+    from grs_agents.views.report import Sources, report
+
+    record, out = read_record(folder), out or folder / "report.html"
+    check_output(out)
+    sources = Sources(folder, library_of(folder), str(record.config.get("robot", "ur5e")), show)
+    page = report(record.model_dump(mode="json"), read_events(folder / "events.jsonl"), sources)
+    return write_document(out, page.encode("utf-8", "replace"))
+
+
+def report_run(folder: Path, out: Path | None) -> None:
+    """Write the page and say where it is; standard output is the page's alone."""
+    from grs_agents.views import working
+
+    with working("writing the report") as show:
+        path = write_report(folder, out, show)
+    if path != STANDARD_OUTPUT:
+        say(f"{path}: {path.stat().st_size / 2**20:.1f} MiB")
+
+
+def share_run(folder: Path, out: Path | None) -> None:
+    """Pack a run into a zip file without keys and home folders, and say what was removed and left out.
+
+    Raises:
+        InputError: the folder holds no run, or the file cannot be written.
+        GrsError: something that must not leave could not be removed.
+    """
+    from grs_agents.run.share import scrubber, share
+    from grs_agents.views import working
+
+    record = read_record(folder)
+    path = out or folder.resolve().with_suffix(".zip")
+    check_output(path)
+    with working("removing keys and home folders") as show:
+        shared = share(folder, path, scrubber(folder, _key_variables(record.config)), partial(_make, show=show))
+    tell = partial(say, error=path == STANDARD_OUTPUT)
+    tell(f"{shared.path}: {shared.files} files, {shared.size / 2**20:.1f} MiB")
+    if shared.changed:
+        tell(f"paths, keys or picture comments were removed from: {', '.join(shared.changed)}")
+    if shared.left_out:
+        tell(f"left out: {', '.join(shared.left_out)}")
+
+
+def _make(copy: Path, show: Callable[[str], None]) -> list[Path]:
+    show("making the recording")
+    made = [rebuilt(copy), write_report(copy, None, show)]
+    show("packing")
+    return made
+
+
+def _key_variables(config: dict[str, Any]) -> list[str]:
+    """The environment variables from which the run's models take their keys."""
+    models = cast("dict[str, dict[str, Any]]", config.get("models") or {})
+    named = [str(model.get("key_variable") or "") for model in models.values()]
+    return [name for name in (*named, *(provider.key_variable for provider in PROVIDERS.values())) if name]

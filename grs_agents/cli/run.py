@@ -1,0 +1,216 @@
+"""``grs run``, ``grs scene`` and ``grs check``."""
+
+import shlex
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from grs_agents import terminal
+from grs_agents.audit import AuditReport
+from grs_agents.config import Config, Effective, validated
+from grs_agents.errors import GrsError, InputError
+from grs_agents.library import Library
+from grs_agents.perception import SceneDescription, read_description, scene_called
+from grs_agents.run import CheckOrder, Order, RunRecord, UnexpectedError, check, execute, read_record
+from grs_agents.sandbox import TestReport
+from grs_agents.terminal import say, say_json
+from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
+
+
+@dataclass(frozen=True)
+class Watching:
+    """Who watches a run beside its recording: a viewer's window, an OpenTelemetry backend."""
+
+    view: bool = False
+    otel: bool = False
+
+
+def run_graph(
+    command: str,
+    scene: Path,
+    config: Config,
+    out: Path | None,
+    resume: bool,
+    as_json: bool,
+    watching: Watching | None = None,
+) -> int:
+    """Run the configured graph with its recording and live progress, and print the end.
+
+    Returns:
+        The exit status.
+    """
+    order = Order(command, scene_called(scene), config, out, resume)
+    ended = execute(order, partial(follow, watching=watching or Watching()))
+    if as_json:
+        say_json(ended.record.model_dump(mode="json"))
+    elif ended.problem is None:
+        _print_end(command, ended.folder, ended.record)
+    if ended.problem is not None:
+        _print_problem(ended.problem, ended.folder)
+    if ended.record.status == "interrupted" and command == "run":
+        again = shlex.join(["grs", "run", str(scene), "--out", str(ended.folder), "--resume"])
+        say(f"interrupted; to go on: {again}", error=True)
+    return ended.record.exit_status or 0
+
+
+def _print_end(command: str, folder: Path, record: RunRecord) -> None:
+    from grs_agents.views import summary_table
+
+    console = terminal.console()
+    if command == "scene" and record.exit_status == 0:
+        console.print(objects_table(read_description(folder / "scene.json")))
+    else:
+        console.print(summary_table(record.model_dump(mode="json")))
+    console.print(Text.assemble((f"grs replay {folder}", "bold"), "   opens the trace"))
+
+
+def _print_problem(problem: GrsError, folder: Path) -> None:
+    """One line; what nobody foresaw has its traceback too, and what was reached can be gone on with."""
+    say(f"grs: {problem}", error=True)
+    if isinstance(problem, InputError):
+        return
+    if isinstance(problem, UnexpectedError):
+        say("".join(traceback.format_exception(problem.__cause__)), error=True)
+    say(f"what was reached is in {folder}; --resume goes on there", error=True)
+
+
+def objects_table(scene: SceneDescription) -> Table:
+    """The objects of a scene for a terminal: sizes in centimetres, positions in metres in the robot's frame."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    table.add_column("name", overflow="fold")
+    table.add_column("asset", overflow="fold")
+    for column in ("size (cm)", "position (m)", "reach"):
+        table.add_column(column, no_wrap=True)
+    for one in scene.objects:
+        size = "x".join(f"{100 * extent:.1f}" for extent in one.size)
+        position = ", ".join(f"{value:.2f}" for value in one.position)
+        table.add_row(*map(Text, (one.name, one.asset, size, position, "yes" if one.reachable else "no")))
+    return table
+
+
+@contextmanager
+def follow(folder: Path, log: EventLog, watching: Watching) -> Generator[None]:
+    """Let progress, recording and whoever watches follow the log; all are closed whatever happens.
+
+    Raises:
+        GrsError: there is no viewer to open, or OpenTelemetry is not installed.
+    """
+    from grs_agents.views import Progress, live_viewer
+    from grs_agents.views.rerun.rerun_view import RerunView
+    from grs_agents.views.telemetry import SpanView, otlp_provider
+
+    live = live_viewer()[1] if watching.view else None
+    spans = SpanView(otlp_provider()) if watching.otel else None
+    view = RerunView(folder, Library(), live)
+    with Progress() as progress:
+        log.subscribe(_without_errors(progress))
+        log.subscribe(view)
+        if spans:
+            log.subscribe(spans)
+        try:
+            yield
+        finally:
+            view.finish()
+            if spans:
+                spans.finish()
+
+
+def _without_errors(progress: Callable[[Event], None]) -> Callable[[Event], None]:
+    """An error is said once, at the end: a live table marks the node that failed, lines leave it out."""
+    live = sys.stderr.isatty()
+
+    def show(event: Event) -> None:
+        if isinstance(event, RunEnded) and event.status == "failed":
+            return
+        if isinstance(event, NodeEnded) and event.error:
+            if not live:
+                return
+            event = event.model_copy(update={"error": "see below"})
+        progress(event)
+
+    return show
+
+
+@dataclass(frozen=True)
+class Program:
+    """What is checked.
+
+    Attributes:
+        simulation: the program.
+        tests: its tests, if there are any.
+        run: the run whose own assets it may use.
+    """
+
+    simulation: Path
+    tests: Path | None
+    run: Path | None
+
+    @classmethod
+    def of(cls, named: Path, tests: Path | None, run: Path | None) -> "Program":
+        """A program by its file, or the one that a run ended with, by the run's folder."""
+        if not named.is_dir():
+            return cls(named, tests, run)
+        own = named / "test_simulation.py"
+        return cls(named / "simulation.py", tests or (own if own.is_file() else None), run or named)
+
+
+def check_program(program: Program, chosen: Effective, as_json: bool) -> int:
+    """Check a program and print what was found.
+
+    Returns:
+        0 if its tests pass and the audit accepts it, 1 if not.
+
+    Raises:
+        InputError: a file cannot be read, or the folder holds no run.
+    """
+    config = _as_in(program.run, chosen) if program.run else chosen.config
+    with tempfile.TemporaryDirectory(prefix="grs-check-") as folder:
+        report, audit = check(CheckOrder(program.simulation, program.tests, config, Path(folder), program.run))
+    accepted = audit.accepted and (report is None or report.ok)
+    if as_json:
+        value = {
+            "status": "accepted" if accepted else "rejected",
+            "tests": None if report is None else report.model_dump(mode="json"),
+            "audit": audit.model_dump(mode="json"),
+        }
+        say_json(value)
+    else:
+        _print(report, audit, accepted)
+    return 0 if accepted else 1
+
+
+def _as_in(run: Path, chosen: Effective) -> Config:
+    """The configuration with the robot and the seed of a run, where the user names none."""
+    recorded = read_record(run).config
+    same = {key: recorded[key] for key in ("robot", "seed") if key in recorded and chosen.sources[key] == "default"}
+    return validated({**chosen.config.model_dump(), **same})
+
+
+def _print(report: TestReport | None, audit: AuditReport, accepted: bool) -> None:
+    console = terminal.console()
+    table = Table(box=None, pad_edge=False, header_style="bold", title="accepted" if accepted else "rejected")
+    for column in ("check", "result", "detail"):
+        table.add_column(column, overflow="fold", no_wrap=column != "detail")
+    for case in report.cases if report is not None else ():  # their class is the same for all, and long
+        table.add_row(*map(Text, (case.id.rpartition(".")[2], case.outcome, case.message)))
+    if report is not None and not report.cases:
+        table.add_row(*map(Text, ("tests", report.outcome, report.message)))
+    for finding in audit.findings:
+        table.add_row(*map(Text, (finding.check, "passed" if finding.passed else "failed", finding.detail)))
+    for rollout in audit.rollouts:
+        episode = rollout.episode
+        table.add_row(
+            *map(Text, (f"seed {rollout.seed}", episode.outcome, f"reward {episode.reward:.2f}: {episode.detail}"))
+        )
+    for warning in dict.fromkeys(warning for rollout in audit.rollouts for warning in rollout.warnings):
+        table.add_row(*map(Text, ("warning", "", warning)))
+    console.print(table)
+    console.print(Text(audit.about))

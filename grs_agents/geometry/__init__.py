@@ -1,0 +1,1 @@
+"""Rotations and poses, convex hulls, polygons as pixels: plain geometry that several rooms share."""

@@ -1,0 +1,147 @@
+"""Poses ((x, y, z), (qx, qy, qz, qw)), quaternions xyzw, rotation and pose matrices; metres, radians."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Quat, Vec3
+
+FloatArray = npt.NDArray[np.float64]
+
+IDENTITY: Quat = (0.0, 0.0, 0.0, 1.0)
+
+
+def vec3(values: Sequence[float] | FloatArray) -> Vec3:
+    """The first three numbers of ``values`` as plain floats."""
+    return (float(values[0]), float(values[1]), float(values[2]))
+
+
+def quat(values: Sequence[float] | FloatArray) -> Quat:
+    """The four numbers of ``values`` as a unit quaternion (x, y, z, w)."""
+    if len(values) != 4:
+        return IDENTITY
+    x, y, z, w = map(float, values)
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not math.isfinite(norm) or norm < 1e-9:
+        return IDENTITY
+    return (x / norm, y / norm, z / norm, w / norm)
+
+
+def plain_pose(value: Any) -> Pose | None:
+    """The pose that a pair of three and four finite numbers is, the usual way to write one; None for anything else."""
+    try:
+        (x, y, z), (a, b, c, d) = value
+        numbers = (x, y, z, a, b, c, d)
+        if not all(isinstance(number, float | int) for number in numbers) or not math.isfinite(sum(numbers)):
+            return None
+        return vec3((x, y, z)), quat((a, b, c, d))
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:
+    """Roll, pitch, yaw in radians (fixed axes x, then y, then z) to (x, y, z, w).
+
+    Example: ``utils.eulerXYZ_to_quatXYZW((0, 0, np.pi / 2))`` turns by 90 degrees about the vertical.
+    """
+    roll, pitch, yaw = (float(angle) / 2 for angle in rotation)
+    cr, sr, cp, sp, cy, sy = (
+        np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw),
+    )  # fmt: skip
+    return quat(
+        (
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy,
+        )
+    )
+
+
+def quatXYZW_to_eulerXYZ(quaternion_xyzw: Sequence[float]) -> Vec3:
+    """(x, y, z, w) to roll, pitch, yaw in radians (fixed axes)."""
+    x, y, z, w = quat(quaternion_xyzw)
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return (float(roll), float(pitch), float(yaw))
+
+
+def yaw_of(quaternion: Sequence[float]) -> float:
+    """The rotation about the vertical, radians in (-pi, pi]."""
+    return quatXYZW_to_eulerXYZ(quaternion)[2]
+
+
+def rotation_matrix(quaternion: Sequence[float]) -> FloatArray:
+    """The 3 x 3 matrix of (x, y, z, w)."""
+    x, y, z, w = quat(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> Quat:
+    """The rotation ``second`` followed by ``first``."""
+    ax, ay, az, aw = first
+    bx, by, bz, bw = second
+    return quat(
+        (
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        )
+    )
+
+
+def multiply(pose0: Pose, pose1: Pose) -> Pose:
+    """``pose1``, given in the frame of ``pose0``, in the frame that ``pose0`` is given in."""
+    position = np.asarray(pose0[0], dtype=np.float64) + rotation_matrix(pose0[1]) @ np.asarray(pose1[0])
+    return (vec3(position), multiply_quaternions(quat(pose0[1]), quat(pose1[1])))
+
+
+def invert(pose: Pose) -> Pose:
+    """The inverse transform: ``multiply(pose, invert(pose))`` is the identity."""
+    x, y, z, w = quat(pose[1])
+    back: Quat = (-x, -y, -z, w)
+    return (vec3(-(rotation_matrix(back) @ np.asarray(pose[0], dtype=np.float64))), back)
+
+
+def apply(pose: Pose, position: FloatArray | Sequence[float]) -> FloatArray:
+    """Transform one point (3,) or many points (3, N) by ``pose``."""
+    points = np.asarray(position, dtype=np.float64)
+    offset = np.asarray(pose[0], dtype=np.float64)
+    return rotation_matrix(pose[1]) @ points + (offset if points.ndim == 1 else offset[:, None])
+
+
+Array = npt.NDArray[np.float64]
+
+
+def pose_of(turn: Array, shift: Array) -> Array:
+    """(4, 4) of a rotation (3, 3) and a shift (3,), m."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, shift
+    return pose
+
+
+def about_z(yaw: float) -> Array:
+    """(3, 3) by an angle, rad."""
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
+
+
+def about(axis: Array, angle: float) -> Array:
+    """(3, 3) about an axis (3,) of any length, by an angle, rad."""
+    length = float(np.linalg.norm(axis))
+    if length < 1e-9:
+        return np.eye(3)
+    x, y, z = axis / length
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross

@@ -1,0 +1,303 @@
+"""Pictures of an asset from given directions, drawn by a z-buffer with its textures: no GL, no randomness.
+
+The same asset gives the same picture on every machine, which a graphics driver would not promise: what assets are
+matched and described by is drawn so.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Vec3
+from grs_agents.errors import InputError
+from grs_agents.geometry.raster import barycentric, rasterise
+from grs_agents.library.colors import COLORS
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import Surface, read_surface, solid_surface
+from grs_agents.library.shapes import Shape, rotation_matrix
+
+Floats = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+FINER: Final = 2
+"""Each pixel is the mean of so many rows and columns of samples."""
+_AROUND: Final = 0.55
+"""Share of the light that comes from everywhere; the rest comes from the camera."""
+_TEXTURE_EDGE: Final = 1024
+_MOST_PIXELS: Final = 64_000_000
+_HORIZON: Final = (5.0, 65.0)
+"""Degrees above the table from which random views look."""
+
+
+@dataclass(frozen=True)
+class AssetView:
+    """One picture of an asset.
+
+    Attributes:
+        rgba: (H, W, 4) uint8 red, green, blue and coverage; not premultiplied, 0 where nothing is.
+        depth: (H, W) float32 metres along the optical axis, 0 where nothing is.
+        direction: from the object's centre to the camera, unit length, object frame.
+        distance: of the camera from the centre of the object's bounds, m.
+        focal: of the pinhole camera, px; its principal point is the picture's centre. At depth z, one pixel spans
+            z / focal metres.
+    """
+
+    rgba: Image
+    depth: npt.NDArray[np.float32]
+    direction: Vec3
+    distance: float
+    focal: float
+
+
+@dataclass(frozen=True)
+class Painted:
+    """Coloured and textured triangles in one frame.
+
+    Attributes:
+        corners: (T, 3, 3) m.
+        uvs: (T, 3, 2) texture coordinates, origin at the picture's lower left.
+        colors: (T, 3) red, green, blue in 0..1; multiplied with the texture where there is one.
+        texture: (T,) index into ``textures``, -1 where there is none.
+        textures: (H, W, 3) uint8 RGB.
+    """
+
+    corners: Floats
+    uvs: Floats
+    colors: Floats
+    texture: npt.NDArray[np.int64]
+    textures: tuple[Image, ...]
+
+
+def random_directions(count: int, rng: np.random.Generator) -> tuple[Vec3, ...]:
+    """Unit vectors from a thing on a table towards cameras that look 5 to 65 degrees down at it, from all sides."""
+    around = rng.uniform(-np.pi, np.pi, count)
+    up = np.deg2rad(rng.uniform(*_HORIZON, count))
+    return tuple(_unit(float(a), float(b)) for a, b in zip(around, up, strict=True))
+
+
+def ring_directions(count: int, elevation: float = 25.0) -> tuple[Vec3, ...]:
+    """Unit vectors towards ``count`` cameras evenly around, ``elevation`` degrees above the table; the first is +x."""
+    tilt = float(np.deg2rad(elevation))
+    return tuple(_unit(2 * float(np.pi) * number / count, tilt) for number in range(count))
+
+
+def asset_views(
+    library: Library, name: str, directions: Sequence[Vec3], *, size: int = 224, field_of_view: float = 30.0
+) -> tuple[AssetView, ...]:
+    """One square picture of an asset for each direction; the whole asset is in each.
+
+    Args:
+        library: where the asset is.
+        name: of the asset; a template is drawn with its defaults.
+        directions: from the object's centre to the camera, object frame, any length but 0; z is up in the picture
+            unless the camera looks along it, then x is.
+        size: height and width, px.
+        field_of_view: of the pinhole camera, degrees.
+
+    Raises:
+        UnknownNameError: nothing has that name.
+        InputError: its files are faulty, or a number is out of range.
+    """
+    painted = painted_asset(library, name)
+    center, distance, focal = framed(painted, size, field_of_view)
+    return tuple(_view(painted, center, one, distance, focal, size) for one in directions)
+
+
+def painted_asset(library: Library, name: str) -> Painted:
+    """What is seen of an asset, or what collides where nothing is seen; errors as `asset_views`."""
+    model = library.model(name)
+    return paint(library, model.visuals or model.colliders, library.asset(name).color)
+
+
+def framed(painted: Painted, size: int, field_of_view: float) -> tuple[Floats, float, float]:
+    """The point that views look at (m), the camera's distance from it (m) and its focal length (px).
+
+    Raises:
+        InputError: a number is out of range.
+    """
+    if not 8 <= size <= 4096 or not 1 <= field_of_view <= 120:
+        raise InputError(f"views of {size} px and {field_of_view:g} degrees", "ask for 8 to 4096 px, 1 to 120 degrees")
+    low, high = painted.corners.min(axis=(0, 1)), painted.corners.max(axis=(0, 1))
+    center, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+    distance = 1.02 * radius / float(np.sin(np.deg2rad(field_of_view) / 2))
+    return center, distance, size / 2 / float(np.tan(np.deg2rad(field_of_view) / 2))
+
+
+def paint(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Painted:
+    """The triangles of shapes in the object frame; ``color`` is the colour's name of those that have none.
+
+    Raises:
+        InputError: a mesh or texture cannot be read.
+    """
+    plain = COLORS.get(color, COLORS["gray"])
+    surfaces: list[Surface] = []
+    colors: list[Floats] = []
+    numbers: list[int] = []
+    textures: list[Image] = []
+    for shape in shapes:
+        mesh = read_surface(library.mesh_path(shape.mesh)) if shape.mesh else solid_surface(shape)
+        scale = np.asarray(shape.size) if shape.kind == "mesh" else np.ones(3)
+        corners = mesh.corners * scale @ rotation_matrix(shape.quaternion).T + shape.position
+        surfaces.append(Surface(corners, mesh.uvs))
+        numbers.append(len(textures) if shape.texture else -1)
+        textures += [read_texture(library.mesh_path(shape.texture))] if shape.texture else []
+        own = shape.color[:3] if shape.color else (1.0, 1.0, 1.0) if shape.texture else plain
+        colors.append(np.asarray(own, dtype=np.float64))
+    counts = [len(surface.corners) for surface in surfaces]
+    return Painted(
+        corners=np.concatenate([surface.corners for surface in surfaces]),
+        uvs=np.concatenate([surface.uvs for surface in surfaces]),
+        colors=np.repeat(colors, counts, axis=0),
+        texture=np.repeat(numbers, counts),
+        textures=tuple(textures),
+    )
+
+
+def read_texture(path: Path) -> Image:
+    """A texture as (H, W, 3) uint8 RGB, its longer side at most 1024 px.
+
+    Raises:
+        InputError: it is no picture, or one of more than 64 million pixels.
+    """
+    return _texture(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _texture(path: Path, _modified: int) -> Image:
+    from PIL import Image as Pictures
+
+    try:
+        with Pictures.open(path) as picture:
+            if picture.width * picture.height > _MOST_PIXELS:
+                raise InputError(f"texture {path.name} has {picture.width} x {picture.height} px", "make it smaller")
+            plain = picture.convert("RGB")
+            plain.thumbnail((_TEXTURE_EDGE, _TEXTURE_EDGE))
+            return np.asarray(plain, dtype=np.uint8)
+    except (OSError, ValueError, Pictures.DecompressionBombError) as error:
+        raise InputError(f"texture {path} is no picture: {error}", "convert it to PNG") from error
+
+
+def _unit(around: float, up: float) -> Vec3:
+    return (float(np.cos(up) * np.cos(around)), float(np.cos(up) * np.sin(around)), float(np.sin(up)))
+
+
+def camera_axes(direction: Floats) -> Floats:
+    """The rotation (3, 3) whose rows are a camera's right, down and forward as it looks against ``direction``."""
+    forward = -direction
+    up = (0.0, 0.0, 1.0) if abs(float(direction[2])) < 0.999 else (1.0, 0.0, 0.0)
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])
+
+
+def unit_of(towards: Vec3) -> Floats:
+    """A direction with length 1.
+
+    Raises:
+        InputError: it has none.
+    """
+    length = float(np.linalg.norm(towards))
+    if not np.isfinite(length) or length < 1e-9:
+        raise InputError(f"view direction {towards}", "give a vector that is not zero")
+    return np.asarray(towards, dtype=np.float64) / length
+
+
+def _view(painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int) -> AssetView:
+    direction = unit_of(towards)
+    axes, edge = camera_axes(direction), size * FINER
+    local = (painted.corners - center) @ axes.T + (0.0, 0.0, distance)
+    middle = (edge - 1) / 2
+    fine, deep = samples_of(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
+    return view_of_samples(fine, deep, direction, distance, focal)
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A pinhole camera: focal lengths and principal point in px (the centre of pixel 0 is at 0), and its picture."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+
+def samples_of(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats, Floats]:
+    """What a camera sees of triangles, in the light that comes from it.
+
+    Args:
+        painted: the triangles.
+        local: (T, 3, 3) their corners in the camera's frame, m: x right, y down, z forward and positive.
+        lens: the camera.
+
+    Returns:
+        (H, W, 4) red, green, blue and coverage in 0..1, and (H, W) depth, m; 0 where nothing is.
+    """
+    focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
+    buffer = rasterise(local[:, :, :2] / local[:, :, 2:] * focal + middle, 1 / local[:, :, 2], lens.width, lens.height)
+    seen = buffer.triangle >= 0
+    index, depth = buffer.triangle[seen], 1 / buffer.nearness[seen]
+    rows, columns = np.nonzero(seen)
+    rays = np.ones((len(rows), 3))
+    rays[:, :2] = (np.stack([columns, rows], axis=1) - middle) / focal
+    shade = _shade(_normals(local)[index], rays)
+    fine, deep = np.zeros((lens.height, lens.width, 4)), np.zeros((lens.height, lens.width))
+    fine[seen, :3] = _albedo(painted, index, rays * depth[:, None], local) * shade[:, None]
+    fine[seen, 3], deep[seen] = 1.0, depth
+    return fine, deep
+
+
+def view_of_samples(fine: Floats, deep: Floats, direction: Floats, distance: float, focal: float) -> AssetView:
+    """A view of `FINER` times as many rows and columns of samples: colour and coverage (.., .., 4), and depth, m."""
+    size = len(fine) // FINER
+    x, y, z = (float(value) for value in direction)
+    return AssetView(_mean(fine, size), _nearest(deep, size), (x, y, z), distance, focal)
+
+
+def _normals(corners: Floats) -> Floats:
+    """(T, 3) unit normals of triangles (T, 3, 3); zero where one has no area."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+
+
+def _shade(normals: Floats, rays: Floats) -> Floats:
+    """(N,) light on surfaces with ``normals`` (N, 3) seen along ``rays`` (N, 3)."""
+    facing = np.abs(np.einsum("ij,ij->i", normals, rays)) / np.sqrt(np.einsum("ij,ij->i", rays, rays))
+    return _AROUND + (1 - _AROUND) * facing
+
+
+def _albedo(painted: Painted, index: npt.NDArray[np.int64], points: Floats, local: Floats) -> Floats:
+    """(N, 3) colour of points on triangles, 0..1."""
+    colors = painted.colors[index].copy()
+    for number, texture in enumerate(painted.textures):
+        mine = np.flatnonzero(painted.texture[index] == number)
+        triangle = index[mine]
+        weights = np.nan_to_num(barycentric(points[mine], local[triangle]))
+        u, v = np.einsum("ij,ijk->ik", weights, painted.uvs[triangle]).T
+        height, width = texture.shape[:2]
+        columns = np.minimum((_wrapped(u) * width).astype(np.int64), width - 1)
+        rows = np.minimum(((1 - _wrapped(v)) * height).astype(np.int64), height - 1)
+        colors[mine] *= texture[rows, columns] / 255
+    return colors
+
+
+def _wrapped(values: Floats) -> Floats:
+    """Texture coordinates repeat beyond 0..1; 1 itself is the far edge."""
+    return np.where((values >= 0) & (values <= 1), values, values % 1)
+
+
+def _mean(fine: Floats, size: int) -> Image:
+    """(size, size, 4) uint8 of premultiplied samples."""
+    total = fine.reshape(size, FINER, size, FINER, 4).mean(axis=(1, 3))
+    total[:, :, :3] /= np.maximum(total[:, :, 3:], 1e-9)
+    return np.rint(np.clip(total, 0, 1) * 255).astype(np.uint8)
+
+
+def _nearest(deep: Floats, size: int) -> npt.NDArray[np.float32]:
+    samples = np.where(deep > 0, deep, np.inf).reshape(size, FINER, size, FINER).min(axis=(1, 3))
+    return np.where(np.isfinite(samples), samples, 0).astype(np.float32)

@@ -1,0 +1,77 @@
+"""A contact sheet: assets in rows of pictures with their names and numbers, for a person to look at."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import InputError
+from grs_agents.library.asset import Asset
+from grs_agents.library.asset_views import AssetView, asset_views, ring_directions
+from grs_agents.library.library import Library
+
+Image = npt.NDArray[np.uint8]
+_SIDE: Final = 176
+_TEXT: Final = 52
+_PAPER, _INK, _FAINT = (255, 255, 255), (20, 20, 20), (110, 110, 110)
+_COLUMNS: Final = 3
+MOST: Final = 240
+
+
+def contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> tuple[Image, dict[str, str]]:
+    """A picture (H, W, 3) with a cell of ``views`` pictures for each asset, and what could not be drawn.
+
+    Args:
+        library: where the assets are.
+        assets: at most 240.
+        views: pictures of each, evenly around it.
+
+    Raises:
+        InputError: there are none, or too many.
+    """
+    if not 0 < len(assets) <= MOST:
+        raise InputError(f"a sheet of {len(assets)} assets", f"name 1 to {MOST} of them")
+    from PIL import Image as Pictures
+    from PIL import ImageDraw, ImageFont
+
+    columns = min(_COLUMNS, len(assets))
+    rows, width = -(-len(assets) // columns), _SIDE * views
+    sheet: Any = Pictures.new("RGB", (columns * width, rows * (_SIDE + _TEXT)), _PAPER)
+    pen: Any = ImageDraw.Draw(sheet)
+    font, broken = ImageFont.load_default(13), dict[str, str]()
+    for number, asset in enumerate(assets):
+        left, top = number % columns * width, number // columns * (_SIDE + _TEXT)
+        try:
+            pictures = asset_views(library, asset.name, ring_directions(views), size=_SIDE)
+        except InputError as error:
+            broken[asset.name] = str(error)
+            pen.text((left + 8, top + _SIDE // 2), "cannot be drawn", (200, 0, 0), font)
+        else:
+            for place, view in enumerate(pictures):
+                sheet.paste(Pictures.fromarray(on_paper(view)), (left + place * _SIDE, top))
+        for line, (text, ink) in enumerate(((asset.name, _INK), (facts(asset), _FAINT), (asset.description, _FAINT))):
+            pen.text((left + 8, top + _SIDE + 2 + 16 * line), _fitted(text, width - 16, font), ink, font)
+    return np.asarray(sheet, np.uint8), broken
+
+
+def facts(asset: Asset) -> str:
+    """Size, mass with its provenance, and licence of an asset in one line."""
+    x, y, z = (f"{100 * extent:.1f}" for extent in asset.size)
+    mass = asset.physical().mass
+    told = f"{x} x {y} x {z} cm, {1000 * mass.value:.0f} g ({mass.provenance})"
+    return (
+        told + (f", {asset.origin.license}" if asset.origin is not None else "") + (", hollow" if asset.hollow else "")
+    )
+
+
+def on_paper(view: AssetView) -> Image:
+    """(H, W, 3) uint8 of a view over white."""
+    cover = view.rgba[:, :, 3:].astype(np.float64) / 255
+    return np.rint(view.rgba[:, :, :3] * cover + 255 * (1 - cover)).astype(np.uint8)
+
+
+def _fitted(text: str, width: int, font: Any) -> str:
+    while len(text) > 4 and font.getlength(text) > width:
+        text = f"{text[:-4]}..."
+    return text

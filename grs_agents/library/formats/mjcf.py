@@ -1,0 +1,319 @@
+"""Reading MJCF: the one object of a MuJoCo file, of boxes, cylinders, capsules, spheres and meshes.
+
+The same care as for URDF: nothing is run or included, no file outside the library root is opened, what we do not
+understand is refused by name. A body with its children, which must not move against it, is one object; a free joint
+on it may stand there. Default classes count for geoms and meshes. A capsule becomes the cylinder of its length. Geoms
+that collide with nothing (contype = conaffinity = 0) are looks; where a file has none, the colliders are seen.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from grs_agents.base import Quat, Vec3
+from grs_agents.library.formats.model_file import Source, read_text
+from grs_agents.library.shapes import HERE, ObjectModel, Placement, Rgba, Shape, ShapeKind, composed
+
+_UNREAD = ("xyaxes",)
+_ORIGIN: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Frames:
+    """Reads placements in a file's own conventions.
+
+    Args:
+        source: the file, for its errors.
+        compiler: the attributes of its ``<compiler>``: ``angle`` and ``eulerseq`` count.
+
+    Raises:
+        InputError: it uses coordinates that we do not read.
+    """
+
+    def __init__(self, source: Source, compiler: Mapping[str, str]) -> None:
+        self.source = source
+        self.unit = 1.0 if compiler.get("angle", "degree") == "radian" else math.pi / 180
+        self.sequence = compiler.get("eulerseq", "xyz")
+        if compiler.get("coordinate", "local") != "local":
+            raise source.fault("global coordinates", "give every position in its parent's frame")
+        if len(self.sequence) != 3 or any(letter not in "xyzXYZ" for letter in self.sequence):
+            raise source.fault(f"eulerseq {self.sequence!r}", "give three of the letters x y z X Y Z")
+
+    def placement(self, said: Mapping[str, str]) -> Placement:
+        """Position and rotation of a body or geom with these attributes."""
+        x, y, z = self.source.numbers(said.get("pos", "0 0 0"), "pos", 3)
+        return (x, y, z), self._rotation(said)
+
+    def between(self, text: str) -> tuple[float, Placement]:
+        """Length of a ``fromto`` and the placement whose z axis runs along it from its middle."""
+        ends = np.array(self.source.numbers(text, "fromto", 6)).reshape(2, 3)
+        length = float(np.linalg.norm(ends[1] - ends[0]))
+        if length < 1e-6:
+            raise self.source.fault(f"fromto {text[:80]!r} has no length", "give two different points")
+        x, y, z = (float(value) for value in ends.mean(axis=0))
+        return length, ((x, y, z), _along((ends[1] - ends[0]) / length))
+
+    def _rotation(self, said: Mapping[str, str]) -> Quat:
+        for name in _UNREAD:
+            if name in said:
+                raise self.source.fault(f"{name} is not read", "write the rotation as quat or euler")
+        if "quat" in said:
+            w, x, y, z = self._unit(self.source.numbers(said["quat"], "quat", 4), "quat")
+            return (x, y, z, w)
+        if "axisangle" in said:
+            *axis, angle = self._angles(said["axisangle"], 4, "axisangle")
+            return _turn(np.array(self._unit(tuple(axis), "axisangle")), angle * self.unit)
+        if "zaxis" in said:
+            return _along(np.array(self._unit(self.source.numbers(said["zaxis"], "zaxis", 3), "zaxis")))
+        if "euler" in said:
+            return self._euler(self._angles(said["euler"], 3, "euler"))
+        return HERE[1]
+
+    def _euler(self, angles: tuple[float, ...]) -> Quat:
+        """Lower-case letters turn about the moving axes, capitals about the fixed ones."""
+        total = HERE
+        for letter, angle in zip(self.sequence, angles, strict=True):
+            axis = np.eye(3)["xyz".index(letter.lower())]
+            turn: Placement = (_ORIGIN, _turn(axis, angle * self.unit))
+            total = composed(total, turn) if letter.islower() else composed(turn, total)
+        return total[1]
+
+    def _angles(self, text: str, count: int, name: str) -> tuple[float, ...]:
+        """Numbers that may be angles in degrees, beyond the bound that lengths have."""
+        shrunk = " ".join(f"{number / 10:.17g}" for number in self._plain(text, name))
+        return tuple(number * 10 for number in self.source.numbers(shrunk, name, count))
+
+    def _plain(self, text: str, name: str) -> tuple[float, ...]:
+        try:
+            return tuple(float(word) for word in text.split())
+        except ValueError:
+            raise self.source.fault(f"{name} is {text[:80]!r}", "give numbers") from None
+
+    def _unit(self, numbers: tuple[float, ...], name: str) -> tuple[float, ...]:
+        length = math.sqrt(sum(number * number for number in numbers))
+        if length < 1e-9:
+            raise self.source.fault(f"{name} {numbers} has no direction", "give a vector that is not zero")
+        return tuple(number / length for number in numbers)
+
+
+def _turn(axis: np.ndarray[tuple[int], np.dtype[np.float64]], angle: float) -> Quat:
+    x, y, z = (float(value) * math.sin(angle / 2) for value in axis)
+    return (x, y, z, math.cos(angle / 2))
+
+
+def _along(direction: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Quat:
+    """The smallest rotation that takes z to ``direction`` (unit)."""
+    x, y, z = (float(value) for value in direction)
+    if z < -1 + 1e-12:
+        return (1.0, 0.0, 0.0, 0.0)
+    length = math.sqrt((1 + z) ** 2 + x * x + y * y)
+    return (-y / length, x / length, 0.0, (1 + z) / length)
+
+
+class Defaults:
+    """What a file's ``<default>`` classes say of its geoms and meshes.
+
+    Args:
+        top: the ``<mujoco>`` element.
+    """
+
+    def __init__(self, top: Element) -> None:
+        self._classes: dict[tuple[str, str], dict[str, str]] = {}
+        for default in top.findall("default"):
+            self._read(default, {})
+
+    def _read(self, default: Element, inherited: dict[str, dict[str, str]]) -> None:
+        own = {tag: dict(inherited.get(tag, {})) for tag in ("geom", "mesh")}
+        for tag, said in own.items():
+            for element in default.findall(tag):
+                said.update(element.attrib)
+            self._classes[default.get("class", "main"), tag] = said
+        for inner in default.findall("default"):
+            self._read(inner, own)
+
+    def of(self, element: Element, inherited: str) -> dict[str, str]:
+        """An element's attributes over those of its class, else of the class ``inherited``, else of ``main``."""
+        name = element.get("class", inherited) or "main"
+        return {**self._classes.get((name, element.tag), {}), **element.attrib}
+
+
+def looks(source: Source) -> dict[str, Rgba]:
+    """The colour of every material that has one."""
+    found: dict[str, Rgba] = {}
+    for material in source.top.findall("asset/material"):
+        if "rgba" in material.attrib:
+            red, green, blue, alpha = source.numbers(material.attrib["rgba"], "rgba", 4)
+            found[material.get("name", "")] = (red, green, blue, alpha)
+    return found
+
+
+_REFUSED = ("include", "plugin", "extension", "attach", "model", "replicate", "composite", "flexcomp", "frame")
+_FRICTION, _DENSITY = 1.0, 1000.0
+
+
+@dataclass(frozen=True)
+class _Geom:
+    shape: Shape
+    collides: bool
+    mass: float | None
+    friction: float
+
+
+def read_mjcf(path: Path, root: Path) -> ObjectModel:
+    """What an MJCF file says of its one object; the frame is that of its outermost body.
+
+    Args:
+        path: the file.
+        root: the library root; every file it names must lie inside.
+
+    Raises:
+        InputError: the file is not MJCF of one rigid object that we can trust; names the fault.
+    """
+    return _Reader(Source(read_text(path), str(path), root, path.parent)).model()
+
+
+class _Reader:
+    """One pass over one file."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        if source.top.tag != "mujoco":
+            raise source.fault(f"<{source.top.tag}> is not MJCF", "give a <mujoco> file")
+        for element in source.top.iter():
+            if element.tag in _REFUSED:
+                raise source.fault(f"<{element.tag}> is refused", "write out what it stands for")
+        self.defaults = Defaults(source.top)
+        compiler = {name: value for one in source.top.findall("compiler") for name, value in one.attrib.items()}
+        self.frames = Frames(source, compiler)
+        self.folder = compiler.get("meshdir", compiler.get("assetdir", ""))
+        self.materials = looks(source)
+        self.meshes = {self._mesh_name(one): one for one in source.top.findall("asset/mesh")}
+
+    def model(self) -> ObjectModel:
+        """The object."""
+        bodies, loose = self.source.top.findall("worldbody/body"), self.source.top.findall("worldbody/geom")
+        if len(bodies) != 1 or loose:
+            found = f"{len(bodies)} bodies and {len(loose)} loose geoms in <worldbody>"
+            raise self.source.fault(found, "give exactly one <body> that holds every geom")
+        weights: list[float] = []
+        geoms = list(self._body(bodies[0], HERE, "", weights, True))
+        colliders = [geom for geom in geoms if geom.collides]
+        mass = sum(weights) if weights else sum(self._mass(geom) for geom in geoms)
+        visuals = [geom.shape for geom in geoms if not geom.collides]
+        touching = [geom.shape.model_copy(update={"mesh": name}) for geom in colliders for name in self._parts(geom)]
+        seen = visuals or [geom.shape for geom in colliders]
+        return self.source.model(seen, touching, mass, colliders[0].friction if colliders else _FRICTION)
+
+    def _body(
+        self, body: Element, place: Placement, inherited: str, weights: list[float], top: bool
+    ) -> Iterator[_Geom]:
+        name, kind = body.get("name", ""), body.get("childclass", inherited)
+        for joint in body.findall("joint"):
+            if not (top and joint.get("type") == "free"):
+                named = f"joint {joint.get('name', '')!r} of body {name!r} is a {joint.get('type', 'hinge')}"
+                raise self.source.fault(named, "remove it: an object is one rigid thing")
+        if body.findall("freejoint") and not top:
+            raise self.source.fault(f"body {name!r} is free inside another one", "keep one object in one file")
+        for inertial in body.findall("inertial"):
+            weights.append(self._one(inertial.get("mass", ""), "<inertial> mass"))
+        for geom in body.findall("geom"):
+            yield self._geom(self.defaults.of(geom, kind), place)
+        for child in body.findall("body"):
+            yield from self._body(child, composed(place, self.frames.placement(child.attrib)), kind, weights, False)
+
+    def _geom(self, said: dict[str, str], place: Placement) -> _Geom:
+        name, kind = said.get("name", ""), said.get("type", "sphere")
+        mesh, size, local = None, (), self.frames.placement(said)
+        if kind == "mesh":
+            mesh, size = self._mesh(said.get("mesh", ""))
+        elif kind in ("box", "sphere", "cylinder", "capsule"):
+            size, local = self._sizes(kind, said, local)
+        else:
+            raise self.source.fault(f"geom {name!r} is a {kind}", "use box, sphere, cylinder, capsule or mesh")
+        kinds: dict[str, ShapeKind] = {"box": "box", "sphere": "sphere", "mesh": "mesh"}
+        position, quaternion = composed(place, local)
+        friction = self.source.some_numbers(said.get("friction", f"{_FRICTION}"), "friction")
+        shape = Shape(
+            kind=kinds.get(kind, "cylinder"),
+            size=size,
+            position=position,
+            quaternion=quaternion,
+            color=self._color(said),
+            mesh=mesh,
+        )
+        collides = any(self._one(said.get(bit, "1"), bit) for bit in ("contype", "conaffinity"))
+        mass = self._one(said["mass"], "mass") if "mass" in said else self._weight(shape, said)
+        return _Geom(shape, collides, mass, friction[0] if friction else _FRICTION)
+
+    def _sizes(self, kind: str, said: dict[str, str], local: Placement) -> tuple[tuple[float, ...], Placement]:
+        """Extents of a primitive as `Shape` gives them; MJCF's sizes are halves."""
+        words = self.source.some_numbers(said.get("size", ""), f"<geom> size of a {kind}")
+        length: float | None = None
+        if "fromto" in said and kind != "sphere":
+            length, local = self.frames.between(said["fromto"])
+        needed = 3 if kind == "box" else 1 if kind == "sphere" or length is not None else 2
+        if len(words) < needed or (kind == "box" and length is not None):
+            raise self.source.fault(
+                f"<geom> size {words} of a {kind}", f"give {needed} numbers, and no fromto for a box"
+            )
+        if kind == "box":
+            size = tuple(2 * half for half in words[:3])
+        elif kind == "sphere":
+            size = words[:1]
+        else:
+            length = 2 * words[1] if length is None else length
+            size = (words[0], length + (2 * words[0] if kind == "capsule" else 0.0))
+        return self.source.positive(size, f"<geom> size of a {kind}"), local
+
+    def _mesh(self, name: str) -> tuple[str, tuple[float, ...]]:
+        if name not in self.meshes:
+            raise self.source.fault(f"mesh {name!r} is not among the assets", "name a <mesh> of <asset>")
+        said = self.defaults.of(self.meshes[name], "")
+        for refused in ("vertex", "refpos", "refquat", "builtin"):
+            if refused in said:
+                raise self.source.fault(f"mesh {name!r} has {refused}", "give it as a file in its own frame")
+        scale = self.source.numbers(said.get("scale", "1 1 1"), "<mesh> scale", 3)
+        return self.source.file(said.get("file", ""), self.folder), self.source.positive(scale, "<mesh> scale")
+
+    def _mesh_name(self, mesh: Element) -> str:
+        return mesh.get("name") or Path(mesh.get("file", "")).stem
+
+    def _parts(self, geom: _Geom) -> tuple[str | None, ...]:
+        return self.source.parts(geom.shape.mesh) if geom.shape.mesh else (None,)
+
+    def _color(self, said: dict[str, str]) -> Rgba | None:
+        if "rgba" not in said:
+            return self.materials.get(said.get("material", ""))
+        red, green, blue, alpha = self.source.numbers(said["rgba"], "rgba", 4)
+        return (red, green, blue, alpha)
+
+    def _weight(self, shape: Shape, said: dict[str, str]) -> float | None:
+        """Mass by density, kg; None for a mesh, whose volume we do not measure."""
+        density = self._one(said.get("density", f"{_DENSITY}"), "density", 1e5)
+        if density == 0:
+            return 0.0
+        if shape.kind == "mesh":
+            return None
+        volumes = {"box": math.prod(shape.size), "sphere": 4 / 3 * math.pi * shape.size[0] ** 3}
+        return density * volumes.get(shape.kind, math.pi * shape.size[0] ** 2 * shape.size[-1])
+
+    def _mass(self, geom: _Geom) -> float:
+        if geom.mass is not None:
+            return geom.mass
+        if not geom.collides:
+            return 0.0
+        raise self.source.fault(
+            f"mesh geom {geom.shape.mesh!r} has no mass", "give the geom a mass or the body an <inertial>"
+        )
+
+    def _one(self, text: str, name: str, most: float = 1e3) -> float:
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not 0 <= number <= most:
+            raise self.source.fault(f"{name} is {text[:40]!r}", f"give a number from 0 to {most:g}")
+        return number

@@ -1,0 +1,254 @@
+"""Reading URDF: one rigid object of boxes, cylinders, spheres and meshes. Writing URDF: one rigid link.
+
+The files may come from users, so the reader trusts nothing: no document types or entities, no file outside the library
+root, no number that is not finite, no size that is not positive. Links that fixed joints hold together become one
+object; what moves in itself is refused.
+"""
+
+import posixpath
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from xml.etree.ElementTree import Element
+from xml.sax.saxutils import quoteattr
+
+from grs_agents.base import Vec3
+from grs_agents.library.formats.model_file import MAX_SHAPES, Source, read_text
+from grs_agents.library.shapes import (
+    HERE,
+    ObjectModel,
+    Placement,
+    Rgba,
+    Shape,
+    composed,
+    moved,
+    quaternion_from_rpy,
+    rpy_from_quaternion,
+)
+
+
+def urdf_text(
+    name: str,
+    visuals: Sequence[Shape],
+    colliders: Sequence[Shape],
+    *,
+    mass: float,
+    friction: float,
+    inertia: Vec3 = (1e-4, 1e-4, 1e-4),
+    folder: str = "",
+) -> str:
+    """The URDF of one rigid object.
+
+    Args:
+        name: name of the robot and its link.
+        visuals: what is seen.
+        colliders: what touches.
+        mass: kg; 0 leaves the inertia out.
+        friction: sliding friction.
+        inertia: principal moments (kg m^2) about the object frame's axes.
+        folder: library-relative folder of the URDF, which its file names are written relative to.
+    """
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoteattr(name)}>"]
+    lines += [f"  <link name={quoteattr(name)}>", "    <contact>"]
+    lines += [f'      <lateral_friction value="{friction:.6g}"/>', "    </contact>"]
+    if mass > 0:
+        xx, yy, zz = (f"{moment:.6g}" for moment in inertia)
+        lines += [
+            "    <inertial>",
+            '      <origin xyz="0 0 0" rpy="0 0 0"/>',
+            f'      <mass value="{mass:.6g}"/>',
+        ]
+        lines += [
+            f'      <inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/>',
+            "    </inertial>",
+        ]
+    for index, shape in enumerate(visuals):
+        lines += _element("visual", shape, folder, index)
+    for index, shape in enumerate(colliders):
+        lines += _element("collision", shape, folder, index)
+    return "\n".join([*lines, "  </link>", "</robot>", ""])
+
+
+def _element(tag: str, shape: Shape, folder: str, index: int) -> list[str]:
+    rpy = rpy_from_quaternion(shape.quaternion)
+    lines = [f"    <{tag}>", f'      <origin xyz="{words(shape.position)}" rpy="{words(rpy)}"/>']
+    lines += [f"      <geometry>{_geometry(shape, folder)}</geometry>"]
+    if tag == "visual" and (shape.color or shape.texture):
+        lines += [f'      <material name="material_{index}">']
+        if shape.color:
+            lines += [f'        <color rgba="{words(shape.color)}"/>']
+        if shape.texture:
+            lines += [f"        <texture filename={quoteattr(posixpath.relpath(shape.texture, folder or '.'))}/>"]
+        lines += ["      </material>"]
+    return [*lines, f"    </{tag}>"]
+
+
+def _geometry(shape: Shape, folder: str) -> str:
+    if shape.kind == "box":
+        return f'<box size="{words(shape.size)}"/>'
+    if shape.kind == "cylinder":
+        return f'<cylinder radius="{shape.size[0]:.6g}" length="{shape.size[1]:.6g}"/>'
+    if shape.kind == "sphere":
+        return f'<sphere radius="{shape.size[0]:.6g}"/>'
+    file = posixpath.relpath(shape.mesh or "", folder or ".")
+    return f'<mesh filename={quoteattr(file)} scale="{words(shape.size)}"/>'
+
+
+def words(numbers: Sequence[float]) -> str:
+    """Numbers as URDF writes them: six significant digits, blanks between."""
+    return " ".join(f"{0.0 if abs(number) < 1e-9 else number:.6g}" for number in numbers)
+
+
+MAX_LINKS = 100
+
+
+def link_placements(source: Source) -> Iterator[tuple[Element, Placement]]:
+    """Every link, from the root on, with its place in the root link's frame.
+
+    Raises:
+        InputError: there is no link or there are too many, the joints do not make them one tree, or a joint moves.
+    """
+    robot = source.top
+    links = {link.get("name", ""): link for link in robot.findall("link")}
+    joints, count = robot.findall("joint"), len(robot.findall("link"))
+    for joint in joints:
+        if joint.get("type") != "fixed":
+            name, kind = joint.get("name", ""), joint.get("type", "of no type")
+            raise source.fault(f"joint {name!r} is {kind}", "make it fixed: an object is one rigid thing")
+    parents = {_link(joint, "child"): joint for joint in joints}
+    roots = [name for name in links if name not in parents]
+    one_tree = len(links) == count and len(parents) == len(joints) == count - 1 and len(roots) == 1
+    if robot.tag != "robot" or not 0 < count <= MAX_LINKS or not one_tree:
+        found = f"<{robot.tag}> with {count} links and {len(joints)} fixed joints"
+        raise source.fault(found, f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once")
+    for name, link in links.items():
+        yield link, _placement(source, name, links, parents)
+
+
+def _link(joint: Element, role: str) -> str:
+    element = joint.find(role)
+    return "" if element is None else element.get("link", "")
+
+
+def _placement(source: Source, name: str, links: dict[str, Element], parents: dict[str, Element]) -> Placement:
+    placement, seen = HERE, {name}
+    while name in parents:
+        joint = parents[name]
+        origin, name = joint.find("origin"), _link(joint, "parent")
+        if name in seen or name not in links:
+            raise source.fault(f"joint {joint.get('name', '')!r} hangs on {name!r}", "join every link to another one")
+        seen.add(name)
+        rotation = quaternion_from_rpy(*source.vector(origin, "rpy"))
+        placement = composed((source.vector(origin, "xyz"), rotation), placement)
+    return placement
+
+
+_DEFAULT_FRICTION = 0.5
+_LOOK = tuple[Rgba | None, str | None]
+
+
+def read_urdf(source: Path | str, root: Path, folder: str = "") -> ObjectModel:
+    """What a URDF says.
+
+    A mesh that collides does so as the convex parts that lie beside it (``NAME.part0.obj`` and so on), else as
+    its convex hull.
+
+    Args:
+        source: the file (a ``Path``) or the XML text (a ``str``).
+        root: the library root; every file the URDF names must lie inside it.
+        folder: for XML text: the folder below ``root`` that its file names are relative to.
+
+    Raises:
+        InputError: the file or text is not a URDF of one rigid object that we can trust; names the fault.
+    """
+    if isinstance(source, Path):
+        return _Reader(Source(read_text(source), str(source), root, source.parent)).model()
+    return _Reader(Source(source, "URDF text", root, root / folder)).model()
+
+
+class _Reader:
+    """One pass over one URDF."""
+
+    def __init__(self, source: Source) -> None:
+        self.source, self.fault = source, source.fault
+        self.looks = {one.get("name", ""): self._own_look(one) for one in source.top.findall("material")}
+
+    def model(self) -> ObjectModel:
+        """The object the URDF describes; its frame is the first link's."""
+        visuals: list[Shape] = []
+        colliders: list[Shape] = []
+        mass, frictions = 0.0, list[float]()
+        for link, placement in link_placements(self.source):
+            visuals += [moved(shape, placement) for shape in self._shapes(link, "visual")]
+            colliders += [moved(shape, placement) for shape in self._shapes(link, "collision")]
+            mass += self._scalar(link.find("inertial/mass"), 0.0)
+            friction = link.find("contact/lateral_friction")
+            frictions += [] if friction is None else [self._scalar(friction, _DEFAULT_FRICTION)]
+        return self.source.model(visuals, colliders, mass, frictions[0] if frictions else _DEFAULT_FRICTION)
+
+    def _shapes(self, link: Element, tag: str) -> Iterator[Shape]:
+        elements = link.findall(tag)
+        if len(elements) > MAX_SHAPES:
+            raise self.fault(f"{len(elements)} <{tag}> elements, at most {MAX_SHAPES} are allowed")
+        for element in elements:
+            shape = self._shape(element, tag)
+            names = self.source.parts(shape.mesh) if tag == "collision" and shape.mesh else (shape.mesh,)
+            yield from (shape.model_copy(update={"mesh": name}) for name in names)
+
+    def _shape(self, element: Element, tag: str) -> Shape:
+        geometries = list(element.findall("geometry/*"))
+        if len(geometries) != 1:
+            raise self.fault(f"<{tag}> has {len(geometries)} shapes in <geometry>", "give exactly one")
+        geometry, origin = geometries[0], element.find("origin")
+        color, texture = self._look(element.find("material")) if tag == "visual" else (None, None)
+        mesh: str | None = None
+        size: tuple[float, ...]
+        if geometry.tag == "box":
+            kind, size = "box", self._sizes(geometry, "size", 3)
+        elif geometry.tag == "cylinder":
+            radius, length = self._sizes(geometry, "radius", 1), self._sizes(geometry, "length", 1)
+            kind, size = "cylinder", (*radius, *length)
+        elif geometry.tag == "sphere":
+            kind, size = "sphere", self._sizes(geometry, "radius", 1)
+        elif geometry.tag == "mesh":
+            kind, mesh = "mesh", self.source.file(geometry.get("filename", ""))
+            size = self._sizes(geometry, "scale", 3) if "scale" in geometry.attrib else (1.0, 1.0, 1.0)
+        else:
+            raise self.fault(f"unknown shape <{geometry.tag}>", "use box, cylinder, sphere or mesh")
+        return Shape(
+            kind=kind,
+            size=size,
+            position=self.source.vector(origin, "xyz"),
+            quaternion=quaternion_from_rpy(*self.source.vector(origin, "rpy")),
+            color=color,
+            mesh=mesh,
+            texture=texture,
+        )
+
+    def _look(self, material: Element | None) -> _LOOK:
+        if material is None:
+            return None, None
+        color, texture = self._own_look(material)
+        named_color, named_texture = self.looks.get(material.get("name", ""), (None, None))
+        return color or named_color, texture or named_texture
+
+    def _own_look(self, material: Element) -> _LOOK:
+        color, texture = material.find("color"), material.find("texture")
+        rgba: Rgba | None = None
+        if color is not None:
+            numbers = self.source.numbers(color.get("rgba", "").replace(",", " "), "rgba", 4)
+            if min(numbers) < 0 or max(numbers) > 1:
+                raise self.fault(f"rgba {numbers} is outside 0..1")
+            rgba = (numbers[0], numbers[1], numbers[2], numbers[3])
+        return rgba, None if texture is None else self.source.file(texture.get("filename", ""))
+
+    def _sizes(self, element: Element, name: str, count: int) -> tuple[float, ...]:
+        label = f"<{element.tag}> {name}"
+        return self.source.positive(self.source.numbers(element.get(name, ""), label, count), label)
+
+    def _scalar(self, element: Element | None, default: float) -> float:
+        if element is None:
+            return default
+        (number,) = self.source.numbers(element.get("value", ""), f"<{element.tag}> value", 1)
+        if number < 0:
+            raise self.fault(f"<{element.tag}> value {number} is negative", "give 0 or more")
+        return number

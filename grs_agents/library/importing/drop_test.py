@@ -1,0 +1,200 @@
+"""Whether an asset rests on a table: compiled, dropped and simulated in MuJoCo for two seconds.
+
+``grs assets verify`` checks a library so, and whether its files and numbers are whole.
+"""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from grs_agents.base import Frozen
+from grs_agents.errors import InputError
+from grs_agents.library.asset import Asset
+from grs_agents.library.asset_views import read_texture
+from grs_agents.library.importing.convex_parts import hull_of, hull_volume
+from grs_agents.library.importing.engine import load_mujoco
+from grs_agents.library.importing.types import Collider, Floats, Hull, RefusedError
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import read_vertices
+from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix, shape_bounds
+
+SECONDS: Final = 2.0
+_DRIFT, _TILT, _SLOW = 0.01, 5.0, 0.02
+_STEP: Final = 0.002
+
+
+@dataclass(frozen=True)
+class Rest:
+    """How a thing stood after two seconds on a table.
+
+    Attributes:
+        drift: horizontal way of its centre, m.
+        tilt: degrees.
+        speed: at the end, m/s.
+    """
+
+    drift: float
+    tilt: float
+    speed: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether it still stands where and how it was put down."""
+        return self.drift <= _DRIFT and self.tilt <= _TILT and self.speed <= _SLOW
+
+    def __str__(self) -> str:
+        return f"after {SECONDS:g} s: moved {1000 * self.drift:.1f} mm, tilted {self.tilt:.1f} degrees"
+
+
+def rest(colliders: Sequence[Collider], mass: float, friction: float) -> Rest:
+    """Put a thing down as its frame says and wait.
+
+    Args:
+        colliders: in the object's frame, m.
+        mass: kg.
+        friction: sliding friction.
+
+    Raises:
+        RefusedError: MuJoCo cannot compile it, or the simulation diverges.
+    """
+    mujoco = load_mujoco()
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.integrator = _STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 0.1))
+    floor.friction = (friction, 0.01, 0.001)
+    body = spec.worldbody.add_body(name="thing", pos=(0, 0, -_lowest(colliders) + 0.0005))
+    body.add_freejoint()
+    volumes = [_volume(one) for one in colliders]
+    for number, (one, share) in enumerate(zip(colliders, volumes, strict=True)):
+        geom = _geom(mujoco, spec, body, one, number)
+        geom.mass, geom.condim = max(mass * share / sum(volumes), 1e-6), 4
+        geom.friction = (friction, 0.01, 0.001)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise RefusedError(f"MuJoCo cannot compile it: {str(error).splitlines()[0]}", "simplify it") from error
+    return _waited(mujoco, model)
+
+
+def colliders_of(library: Library, model: ObjectModel) -> list[Collider]:
+    """What of a library's asset collides, meshes as their hulls.
+
+    Raises:
+        InputError: a mesh cannot be read.
+    """
+    return [shape if shape.mesh is None else _hull(library, shape) for shape in model.colliders]
+
+
+def _hull(library: Library, shape: Shape) -> Hull:
+    vertices = read_vertices(library.mesh_path(shape.mesh or "")) * shape.size
+    return hull_of(vertices @ rotation_matrix(shape.quaternion).T + shape.position)
+
+
+def _waited(mujoco: Any, model: Any) -> Rest:
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    start = np.array(data.xipos[1])
+    mujoco.mj_step(model, data, round(SECONDS / _STEP))
+    if data.warning.number.any() or not np.isfinite(data.qpos).all():
+        raise RefusedError("the simulation of it diverges", "check its mass and shape")
+    upright = float(np.clip(np.asarray(data.xmat[1]).reshape(3, 3)[2, 2], -1, 1))
+    drift = float(np.linalg.norm((np.asarray(data.xipos[1]) - start)[:2]))
+    speed = float(np.linalg.norm(data.qvel[:3]) + 0.05 * np.linalg.norm(data.qvel[3:]))
+    return Rest(drift, float(np.rad2deg(np.arccos(upright))), speed)
+
+
+def _geom(mujoco: Any, spec: Any, body: Any, collider: Collider, number: int) -> Any:
+    if isinstance(collider, Hull):
+        name = f"part{number}"
+        spec.add_mesh(name=name, uservert=collider.vertices.ravel().tolist(), userface=collider.faces.ravel().tolist())
+        geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH)
+        geom.meshname = name
+        spec.mesh(name).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+        return geom
+    kinds = {"box": mujoco.mjtGeom.mjGEOM_BOX, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER}
+    x, y, z, w = collider.quaternion
+    geom = body.add_geom(type=kinds.get(collider.kind, mujoco.mjtGeom.mjGEOM_SPHERE), pos=collider.position)
+    geom.quat = (w, x, y, z)
+    half = [extent / 2 for extent in collider.size]
+    sizes = {"box": half, "cylinder": [collider.size[0], half[-1], 0.0]}
+    geom.size = sizes.get(collider.kind, [collider.size[0], 0.0, 0.0])
+    return geom
+
+
+def _lowest(colliders: Sequence[Collider]) -> float:
+    if not colliders:
+        raise InputError("nothing of it collides", "give it a collision shape")
+    return min(float(bounds(one)[0][2]) for one in colliders)
+
+
+def bounds(collider: Collider) -> tuple[Floats, Floats]:
+    """Lowest and highest corner, m."""
+    if isinstance(collider, Hull):
+        return collider.vertices.min(axis=0), collider.vertices.max(axis=0)
+    return shape_bounds(collider)
+
+
+def _volume(collider: Collider) -> float:
+    if isinstance(collider, Hull):
+        return max(hull_volume(collider), 1e-12)
+    if collider.kind == "box":
+        return float(np.prod(collider.size))
+    if collider.kind == "cylinder":
+        return float(np.pi * collider.size[0] ** 2 * collider.size[1])
+    return float(4 / 3 * np.pi * collider.size[0] ** 3)
+
+
+_SIZE = 0.005
+"""Most that the size in the manifest may differ from what the file says, m."""
+
+
+class Verdict(Frozen):
+    """What was found of one asset.
+
+    Attributes:
+        name: of the asset.
+        ok: it can be used.
+        rests: it stands where it was put for two seconds; None for marks, which do not collide, and templates.
+        findings: what is wrong or odd.
+    """
+
+    name: str
+    ok: bool
+    rests: bool | None
+    findings: tuple[str, ...] = ()
+
+
+def verify(library: Library, asset: Asset) -> Verdict:
+    """Check one asset."""
+    findings = list(_changed(library, asset))
+    broken = bool(findings)
+    rests: bool | None = None
+    try:
+        model = library.model(asset.name)
+        for shape in model.visuals:
+            if shape.texture:
+                read_texture(library.mesh_path(shape.texture))
+        if max(abs(one - other) for one, other in zip(model.size, asset.size, strict=True)) > _SIZE:
+            told = " x ".join(f"{100 * extent:.1f}" for extent in model.size)
+            findings.append(f"its file says {told} cm")
+        if model.colliders and asset.mass > 0:
+            standing = rest(colliders_of(library, model), asset.mass, asset.friction)
+            rests = standing.stable
+            findings += [] if rests else [f"does not rest as it stands: {standing}"]
+    except InputError as error:
+        findings.append(error.message)
+        broken = True
+    return Verdict(name=asset.name, ok=not broken, rests=rests, findings=tuple(findings))
+
+
+def _changed(library: Library, asset: Asset) -> Iterator[str]:
+    """Files of an imported asset that are not what was written."""
+    for name, digest in (asset.origin.files if asset.origin is not None else {}).items():
+        path = next((root / name for root in reversed(library.roots) if (root / name).is_file()), None)
+        if path is None:
+            yield f"{name} is missing"
+        elif hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            yield f"{name} has been changed"

@@ -1,0 +1,181 @@
+"""Parts of several looks as one mesh with one picture: pictures side by side, plain colours as single texels.
+
+Unused texels take the colour of the nearest used ones, so that edges stay clean when the picture shrinks.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from grs_agents.geometry.raster import rasterise
+from grs_agents.library.importing.types import Floats, Image, Ints, Part, Solid
+
+_LARGEST = 2048
+_SMALLEST = 4
+
+
+def padded(image: Image, uvs: Floats, edge: int) -> Image:
+    """The texture with its longer side at most ``edge`` px; what no triangle uses continues what is beside it.
+
+    Args:
+        image: (H, W, 3) uint8.
+        uvs: (F, 3, 2) coordinates in 0..1 of all triangles that use it, origin at the lower left.
+        edge: px.
+    """
+    image = shrunk(image, _LARGEST)
+    height, width = image.shape[:2]
+    if min(height, width) < 2 * _SMALLEST:
+        return image
+    corners = np.stack([uvs[:, :, 0] * width - 0.5, (1 - uvs[:, :, 1]) * height - 0.5], axis=2)
+    used = rasterise(corners, np.zeros(corners.shape[:2]), width, height).triangle >= 0
+    if used.all() or not used.any():
+        return shrunk(image, edge)
+    color, weight = image * used[:, :, None].astype(np.float64), used.astype(np.float64)
+    while max(color.shape[:2]) > edge:
+        color, weight = _halved(color), _halved(weight[:, :, None])[:, :, 0]
+    return np.rint(_continued(color, weight)).clip(0, 255).astype(np.uint8)
+
+
+def shrunk(image: Image, edge: int) -> Image:
+    """The picture with its longer side at most ``edge`` px."""
+    from PIL import Image as Pictures
+
+    height, width = image.shape[:2]
+    if max(height, width) <= edge:
+        return image
+    scale = edge / max(height, width)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    return np.asarray(Pictures.fromarray(image).resize(size, Pictures.Resampling.LANCZOS), np.uint8)
+
+
+def _halved(values: Floats) -> Floats:
+    """Means over 2 x 2 texels; an odd last row or column counts twice."""
+    high, wide = values.shape[:2]
+    even = np.pad(values, ((0, high % 2), (0, wide % 2), (0, 0)), mode="edge")
+    return even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2, -1).mean(axis=(1, 3))
+
+
+def _continued(color: Floats, weight: Floats) -> Floats:
+    """Colours over their weights; where there is no weight, those of the same picture at half its size."""
+    own = color / np.maximum(weight, 1e-9)[:, :, None]
+    if (weight > 0).all() or min(weight.shape) < _SMALLEST:
+        return own
+    coarse = _continued(_halved(color), _halved(weight[:, :, None])[:, :, 0])
+    larger = coarse.repeat(2, axis=0).repeat(2, axis=1)[: weight.shape[0], : weight.shape[1]]
+    return np.where((weight > 0)[:, :, None], own, larger)
+
+
+_GAP, _SWATCH, _PALETTE = 2, 4, 256
+_WELD = 1e-6
+"""Corners nearer than this share of the mesh's extent are one vertex."""
+
+
+def one_mesh(parts: Sequence[Part], edge: int) -> Solid:
+    """All parts as one welded mesh whose picture is at most ``edge`` px wide and high."""
+    pictures: list[Image] = []
+    where: list[int] = []
+    for part in parts:
+        if part.image is not None and part.uvs is not None:
+            where.append(len(pictures))
+            pictures.append(part.image)
+        else:
+            where.append(-1)
+    plain = [part for part, number in zip(parts, where, strict=True) if number < 0]
+    palette, cells = _palette(plain)
+    if plain:
+        pictures.append(palette)
+    for number, picture in enumerate(pictures[: len(pictures) - bool(plain)]):
+        users = [_untiled(_uvs(part)) for part, one in zip(parts, where, strict=True) if one == number]
+        pictures[number] = padded(picture, np.concatenate(users), edge)
+    sheet, boxes = _side_by_side(pictures, edge)
+    uvs: list[Floats] = []
+    taken = 0
+    for part, number in zip(parts, where, strict=True):
+        if number < 0:
+            index = cells[taken : taken + len(part.faces)]
+            taken += len(part.faces)
+            uvs.append(_swatch_uvs(index, palette, boxes[-1]))
+        else:
+            uvs.append(_within(_untiled(_uvs(part)), boxes[number]))
+    counts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    vertices = np.concatenate([part.vertices for part in parts])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, counts[:-1], strict=True)])
+    vertices, faces = weld(vertices, faces)
+    return Solid(vertices, faces, np.concatenate(uvs), sheet)
+
+
+def _uvs(part: Part) -> Floats:
+    return np.zeros((len(part.faces), 3, 2)) if part.uvs is None else part.uvs
+
+
+def weld(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Vertices at one place become one; those that no face uses are dropped."""
+    used = np.unique(faces)
+    extent = float(np.ptp(vertices[used], axis=0).max()) or 1.0
+    keys: Ints = np.rint((vertices[used] - vertices[used].min(axis=0)) / (extent * _WELD)).astype(np.int64)
+    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    number = np.full(len(vertices), -1, np.int64)
+    number[used] = inverse.ravel()
+    return vertices[used][first], number[faces]
+
+
+def _palette(parts: Sequence[Part]) -> tuple[Image, Ints]:
+    """A picture of swatches, 16 in a row, and the number of the swatch of each face."""
+    if not parts:
+        return np.zeros((0, 0, 3), np.uint8), np.zeros(0, np.int64)
+    grey = np.full((1, 3), 180, np.uint8)
+    colors = np.concatenate(
+        [np.repeat(grey, len(part.faces), 0) if part.colors is None else part.colors for part in parts]
+    )
+    step, levels, index = 1, colors, np.zeros(0, np.int64)
+    while True:
+        levels, index = np.unique(colors // step * step + (step - 1) // 2, axis=0, return_inverse=True)
+        if len(levels) <= _PALETTE:
+            break
+        step *= 2
+    rows = -(-len(levels) // 16)
+    swatches = np.zeros((rows * 16, 3), np.uint8)
+    swatches[: len(levels)] = levels
+    cells = swatches.reshape(rows, 16, 3)
+    return cells.repeat(_SWATCH, axis=0).repeat(_SWATCH, axis=1), index.ravel()
+
+
+def _swatch_uvs(index: Ints, palette: Image, box: Floats) -> Floats:
+    height, width = palette.shape[:2]
+    u = (index % 16 + 0.5) * _SWATCH / width
+    v = 1 - (index // 16 + 0.5) * _SWATCH / height
+    return _within(np.repeat(np.stack([u, v], axis=1)[:, None], 3, axis=1), box)
+
+
+def _untiled(uvs: Floats) -> Floats:
+    """Texture coordinates of each face moved by whole numbers into 0..1; a face that spans more is clipped."""
+    middle = uvs.mean(axis=1, keepdims=True)
+    outside = (uvs.min(axis=1) < -1e-6).any(axis=1) | (uvs.max(axis=1) > 1 + 1e-6).any(axis=1)
+    moved = np.where(outside[:, None, None], uvs - np.floor(middle), uvs)
+    return np.clip(moved, 0, 1)
+
+
+def _within(uvs: Floats, box: Floats) -> Floats:
+    """Coordinates of a picture as those of the sheet on which it lies in ``box`` (u, v, width, height)."""
+    return box[:2] + uvs * box[2:]
+
+
+def _side_by_side(pictures: Sequence[Image], edge: int) -> tuple[Image, list[Floats]]:
+    """One picture of several in a grid, and where each lies: (u, v, width, height), origin at the lower left."""
+    if len(pictures) == 1:
+        return shrunk(pictures[0], edge), [np.array([0.0, 0.0, 1.0, 1.0])]
+    columns = int(np.ceil(np.sqrt(len(pictures))))
+    rows = -(-len(pictures) // columns)
+    cell = max(4, edge // columns)
+    small = [shrunk(one, cell - 2 * _GAP) for one in pictures]
+    cell = min(cell, max(max(one.shape[:2]) for one in small) + 2 * _GAP)
+    sheet = np.full((rows * cell, columns * cell, 3), 128, np.uint8)
+    boxes: list[Floats] = []
+    for number, one in enumerate(small):
+        top, left = number // columns * cell, number % columns * cell
+        high, wide = one.shape[:2]
+        padded = np.pad(one, ((_GAP, _GAP), (_GAP, _GAP), (0, 0)), mode="edge")
+        sheet[top : top + high + 2 * _GAP, left : left + wide + 2 * _GAP] = padded
+        x, y = (left + _GAP) / sheet.shape[1], 1 - (top + _GAP + high) / sheet.shape[0]
+        boxes.append(np.array([x, y, wide / sheet.shape[1], high / sheet.shape[0]]))
+    return sheet, boxes

@@ -1,0 +1,180 @@
+"""Meshes without a mesh library: vertices and textured triangles of files; boxes, cylinders, spheres as triangles."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import InputError
+from grs_agents.library.shapes import Shape
+
+_MAX_BYTES = 64_000_000
+
+
+def read_vertices(path: Path) -> npt.NDArray[np.float64]:
+    """The (N, 3) vertices of an OBJ file, in the file's own units.
+
+    Raises:
+        InputError: the file is not a readable OBJ with at least four finite vertices.
+    """
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise InputError(f"cannot read mesh {path}: {error.strerror}", "put the file there") from error
+    if path.suffix.lower() != ".obj" or status.st_size > _MAX_BYTES:
+        raise InputError(f"mesh {path.name} is not an .obj file below {_MAX_BYTES} bytes", "convert it to OBJ")
+    return _read(path, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=512)
+def _read(path: Path, _modified: int) -> npt.NDArray[np.float64]:
+    rows: list[list[float]] = []
+    try:
+        with path.open(encoding="utf-8") as lines:
+            rows = [[float(word) for word in line.split()[1:4]] for line in lines if line.startswith("v ")]
+        vertices = np.array(rows, dtype=np.float64).reshape(-1, 3)
+    except (OSError, ValueError) as error:
+        raise InputError(f"mesh {path} is not a valid OBJ: {error}", "export it again") from error
+    if len(vertices) < 4 or not np.isfinite(vertices).all():
+        raise InputError(f"mesh {path} has {len(vertices)} vertices or numbers not finite", "export it again")
+    vertices.setflags(write=False)
+    return vertices
+
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+_NO_UV = -1
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The triangles of one mesh, in the file's own units.
+
+    Attributes:
+        corners: (T, 3, 3) positions.
+        uvs: (T, 3, 2) texture coordinates, origin at the picture's lower left; zeros where the file has none.
+    """
+
+    corners: Floats
+    uvs: Floats
+
+
+def read_surface(path: Path) -> Surface:
+    """The triangles of an OBJ file; polygons become fans.
+
+    Raises:
+        InputError: the file is not a readable OBJ, has no faces, or a face names a vertex that is not there.
+    """
+    vertices = read_vertices(path)
+    return _read_surface(path, path.stat().st_mtime_ns, len(vertices))
+
+
+def solid_volume(path: Path) -> float:
+    """The volume that an OBJ file's convex mesh encloses, in its own units cubed, whichever way its faces are turned.
+
+    Of a mesh that is not convex it is about that of what can be seen from its middle.
+
+    Raises:
+        InputError: as `read_surface`.
+    """
+    return _volume(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=4096)
+def _volume(path: Path, _modified: int) -> float:
+    corners = read_surface(path).corners
+    corners = corners - (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
+    return float(np.abs(np.linalg.det(corners)).sum()) / 6
+
+
+@lru_cache(maxsize=128)
+def _read_surface(path: Path, _modified: int, count: int) -> Surface:
+    vertices, uvs = read_vertices(path), list[tuple[float, float]]()
+    faces: list[tuple[int, int, int]] = []
+    face_uvs: list[tuple[int, int, int]] = []
+    try:
+        with path.open(encoding="utf-8") as lines:
+            for line in lines:
+                if line.startswith("vt "):
+                    u, v = line.split()[1:3]
+                    uvs.append((float(u), float(v)))
+                elif line.startswith("f "):
+                    words = [_corner(word, count, len(uvs)) for word in line.split()[1:]]
+                    for a, b, c in _fan(words):
+                        faces.append((a[0], b[0], c[0]))
+                        face_uvs.append((a[1], b[1], c[1]))
+        coordinates = np.array([*uvs, (0.0, 0.0)], dtype=np.float64)
+        index, index_uv = np.array(faces, dtype=np.int64).reshape(-1, 3), np.array(face_uvs, dtype=np.int64)
+        if not len(index):
+            raise ValueError("it has no faces")
+        surface = Surface(vertices[index], coordinates[index_uv])
+    except (OSError, ValueError, IndexError) as error:
+        raise InputError(f"mesh {path} is not a valid OBJ: {error}", "export it again") from error
+    surface.corners.setflags(write=False)
+    surface.uvs.setflags(write=False)
+    return surface
+
+
+def _corner(word: str, vertices: int, uvs: int) -> tuple[int, int]:
+    """Vertex and texture coordinate that ``a``, ``a/b`` or ``a/b/c`` names; negative numbers count from the end."""
+    first, _, rest = word.partition("/")
+    second = rest.partition("/")[0]
+    return _index(first, vertices), _index(second, uvs) if second else _NO_UV
+
+
+def _index(word: str, count: int) -> int:
+    number = int(word)
+    index = number - 1 if number > 0 else count + number
+    if not 0 <= index < count:
+        raise ValueError(f"a face names item {number} of {count}")
+    return index
+
+
+def _fan(words: list[tuple[int, int]]) -> Iterator[tuple[tuple[int, int], ...]]:
+    return ((words[0], words[number], words[number + 1]) for number in range(1, len(words) - 1))
+
+
+_SECTIONS, _RINGS = 48, 24
+_BOX = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+"""Corners of each side, counter-clockwise from outside; corner number 4x + 2y + z of the unit cube."""
+
+
+def solid_surface(shape: Shape) -> Surface:
+    """The triangles of a primitive in its own frame (m), without texture coordinates."""
+    if shape.kind == "box":
+        cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+        corners = _quads(cube * np.asarray(shape.size), _BOX)
+    elif shape.kind == "cylinder":
+        radius, length = shape.size
+        corners = _turned([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])
+    else:
+        angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS + 1)
+        radius = shape.size[0]
+        corners = _turned([(radius * float(np.cos(one)), radius * float(np.sin(one))) for one in angles])
+    return Surface(corners, np.zeros((len(corners), 3, 2)))
+
+
+def _turned(profile: Sequence[tuple[float, float]]) -> Floats:
+    """The solid (T, 3, 3) that a profile of (radius, z), from the lowest point to the highest, makes around z."""
+    angles = np.arange(_SECTIONS) * 2 * np.pi / _SECTIONS
+    rings = [
+        np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(_SECTIONS, z)], axis=1)
+        for radius, z in profile
+    ]
+    quads = [
+        (row * _SECTIONS + one, row * _SECTIONS + other, (row + 1) * _SECTIONS + other, (row + 1) * _SECTIONS + one)
+        for row in range(len(profile) - 1)
+        for one, other in ((number, (number + 1) % _SECTIONS) for number in range(_SECTIONS))
+    ]
+    return _quads(np.concatenate(rings), quads)
+
+
+def _quads(vertices: Floats, quads: Sequence[tuple[int, int, int, int]]) -> Floats:
+    """Two triangles for each quad; those without an area are left out."""
+    triangles = np.array([three for a, b, c, d in quads for three in ((a, b, c), (a, c, d))])
+    corners = vertices[triangles]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return corners[areas > 1e-15]

@@ -1,0 +1,244 @@
+"""The offline roles that look: the describer, the matcher, and the describer of 3D models.
+
+The last one goes by what was measured of a model, and says so.
+"""
+
+import base64
+import json
+from collections.abc import Sequence
+from typing import Any, cast
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from langchain_core.messages import HumanMessage
+
+from grs_agents.library.colors import COLORS, color_name
+from grs_agents.models.offline.prompt_text import Json, PromptText, numbers, words
+
+Image = npt.NDArray[np.uint8]
+"""BGR, as OpenCV decodes it."""
+SLIVER = 0.006
+"""Nothing thinner than this is taken for an object, metres."""
+SLACK = 0.005
+"""Every measured extent may be wrong by this much (metres) and by a share of the asset's extent."""
+SHORT, LONG = 0.33, 0.12
+"""The share where it is too short across, since the camera sees one side only, and where it is not."""
+SURE = 0.9
+"""The most that an asset may differ, 1 being the bounds above reached by every extent."""
+APART = 0.2
+"""How much better the best asset must be than the next."""
+ACCENT = 0.05
+"""The share of an object's pixels from which a second colour is worth telling."""
+_EITHER = frozenset({"bottle", "jar", "canister", "tub"})
+"""Kinds that look round or angular by the side one sees."""
+_PLAIN = frozenset({"white", "gray", "black"})
+_ROUND = frozenset({"cylinder", "can", "bottle", "jar", "canister", "tub", "mug", "cup", "bowl", "plate", "sphere"})
+
+
+def images(message: HumanMessage) -> list[bytes]:
+    """The pictures in a message, as encoded files, in their order."""
+    blocks = cast(list[Any], message.content) if isinstance(message.content, list) else []
+    found: list[bytes] = []
+    for block in blocks:
+        if isinstance(block, dict):
+            data = cast(Json, block).get("base64")
+            if isinstance(data, str):
+                found.append(base64.b64decode(data))
+    return found
+
+
+def describe(prompt: PromptText, pictures: Sequence[bytes]) -> str:
+    """Reply to the ``describe`` prompt from the measurements and the crop's colours."""
+    measured = prompt.json("measurements")
+    size = _size(measured)
+    names = _colors(measured, pictures)
+    shape = _shape(measured)
+    category = _category(shape, size) if size else "object"
+    is_object = size is None or _plausible(size, measured)
+    what = category if category != "object" else shape
+    extent = " x ".join(f"{100 * edge:.0f}" for edge in size) + " cm" if size else "unknown size"
+    second = f" with some {' and '.join(names[1:])}" if len(names) > 1 else ""
+    description = f"A {_build(size)}{names[0]} {what}{second}, {shape}-shaped, about {extent}."
+    if not is_object:
+        description = f"A {names[0]} segment of {extent}, too thin or too large to be an object."
+    return _fenced(
+        {
+            "is_object": is_object,
+            "description": description,
+            "color": names[0],
+            "shape": shape,
+            "category": category,
+        }
+    )
+
+
+def match(prompt: PromptText) -> str:
+    """Reply to the ``match`` prompt: the asset of the same size, colour and shape, if there is exactly one."""
+    candidate = prompt.json("candidate")
+    size = _size(candidate)
+    if candidate.get("is_object") is False or (size is not None and not _plausible(size, candidate)):
+        return _fenced({"match": "no_object", "asset": None, "reason": "the segment is no plausible object"})
+    told = " ".join(str(candidate.get(key, "")) for key in ("description", "category", "shape", "color"))
+    scores: list[tuple[float, str]] = []
+    for asset in prompt.rows("assets"):
+        extent = numbers(asset.get("size"), 3)
+        if size and extent and _same_build(told, asset):
+            difference = _difference(size, extent) + _color_difference(told, asset)
+            if difference <= SURE:
+                scores.append((difference, str(asset.get("name"))))
+    scores.sort()
+    if not scores:
+        return _fenced({"match": "no_asset", "asset": None, "reason": "no asset of this size, shape and colour"})
+    if len(scores) > 1 and scores[1][0] < scores[0][0] + APART:
+        names = " and ".join(name for _, name in scores[:3])
+        return _fenced({"match": "no_asset", "asset": None, "reason": f"{names} fit equally well"})
+    reason = f"size, shape and colours agree, at {100 * scores[0][0]:.0f} % of what is allowed to differ"
+    return _fenced({"match": "asset", "asset": scores[0][1], "reason": reason})
+
+
+def color_names(image: Image, mean: Sequence[float] | None = None) -> list[str]:
+    """The names of the dominant colours of an object in a crop, the largest first.
+
+    Args:
+        image: the crop; its margin is darker than the object.
+        mean: the object's mean colour (red, green, blue, 0..1), used where the object is as dark as the margin.
+    """
+    rgb = image[..., ::-1] / 255
+    edge = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]]).max(axis=1)
+    pixels = rgb.reshape(-1, 3)[:: max(1, image.shape[0] * image.shape[1] // 6000)]
+    kept = pixels[pixels.max(axis=1) >= float(np.percentile(edge, 90)) + 0.04]
+    if len(kept) < 0.1 * len(pixels):
+        return [color_name((mean[0], mean[1], mean[2]))] if mean else ["gray"]
+    lit = min(1.35, 0.95 / max(0.05, float(np.percentile(kept.max(axis=1), 95))))
+    levels, amounts = np.unique(np.round(np.minimum(kept * max(1.0, lit), 1.0) * 20), axis=0, return_counts=True)
+    shares: dict[str, float] = {}
+    shaded: dict[str, float] = {}
+    for level, amount in zip(levels, amounts, strict=True):
+        red, green, blue = (float(part) / 20 for part in level)
+        name, share = color_name((red, green, blue)), float(amount) / len(kept)
+        shares[name] = shares.get(name, 0.0) + share
+        if name == "brown":  # perhaps something red or orange in its own shade
+            most = max(red, green, blue)
+            lit_name = color_name((red / most, green / most, blue / most))
+            shaded[lit_name] = shaded.get(lit_name, 0.0) + share
+    for name, share in shaded.items():
+        if shares.get(name, 0.0) > 0.5 * share:
+            shares[name] += share
+            shares["brown"] -= share
+    ranked = sorted(shares, key=lambda name: (-shares[name], name))
+    return ranked[:1] + [name for name in ranked[1:4] if shares[name] >= ACCENT]
+
+
+def _colors(measured: Json, pictures: Sequence[bytes]) -> list[str]:
+    mean = numbers(measured.get("mean_color_rgb"), 3)
+    if mean and (not pictures or max(mean) < 0.3):
+        return [color_name((mean[0], mean[1], mean[2]))]
+    image = cv2.imdecode(np.frombuffer(pictures[0], np.uint8), cv2.IMREAD_COLOR) if pictures else None
+    return color_names(cast(Image, image), mean) if image is not None else ["gray"]
+
+
+def _size(measured: Json) -> tuple[float, ...] | None:
+    return numbers(measured.get("size_m"), 3)
+
+
+def _shape(measured: Json) -> str:
+    shape = str(measured.get("outline") or "box").lower()
+    return shape if shape in (*_ROUND, "box") else "box"
+
+
+def _plausible(size: Sequence[float], measured: Json) -> bool:
+    points = measured.get("pixels")
+    seen = not isinstance(points, int | float) or points >= 30
+    low, middle, high = sorted(size)
+    return seen and low >= SLIVER and middle >= 0.012 and high <= 0.6 and high <= 25 * low
+
+
+def _category(shape: str, size: Sequence[float]) -> str:
+    across, height = max(size[:2]), size[2]
+    if shape in ("cylinder", "sphere"):
+        if across > 0.1:
+            return "plate" if height < 0.035 else "bowl" if height < 0.09 else "canister"
+        return "bottle" if height > 2 * across else "can"
+    if shape != "box":
+        return shape
+    even = max(size) <= 1.25 * min(size)
+    if even and max(size) <= 0.07:
+        return "cube"
+    return "carton" if height >= 2 * across and height > 0.12 else "box"
+
+
+def _build(size: Sequence[float] | None) -> str:
+    if size is None:
+        return ""
+    across = max(size[:2])
+    return "tall " if size[2] > 1.6 * across else "flat " if size[2] < 0.45 * across else ""
+
+
+def _same_build(told: str, asset: Json) -> bool:
+    """Whether what was told and the asset are both round or both angular, as far as that can be seen."""
+    if asset.get("category") in _EITHER:
+        return True
+    kind = {*words(str(asset.get("category", ""))), *words(str(asset.get("description", "")))}
+    return bool({*words(told)} & _ROUND) == bool(kind & _ROUND)
+
+
+def _difference(measured: Sequence[float], extent: Sequence[float]) -> float:
+    """How far the extents disagree, 1 being the most that is allowed; an asset may stand on any of its sides."""
+    across = sorted(measured[:2])
+    best = 10.0
+    for axis in range(3):
+        rest = sorted(edge for number, edge in enumerate(extent) if number != axis)
+        parts = [abs(measured[2] - extent[axis]) / (LONG * extent[axis] + SLACK)]
+        for seen, edge in zip(across, rest, strict=True):
+            parts.append(abs(seen - edge) / ((SHORT if seen < edge else LONG) * edge + SLACK))
+        best = min(best, (max(parts) + sum(parts) / 3) / 2 + (0.0 if axis == 2 else 0.1))
+    return best
+
+
+def _color_difference(told: str, asset: Json) -> float:
+    """How far the colours disagree: 0 where all that stand out are shared, 2 where none is."""
+    own = _color_words(f"{asset.get('color', '')} {asset.get('description', '')}")
+    seen = _color_words(told)
+    vivid = [color for color in seen if color not in _PLAIN]
+    if not vivid:
+        return 2.0 if not {*own} & {*seen} else 0.4 if {*own} - _PLAIN else 0.0
+    if vivid[0] not in own:
+        return 2.0
+    return 0.15 * (len({*own} - _PLAIN - {*vivid}) + len({*vivid} - {*own}))
+
+
+def _color_words(text: str) -> list[str]:
+    """The colours a text names, in order; orange and brown are the same in other light."""
+    named = ["orange" if word == "brown" else word for word in words(text) if word in COLORS]
+    return list(dict.fromkeys(named))
+
+
+def _fenced(value: Json) -> str:
+    return f"```json\n{json.dumps(value, ensure_ascii=False)}\n```"
+
+
+_KINDS = (
+    "bottle", "can", "box", "bowl", "mug", "cup", "plate", "jar", "carton", "tub", "canister", "cube", "pitcher",
+    "ball", "basket", "tray", "toy", "bag", "book", "pan", "sponge", "hammer", "scissors", "marker",
+)  # fmt: skip
+
+
+def describe_asset(prompt: PromptText) -> str:
+    """Reply to the ``describe_asset`` prompt from its facts alone; the pictures are not looked at."""
+    facts = prompt.json("facts")
+    told = facts.get("colors")
+    colors = [str(one) for one in cast(list[object], told)] if isinstance(told, list) and told else ["gray"]
+    words = str(facts.get("file_name", "")).lower().replace("_", " ").replace("-", " ").split()
+    words = [word for word in words if word.isalpha()]
+    category = next((word for word in reversed(words) if word in _KINDS), "object")
+    size = numbers(facts.get("size_m"), 3)
+    across = max(size[:2]) if size else 0.0
+    build = "" if not size else "tall " if size[2] > 1.6 * across else "flat " if size[2] < 0.45 * across else ""
+    called = " ".join(words) or category
+    hollow = ", hollow" if facts.get("hollow") is True else ""
+    paint = f"{build}{' and '.join(colors[:2])}"
+    article = "An" if paint[0] in "aeiou" else "A"
+    text = f"{article} {paint} {called}{hollow} (told from its name and measurements, not seen)."
+    reply = {"description": text, "color": colors[0], "category": category}
+    return f"```json\n{json.dumps(reply)}\n```"

@@ -1,0 +1,187 @@
+"""Write a plan out as a simulation program."""
+
+import keyword
+
+from grs_agents.models.offline.plan import CONTAINER, TALLEST, ZONE, Frame, Move, Plan
+from grs_agents.models.offline.prompt_text import GAP, identifier, words
+
+_TOLD = {
+    "pack": "put the {} into the {}",
+    "stack": "stack the {} on the {}",
+    "clear": "move the {} to the {}",
+}
+
+
+def class_name(task: str) -> str:
+    """CamelCase of a task's name."""
+    return "".join(word.capitalize() for word in words(task)) or "PlaceObjects"
+
+
+def write_program(plan: Plan, title: str, description: str, spots: bool = False) -> str:
+    """The program text for a plan.
+
+    Args:
+        plan: what to set up.
+        title: the class name.
+        description: for the docstring.
+        spots: give each object a spot of its own inside its container or zone, instead of the whole of it.
+    """
+    names = _variables(plan)
+    lines = [*_head(plan, title, description), *_start(plan, names)]
+    for frame in plan.frames:
+        lines += ["", *_frame(frame, names)]
+    exact = plan.exact or any(thing.size[2] > TALLEST for thing in plan.things)
+    lines += ["", *_goals(plan, names, "pose" if exact else "zone", spots and not exact)]
+    if any(frame.moves for frame in plan.frames) or any(thing.relocated for thing in plan.things):
+        lines += ["", *_FIND_PLACE]
+    return "\n".join(lines) + "\n"
+
+
+def _head(plan: Plan, title: str, description: str) -> list[str]:
+    steps = len(plan.moves)
+    text = description.replace("\\", "").replace('"', "'")
+    return [
+        "import numpy as np",
+        "",
+        "from grs_agents.sim import Task, utils",
+        "",
+        "",
+        f"class {title}(Task):",
+        f'    """{text}"""',
+        "",
+        "    def __init__(self):",
+        "        super().__init__()",
+        f"        self.max_steps = {steps + steps // 2 + 2}",
+        f'        self.lang_template = "{_TOLD.get(plan.family, "put the {} on the {}")}"',
+        '        self.task_completed_desc = "task completed."',
+        "        self.additional_reset()",
+        "",
+        "    def reset(self, env):",
+        "        super().reset(env)",
+    ]
+
+
+def _start(plan: Plan, names: dict[str, str]) -> list[str]:
+    lines = ["", "        # The objects, where the photo shows them."]
+    relocated = [thing for thing in plan.things if thing.relocated]
+    for thing in plan.things:
+        if not thing.relocated:
+            pose = f"({_vector(thing.position)}, {_vector(thing.orientation)})"
+            lines.append(f'        {names[thing.name]} = env.add_object("{thing.asset}", {pose})')
+    if len(relocated) == len(plan.things):
+        lines = []
+    if relocated:
+        lines += ["", "        # The objects that cannot be used where the photo shows them stand somewhere free."]
+    for thing in relocated:
+        spot = f"({thing.position[0]:.3f}, {thing.position[1]:.3f})"
+        lines += [
+            f"        start = self.find_place(env, {_vector(thing.size)}, {spot})",
+            f"        start = utils.multiply(start, ((0, 0, 0), {_vector(thing.orientation)}))",
+            f'        {names[thing.name]} = env.add_object("{thing.asset}", start)',
+        ]
+    return lines
+
+
+def _frame(frame: Frame, names: dict[str, str]) -> list[str]:
+    name = names[frame.name]
+    if frame.thing:
+        rotation = _vector(frame.thing.orientation)
+        return [
+            f"        # The {frame.label} serves where it stands.",
+            f"        {name}_size = {_vector(frame.size)}",
+            f"        {name}_pose = ({_vector(frame.thing.position)}, (0, 0, 0, 1))",
+            f'        env.add_object("{frame.thing.asset}", ({name}_pose[0], {rotation}), "fixed")',
+        ]
+    x, y = frame.place
+    lines = [f"        # The {frame.label}.", f"        {name}_size = {_vector(frame.size)}"]
+    if frame.moves:
+        lines.append(f"        {name}_pose = self.find_place(env, {name}_size, ({x:.3f}, {y:.3f}))")
+    else:
+        lines.append(f"        {name}_pose = (({x:.4f}, {y:.4f}, {frame.size[2] / 2:.4f}), (0, 0, 0, 1))")
+    if frame.asset:
+        template = CONTAINER if frame.kind == "container" else ZONE
+        lines += [
+            f"        {name}_urdf = self.fill_template(",
+            f'            "{template}", {{"DIM": {name}_size, "COLOR": utils.COLORS["{frame.color}"]}}',
+            "        )",
+            f'        env.add_object({name}_urdf, {name}_pose, "fixed")',
+        ]
+    return lines
+
+
+def _goals(plan: Plan, names: dict[str, str], metric: str, spots: bool) -> list[str]:
+    extent = "spot" if spots else "size"
+    lines = [
+        "        # One goal for each object, in the order in which the robot moves them:",
+        f"        # object, its name, where to (name, pose, {extent}), offset from there, rotation.",
+        "        moves = [",
+        *(f"            {_row(move, names, spots)}," for move in plan.moves),
+        "        ]",
+        f"        for item, label, place, pose, {extent}, offset, rotation in moves:",
+        "            target = utils.multiply(pose, (offset, rotation))",
+    ]
+    if spots:
+        lines.append("            around = utils.multiply(pose, (offset, (0, 0, 0, 1)))")
+    params = "[(around, spot)]" if spots else "[(pose, size)]" if metric == "zone" else "[]"
+    lines += [
+        "            self.add_goal(",
+        "                objs=[item],",
+        "                matches=np.int32([[1]]),",
+        "                targ_poses=[target],",
+        "                replace=False,",
+        "                rotations=True,",
+        f'                metric="{metric}",',
+        f"                params={params},",
+        "                step_max_reward=1 / len(moves),",
+        *(["                symmetries=[np.pi],"] if metric == "pose" else []),
+        "                language_goal=self.lang_template.format(label, place),",
+        "            )",
+    ]
+    return lines
+
+
+def _row(move: Move, names: dict[str, str], spots: bool) -> str:
+    name, frame, thing = names[move.frame.name], move.frame, move.thing
+    middle = frame.thing.position[2] if frame.thing else frame.size[2] / 2
+    offset = (move.offset[0], move.offset[1], move.offset[2] - middle)
+    size = _vector((thing.size[0] + GAP, thing.size[1] + GAP, thing.size[2])) if spots else f"{name}_size"
+    head = f'{names[thing.name]}, "{thing.label}", "{frame.label}", {name}_pose, {size}'
+    return f"({head}, {_vector(offset)}, {_vector(thing.orientation)})"
+
+
+def _variables(plan: Plan) -> dict[str, str]:
+    taken: dict[str, str] = {}
+    for name in [*(thing.name for thing in plan.things), *(frame.name for frame in plan.frames)]:
+        base, number = identifier(name), 2
+        variable = base
+        while variable in (*taken.values(), *_RESERVED):
+            variable, number = f"{base}_{number}", number + 1
+        taken[name] = variable
+    return taken
+
+
+def _vector(values: tuple[float, ...]) -> str:
+    return f"({', '.join(_number(value) for value in values)})"
+
+
+def _number(value: float) -> str:
+    return f"{value:.4f}".rstrip("0").rstrip(".") if abs(value) >= 5e-5 else "0"
+
+
+_RESERVED = frozenset(
+    {
+        *("self", "env", "np", "utils", "start", "moves", "item", "label", "place", "pose", "size", "spot"),
+        *("offset", "rotation", "target", "around"),
+        *keyword.kwlist,
+    }
+)
+_FIND_PLACE = [
+    "    def find_place(self, env, size, fallback):",
+    '        """A free pose in easy reach for something of this size; the fallback (x, y) where none turns up."""',
+    "        reach = 0.83 - np.hypot(size[0], size[1]) / 2",
+    "        for _ in range(20):",
+    "            position, rotation = self.get_random_pose(env, size)",
+    "            if position is not None and np.hypot(position[0], position[1]) < reach:",
+    "                return (position[0], position[1], size[2] / 2), rotation",
+    "        return (fallback[0], fallback[1], size[2] / 2), (0, 0, 0, 1)",
+]

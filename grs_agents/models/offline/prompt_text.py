@@ -1,0 +1,258 @@
+"""Read a prompt as the offline model gets it: a role line, ``## `` sections, fenced bodies.
+
+The scene section becomes typed values, with the little geometry that the rules need.
+"""
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+Json = dict[str, Any]
+_ROLE = re.compile(r"^# Role:[ \t]*([a-z_]+)[ \t]*$", re.MULTILINE)
+_FENCE = re.compile(r"^(`{3,}|~{3,})")
+
+
+@dataclass(frozen=True)
+class PromptText:
+    """A prompt taken apart.
+
+    Attributes:
+        role: what the ``# Role:`` line says.
+        sections: lower-case title -> body: the content of the section's first fenced block, or its plain text.
+    """
+
+    role: str
+    sections: Mapping[str, str]
+
+    def body(self, title: str) -> str:
+        """The body of a section, empty where there is none."""
+        return self.sections.get(title, "")
+
+    def json(self, title: str) -> Json:
+        """The section's JSON object; an empty one where the body is something else."""
+        value = read_json(self.body(title))
+        return cast(Json, value) if isinstance(value, dict) else {}
+
+    def rows(self, title: str) -> list[Json]:
+        """The section's JSON objects: one a line, or an array of them."""
+        body = self.body(title)
+        whole = read_json(body)
+        values = cast(list[Any], whole) if isinstance(whole, list) else [read_json(row) for row in body.splitlines()]
+        return [cast(Json, value) for value in values if isinstance(value, dict)]
+
+
+def read_prompt(text: str) -> PromptText | None:
+    """Take a prompt apart; None where no line names a role."""
+    found = _ROLE.search(text)
+    return None if found is None else PromptText(found.group(1), _sections(text[found.end() :]))
+
+
+def read_json(text: str) -> Any:
+    """The value that ``text`` spells, or None."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return None
+
+
+def _sections(text: str) -> dict[str, str]:
+    plain: dict[str, list[str]] = {}
+    fenced: dict[str, list[str]] = {}
+    closed: set[str] = set()
+    title, fence = "", ""
+    for line in text.splitlines():
+        mark = _FENCE.match(line)
+        if fence:
+            if mark and line.strip().startswith(fence) and not line.strip().strip(fence[0]):
+                closed.add(title)
+                fence = ""
+            elif title not in closed:
+                fenced.setdefault(title, []).append(line)
+        elif mark:
+            fence = mark.group(1)
+        elif line.startswith("## "):
+            title = line[3:].strip().lower()
+        else:
+            plain.setdefault(title, []).append(line)
+    bodies = {name: "\n".join(lines).strip() for name, lines in plain.items()}
+    return bodies | {name: "\n".join(lines) for name, lines in fenced.items()}
+
+
+def words(text: str) -> list[str]:
+    """The lower-case words of a name or sentence; CamelCase and digits are split."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
+    return re.findall(r"[a-z]+", spaced.lower())
+
+
+def identifier(text: str) -> str:
+    """A Python identifier that resembles ``text``."""
+    slug = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "thing"
+    return slug if slug[0].isalpha() else f"thing_{slug}"
+
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+NEAR, FAR = 0.28, 0.80
+"""Radii from the robot's base between which it works with ease, in metres."""
+GAP = 0.02
+"""The clearance left between neighbours, in metres."""
+HOLLOW_WORDS = frozenset({"bowl", "mug", "cup", "plate", "container", "basket", "tray", "bin"})
+ROUND_WORDS = frozenset({"bottle", "jar", "ball", "sphere", "fruit", "bag", "pear", "apple", "banana", "toy"})
+COLORS = ("red", "orange", "yellow", "green", "blue", "purple", "pink", "brown", "white", "gray", "black")
+"""The colour names in use; the simulator has a value for each."""
+
+
+@dataclass(frozen=True)
+class Rect:
+    """An axis-aligned rectangle on the table: centre and full extents in metres, robot frame."""
+
+    x: float
+    y: float
+    width: float
+    depth: float
+
+    def overlaps(self, other: "Rect", gap: float = 0.0) -> bool:
+        """Whether the two come closer than ``gap`` along both axes."""
+        return (
+            abs(self.x - other.x) < (self.width + other.width) / 2 + gap
+            and abs(self.y - other.y) < (self.depth + other.depth) / 2 + gap
+        )
+
+    def radii(self) -> tuple[float, float]:
+        """The least and the greatest distance of its corners and edges from the robot's base."""
+        low = math.hypot(max(0.0, abs(self.x) - self.width / 2), max(0.0, abs(self.y) - self.depth / 2))
+        return low, math.hypot(abs(self.x) + self.width / 2, abs(self.y) + self.depth / 2)
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One object of the scene, as the photo shows it.
+
+    Attributes:
+        name: unique in the scene.
+        asset: library name of what stands for it.
+        category: what kind of thing it is, lower case.
+        color: name of its dominant colour.
+        position: centre, metres, robot frame.
+        orientation: rotation (xyzw).
+        size: extents along the robot's axes as it stands, metres.
+        reachable: whether the arm can pick it there.
+        hollow: whether other things can be put inside or on it.
+        relocated: whether the program puts it elsewhere than the photo.
+    """
+
+    name: str
+    asset: str
+    category: str
+    color: str
+    position: Vector
+    orientation: Quaternion
+    size: Vector
+    reachable: bool
+    hollow: bool
+    relocated: bool = False
+
+    @property
+    def rect(self) -> Rect:
+        """Its footprint."""
+        return Rect(self.position[0], self.position[1], self.size[0], self.size[1])
+
+    @property
+    def label(self) -> str:
+        """What people call it, e.g. ``macaroni and cheese box`` or ``blue box``."""
+        stem = self.asset.rsplit("/", 1)[-1].removesuffix(".urdf")
+        if self.asset.startswith("proxy/"):
+            kind = self.category if self.category not in ("proxy", "") else "object"
+            return f"{self.color} {kind}".strip()
+        name = words(stem)
+        return " ".join(name if self.category in name or not self.category else [*name, self.category])
+
+    @property
+    def standing(self) -> bool:
+        """Whether it rests on the table rather than on another object."""
+        return abs(self.position[2] - self.size[2] / 2) < 0.025
+
+    @property
+    def flat_topped(self) -> bool:
+        """Whether another object would rest on it."""
+        kinds = {*words(self.category), *words(self.asset.rsplit("/", 1)[-1]), *words(self.name)}
+        return not self.hollow and not kinds & ROUND_WORDS
+
+    def at(self, x: float, y: float) -> "Thing":
+        """The same thing standing elsewhere on the table."""
+        return replace(self, position=(x, y, self.size[2] / 2), relocated=True)
+
+    def on_table(self) -> "Thing":
+        """The same thing with its underside on the table, where the photo's box hovers or sinks."""
+        low = self.size[2] / 2
+        height = self.position[2] if low <= self.position[2] <= low + 0.02 else low
+        return replace(self, position=(self.position[0], self.position[1], height))
+
+
+def read_things(scene: Json) -> list[Thing]:
+    """The objects of a scene section; entries without a name, asset, position or size are left out."""
+    found: list[Thing] = []
+    for entry in _list(scene.get("objects")):
+        thing = _thing(cast(Json, entry)) if isinstance(entry, dict) else None
+        if thing is not None:
+            found.append(thing)
+    return found
+
+
+def _thing(entry: Json) -> Thing | None:
+    position, size = numbers(entry.get("position"), 3), numbers(entry.get("size"), 3)
+    box = entry.get("box")
+    if size is None and isinstance(box, dict):
+        edges = cast(Json, box)
+        low, high = numbers(edges.get("low"), 3), numbers(edges.get("high"), 3)
+        size = tuple(b - a for a, b in zip(low, high, strict=True)) if low and high else None
+    asset = str(entry.get("asset") or "")
+    if position is None or size is None or min(size) <= 0 or not asset:
+        return None
+    orientation = numbers(entry.get("orientation"), 4) or (0.0, 0.0, 0.0, 1.0)
+    size = _as_it_stands(size, orientation, box)
+    category = str(entry.get("category") or "").lower()
+    named_hollow = bool({category, *words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")
+    hollow = bool(entry.get("hollow")) or named_hollow
+    return Thing(
+        name=str(entry.get("name") or asset),
+        asset=asset,
+        category=category,
+        color=str(entry.get("color") or "").lower(),
+        position=cast(Vector, position),
+        orientation=cast(Quaternion, orientation),
+        size=size,
+        reachable=bool(entry.get("reachable", True)),
+        hollow=hollow,
+    )
+
+
+def _as_it_stands(size: tuple[float, ...], orientation: tuple[float, ...], box: Any) -> Vector:
+    """The extents along the robot's axes, whether ``size`` tells them or the thing's own, judged by its box."""
+    x, y, z, w = orientation
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    across, along = abs(math.cos(yaw)), abs(math.sin(yaw))
+    turned = (across * size[0] + along * size[1], along * size[0] + across * size[1], size[2])
+    edges = cast(Json, box) if isinstance(box, dict) else {}
+    low, high = numbers(edges.get("low"), 3), numbers(edges.get("high"), 3)
+    if low is None or high is None:
+        return cast(Vector, size)
+    seen = [b - a for a, b in zip(low[:2], high[:2], strict=True)]
+    return cast(Vector, min((size, turned), key=lambda extents: math.dist(extents[:2], seen)))
+
+
+def numbers(value: Any, count: int) -> tuple[float, ...] | None:
+    """``value`` as a tuple of ``count`` finite floats, or None."""
+    items = _list(value)
+    if len(items) != count or not all(isinstance(item, int | float) for item in items):
+        return None
+    floats = tuple(float(item) for item in items)
+    return floats if all(math.isfinite(item) for item in floats) else None
+
+
+def _list(value: Any) -> list[Any]:
+    return list(cast("list[Any] | tuple[Any, ...]", value)) if isinstance(value, list | tuple) else []

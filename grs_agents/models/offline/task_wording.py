@@ -1,0 +1,108 @@
+"""Plans in words: the task's name and description, and the reading of any task's words back into a family."""
+
+import re
+from collections.abc import Sequence
+
+from grs_agents.models.offline.plan import Family, Frame, Plan
+from grs_agents.models.offline.prompt_text import COLORS, Thing
+from grs_agents.models.offline.task_families import PALETTE, Wish
+
+_FAMILY_WORDS: tuple[tuple[Family, str], ...] = (
+    ("sort", r"sort|group|categor|separat"),
+    ("stack", r"stack|pile|tower|on top of"),
+    ("line", r"\bline\b|\brow\b|\border\b|shortest|tallest|arrange|align"),
+    ("clear", r"clear|tidy|empty|make room|free up"),
+    ("match", r"mark of its own|own mark|each on|match|distribut"),
+    ("pack", r"pack|container|into|inside|\bbox up|basket|bowl|tray|\bbin\b"),
+    ("place", r"."),
+)
+_VERBS: dict[Family, str] = {
+    "pack": "pack",
+    "stack": "stack",
+    "sort": "sort",
+    "line": "line-up",
+    "clear": "clear-away",
+    "match": "distribute",
+    "place": "place",
+}
+
+
+def task_name(plan: Plan) -> str:
+    """A kebab-case name that tells the family and some of the objects."""
+    labels = list(dict.fromkeys(thing.label for thing in plan.things))
+    what = "-and-".join(labels[:2]) + ("-and-more" if len(labels) > 2 else "")
+    frame = plan.frames[0]
+    where = f"-{_preposition(frame)}-{frame.label}" if plan.family in ("pack", "stack", "place") else ""
+    how = {"sort": f"-by-{plan.note}", "line": "-by-height", "match": "-on-marks"}.get(plan.family, "")
+    return re.sub(r"[^a-z0-9]+", "-", f"{_VERBS[plan.family]}-{what}{how}{where}".lower()).strip("-")[:90].strip("-")
+
+
+def task_description(plan: Plan) -> str:
+    """One or two sentences that say when the task is done."""
+    told = {
+        "pack": "Pick up {what} and put everything into the {where}.",
+        "stack": "Stack {what} on the {where}, in this order from the bottom to the top.",
+        "line": "Line up {what} on the {where}, side by side from the shortest to the tallest.",
+        "clear": "Clear the {where}: move {what} out of it to a free part of the table.",
+        "sort": "Sort the objects by {note}: put {each}.",
+        "match": "Put each object on a mark of its own: {each}.",
+        "place": "Put {what} on the {where}.",
+    }
+    what = listed([thing.label for thing in plan.things])
+    return told[plan.family].format(what=what, where=plan.frames[0].label, note=plan.note, each=_by_frame(plan))
+
+
+def read_family(name: str, description: str) -> Family:
+    """The family that a task's words call for; the name weighs more than the description."""
+    begins: list[Family] = [family for family, verb in _VERBS.items() if name.lower().startswith(f"{verb}-")]
+    if begins:
+        return begins[0]
+    for text in (name.lower().replace("-", " "), description.lower()):
+        for family, pattern in _FAMILY_WORDS[:-1]:
+            if re.search(pattern, text):
+                return family
+    return "place"
+
+
+def read_wish(name: str, description: str, holders: Sequence[Thing], margin: float = 1.0) -> Wish:
+    """The colour and the order that a task's words ask for."""
+    text = f"{description} {name.replace('-', ' ')}".lower()
+    colors = "|".join(COLORS)
+    found = re.search(rf"\b({colors}) (?:container|zone|strip|area|mark|place|square)\b", text)
+    found = found or re.search(rf"\b({colors}) box\b", text)  # a box may also be one of the objects
+    note = "color" if re.search(r"by colou?r", text) else "kind" if re.search(r"by (kind|category|type)", text) else ""
+    return Wish(found.group(1) if found else PALETTE[0], tuple(holders), note, margin)
+
+
+def listed(labels: Sequence[str]) -> str:
+    """``the a, the b and the c``; equal labels are counted."""
+    counts = {label: list(labels).count(label) for label in labels}
+    parts = [f"the {label}" if count == 1 else f"the {count} {_plural(label)}" for label, count in counts.items()]
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+UNTOLD = 1000
+"""More than any description counts: it does not mention them."""
+
+
+def told(label: str, description: str) -> int:
+    """How many objects called ``label`` a description counts; very many where it does not mention them."""
+    found = re.findall(rf"\bthe (?:(\d+) )?{re.escape(label)}(?:e?s)?\b", description)
+    return sum(int(number or 1) for number in found) if found else UNTOLD
+
+
+def _plural(label: str) -> str:
+    return f"{label}es" if label.endswith(("s", "x", "ch", "sh")) else f"{label}s"
+
+
+def _by_frame(plan: Plan) -> str:
+    parts: list[str] = []
+    for frame in plan.frames:
+        labels = [move.thing.label for move in plan.moves if move.frame is frame]
+        if labels:
+            parts.append(f"{listed(labels)} on the {frame.label}")
+    return ", and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
+
+
+def _preposition(frame: Frame) -> str:
+    return "into" if frame.kind in ("container", "thing") else "on"

@@ -1,0 +1,88 @@
+"""The test author and the test fixer."""
+
+from grs_agents.models.offline import program_edits
+from grs_agents.models.offline.code_fixer import mend_python
+from grs_agents.models.offline.prompt_text import PromptText
+from grs_agents.models.offline.test_evidence import read_evidence
+
+_TEMPLATE = '''import unittest
+
+import numpy as np
+
+from grs_agents.sim import Environment
+from task_code import {title}
+
+
+class Test{title}(unittest.TestCase):
+    """Does the oracle do this: {description}"""
+
+    def setUp(self):
+        self.env = Environment()
+        self.task = {title}()
+        self.env.set_task(self.task)
+
+    def run_oracle(self):
+        """Run one episode; gives the total reward, whether it is done, the actions and the final state."""
+        obs = self.env.reset()
+        info = self.env.info
+        agent = self.task.oracle(self.env)
+        total, done, actions = 0.0, False, []
+        for _ in range(self.task.max_steps):
+            act = agent.act(obs, info)
+            if act is None:
+                break
+            obs, reward, done, info = self.env.step(act)
+            actions.append(act)
+            total += reward
+            if done:
+                break
+        return total, done, actions, info
+
+    def test_oracle_succeeds(self):
+        total, done, actions, _ = self.run_oracle()
+        used = f"{{len(actions)}} of {{self.task.max_steps}} steps used, reward {{total:.2f}}"
+        self.assertTrue(done, f"the oracle did not finish: {{used}}")
+        self.assertAlmostEqual(total, 1.0, delta=0.01, msg=f"the oracle missed part of the reward: {{used}}")
+
+    def test_oracle_picks_and_places_objects(self):
+        total, _, actions, _ = self.run_oracle()
+        moves = [act for act in actions if "pose0" in act and "pose1" in act]
+        self.assertGreater(len(moves), 0, f"the oracle moved nothing, reward {{total:.2f}}")
+        self.assertEqual(len(moves), len(actions), "an action is not a pick and a place")
+
+    def test_objects_end_where_they_were_put(self):
+        total, done, actions, info = self.run_oracle()
+        self.assertTrue(done, f"the oracle did not finish, reward {{total:.2f}}")
+        final = [np.asarray(info[item][0])[:2] for item in self.env.obj_ids["rigid"]]
+        for act in actions:
+            place = np.asarray(act["pose1"][0])[:2]
+            nearest = min(float(np.linalg.norm(position - place)) for position in final)
+            self.assertLess(nearest, {tolerance}, f"nothing rests within {{nearest:.3f}} m of {{place}}")
+
+
+if __name__ == "__main__":
+    unittest.main()
+'''
+_TOLERANCE = 0.06
+"""How far from where it was put an object may come to rest, metres."""
+
+
+def author_tests(prompt: PromptText) -> str:
+    """Reply to the ``tests`` prompt: three tests of the oracle's behaviour."""
+    return f"```python\n{_written(prompt, _TOLERANCE)}```"
+
+
+def fix_tests(prompt: PromptText) -> str:
+    """Reply to the ``fix_tests`` prompt: the error mended, else tests written anew that explain their failures."""
+    source, evidence = prompt.body("tests"), read_evidence(prompt.body("test report"))
+    fixed = mend_python(source, evidence) if program_edits.parse(source) else None
+    fixed = fixed or _written(prompt, _TOLERANCE)
+    if fixed.strip() == source.strip():
+        fixed = _written(prompt, 2 * _TOLERANCE)
+    return f"```python\n{fixed.rstrip()}\n```"
+
+
+def _written(prompt: PromptText, tolerance: float) -> str:
+    title = program_edits.task_class(prompt.body("program"))
+    description = str(prompt.json("task").get("task-description", "")).replace("\\", "").replace('"', "'")
+    return _TEMPLATE.format(title=title, description=" ".join(description.split()), tolerance=tolerance)

@@ -1,0 +1,91 @@
+"""Ask the configured match tool which asset stands for each candidate (paper, Scene Comprehension, step 3)."""
+
+from collections.abc import Mapping, Sequence
+
+from grs_agents.agents import Agents, Description, NoReply, roles
+from grs_agents.nodes.services import Services
+from grs_agents.perception import CandidateRecord, MatchEvidence, Shown, TableFrame, load_mask
+from grs_agents.perception.matching.types import Ask, MatchResult, Segment
+from grs_agents.state import RunState
+
+
+def measurements(record: CandidateRecord) -> dict[str, object]:
+    """What a model is told of a candidate besides its picture."""
+    return {
+        "id": record.id,
+        "size_m": [round(value, 3) for value in record.upright.size],
+        "position_m": [round(value, 3) for value in record.upright.center],
+        "mean_color_rgb": [round(value, 2) for value in record.color],
+        "outline": record.shape,
+        "pixels": record.points,
+    }
+
+
+def correspond(
+    records: Sequence[CandidateRecord],
+    described: Mapping[int, Description],
+    state: RunState,
+    services: Services,
+) -> MatchResult:
+    """What stands for each candidate; one that its describer calls no object is not asked about.
+
+    Args:
+        records: the candidates.
+        described: what was said of each.
+        state, services: of the run.
+
+    Raises:
+        GrsError: the tool cannot be used, or a model cannot be reached.
+    """
+    config = services.config
+    asked = [record for record in records if described[record.id].is_object]
+    segments = [
+        Segment(one.id, load_mask(services.folder / one.mask), one.upright, services.folder / one.crop, one.points)
+        for one in asked
+    ]
+    silent: list[str] = []
+    result: MatchResult = services.tool(
+        config.tools.match,
+        segments=segments,
+        frame=services.photo(state),
+        table=TableFrame.model_validate(state["table"]),
+        ask=asking(services.agents, asked, described, state["image"], silent),
+        seed=config.seed,
+        model=config.match.model,
+        ocr=config.match.ocr,
+        index=config.match.index,
+    )
+    return MatchResult(result.matches, (*result.notes, *silent))
+
+
+def asking(
+    agents: Agents,
+    records: Sequence[CandidateRecord],
+    described: Mapping[int, Description],
+    image: str,
+    silent: list[str],
+) -> Ask:
+    """What asks the model of the role ``match``.
+
+    Args:
+        agents: the models.
+        records, described: the candidates and what was said of them.
+        image: picture file of the whole scene, relative to the run folder; empty to keep it back.
+        silent: where it is noted that a model gave no usable reply.
+    """
+    by_number = {one.id: one for one in records}
+
+    def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
+        record = by_number[segment.id]
+        words = described[segment.id].model_dump(exclude={"is_object"}) if worded else {}
+        shown = [{**asset.model_dump(), "size": [round(value, 3) for value in asset.size]} for asset in assets]
+        pictures = [record.crop, image] if pictured and image else []
+        reply = roles.match(agents, {**measurements(record), **words}, shown, pictures)
+        if isinstance(reply, NoReply):
+            silent.append(f"candidate {segment.id}: {reply}; no asset was matched")
+            return MatchEvidence(match="no_asset", reason=str(reply))
+        asset = reply.asset if reply.match == "asset" else None
+        kind = "no_asset" if reply.match == "asset" and asset is None else reply.match
+        return MatchEvidence(match=kind, asset=asset, reason=reply.reason)
+
+    return ask

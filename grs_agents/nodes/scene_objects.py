@@ -1,0 +1,197 @@
+"""From a candidate and what the agents said of it to an object of the scene.
+
+An asset that cannot be what was measured, where it was measured, gives way to a proxy of that size.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from grs_agents.agents import Description
+from grs_agents.base import Quat
+from grs_agents.library import Asset
+from grs_agents.nodes.services import Photo, Services
+from grs_agents.perception import (
+    CandidateRecord,
+    DroppedCandidate,
+    Mask,
+    MatchEvidence,
+    SceneObject,
+    Surroundings,
+    UprightBox,
+    is_certain,
+    load_mask,
+    place_asset,
+    size_deviation,
+    upright_of,
+)
+from grs_agents.perception.proxies.fitted import write_fitted_proxy, write_proxy
+from grs_agents.perception.proxies.kind import fitted_kind
+from grs_agents.perception.proxies.measurement import measured_shape, proxy_look
+from grs_agents.perception.types import Solid, reachable
+
+
+@dataclass(frozen=True)
+class Matched:
+    """A candidate, its description, and the answer of the match tool (``None``: not asked, it is no object)."""
+
+    record: CandidateRecord
+    description: Description
+    reply: MatchEvidence | None
+
+
+def drop_reason(found: Matched, proxies: bool = True) -> str:
+    """Why a candidate is no object of the scene; empty if it is one. Without proxies it needs an asset."""
+    if found.reply is None:
+        return f"described as no object: {found.description.description}"
+    if found.reply.match == "no_object":
+        return f"matched as no object: {found.reply.reason}"
+    if found.reply.match == "no_asset" and not proxies:
+        return f"no asset matches it, and match.proxies is off: {found.reply.reason}"
+    return ""
+
+
+def object_of(found: Matched, services: Services, taken: Sequence[str], photo: Photo | None = None) -> SceneObject:
+    """Place the matched asset, or a proxy, where the photo shows it.
+
+    A proxy has the measured size; with the photo it is the solid that fits the points best and looks as they do.
+    """
+    record, description, reply = found.record, found.description, found.reply
+    if reply is not None and reply.match == "asset" and reply.asset is not None:
+        asset = services.library.asset(reply.asset)
+        position, orientation, size = place_asset(record.upright, asset.size)
+        name = _unique(asset.kind, taken)
+    else:
+        name = _unique(f"{description.color} {description.category}", taken)
+        asset = write_stand_in(name, record, record.upright, record.shape, description.description, services, photo)
+        position, orientation, size = record.upright.center, about_z(record.upright.yaw), asset.size
+    return SceneObject(
+        id=record.id,
+        name=name,
+        asset=asset.name,
+        matched=asset.category != "proxy",
+        description=description.description,
+        category=description.category,
+        color=description.color,
+        box=record.box,
+        upright=record.upright,
+        position=position,
+        orientation=orientation,
+        size=size,
+        reachable=reachable(position),
+        evidence=reply.reason if reply else "",
+        match=reply,
+        mask=record.mask,
+        crop=record.crop,
+        method="box" if asset.category != "proxy" else "proxy",
+    )
+
+
+def write_stand_in(
+    name: str,
+    record: CandidateRecord,
+    box: UprightBox,
+    shape: Solid,
+    description: str,
+    services: Services,
+    photo: Photo | None = None,
+    around: Surroundings | None = None,
+    mask: Mask | None = None,
+) -> Asset:
+    """Write the proxy of an object into the library of the run; one of that name is replaced.
+
+    ``mask`` are its pixels (H, W), where those are not the candidate's alone.
+    """
+    folder = services.folder / "assets"
+    folder.mkdir(exist_ok=True)
+    if photo is None:
+        return write_proxy(folder, name, shape, box.size, record.color, description)
+    mask = load_mask(services.folder / record.mask) if mask is None else mask
+    measured = measured_shape(*photo, mask, box, around)
+    kind = fitted_kind(measured, box.size, shape == "cylinder", record.hollow)
+    look = proxy_look(*photo, mask, box)
+    return write_fitted_proxy(folder, name, kind, measured, box.size, record.color, description, look)
+
+
+def _unique(words: str, taken: Sequence[str]) -> str:
+    """``words`` as a slug with a number that no other object of the scene has."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", words)
+    slug = re.sub(r"[^a-z0-9]+", "_", spaced.lower()).strip("_")[:40] or "object"
+    number = 1
+    while f"{slug}_{number}" in taken:
+        number += 1
+    return f"{slug}_{number}"
+
+
+def about_z(yaw: float) -> Quat:
+    """A rotation (xyzw) by a yaw, rad."""
+    return (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+
+
+def check_sizes(
+    objects: Sequence[SceneObject],
+    records: Mapping[int, CandidateRecord],
+    taken: Sequence[str],
+    photo: Photo,
+    services: Services,
+) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
+    """The objects, each with an asset or a proxy of its size, and those that have neither.
+
+    Args:
+        objects: registered.
+        records: the candidates that they come from, by number.
+        taken: names that other objects have.
+        photo: the frame and its pose.
+        services: of the run.
+    """
+    kept: list[SceneObject] = []
+    lost: list[DroppedCandidate] = []
+    for one in objects:
+        why = size_mismatch(one, services)
+        names = [*taken, *(other.name for other in (*objects, *kept))]
+        found = replace_by_proxy(one, why, records[one.id], names, photo, services) if why else one
+        if isinstance(found, DroppedCandidate):
+            lost.append(found)
+        else:
+            kept.append(found)
+    return tuple(kept), lost
+
+
+def size_mismatch(one: SceneObject, services: Services) -> str:
+    """Why the asset of an object does not stand for what was measured of it; empty if it does, or is a proxy."""
+    if not one.matched or is_certain(one):
+        return ""
+    off = size_deviation(
+        one.asset, (one.position, one.orientation), services.library, one.upright or upright_of(one.box)
+    )
+    return "" if off.agrees else f"is not of the measured size there: {off}"
+
+
+def replace_by_proxy(
+    one: SceneObject,
+    why: str,
+    record: CandidateRecord,
+    taken: Sequence[str],
+    photo: Photo,
+    services: Services,
+) -> SceneObject | DroppedCandidate:
+    """An object with a proxy instead of its asset; or, without proxies, why it is none.
+
+    Args:
+        one: the object.
+        why: what is wrong with its asset.
+        record: the candidate that it comes from.
+        taken: names that other objects have.
+        photo: the frame and its pose.
+        services: of the run.
+    """
+    reason = f"{one.asset} was matched ({one.evidence}), but {why}"
+    update = {"match": "no_asset", "asset": None, "runner_up": one.asset, "reason": reason}
+    reply = (one.match or MatchEvidence(match="no_asset")).model_copy(update=update)
+    words = Description(is_object=True, description=one.description, color=one.color,
+                        shape=record.shape, category=one.category)  # fmt: skip
+    found = Matched(record, words, reply)
+    if reason := drop_reason(found, services.config.match.proxies):
+        return DroppedCandidate(id=one.id, reason=reason)
+    return object_of(found, services, taken, photo)

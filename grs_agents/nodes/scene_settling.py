@@ -1,0 +1,192 @@
+"""Objects as they stand to each other: apart, without those that are pieces of others, related, settled in the twin."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from grs_agents.errors import GrsError
+from grs_agents.nodes.asset_registration import standing_at
+from grs_agents.nodes.scene_objects import about_z, replace_by_proxy, size_mismatch, write_stand_in
+from grs_agents.nodes.services import Photo, Services
+from grs_agents.perception import (
+    CandidateRecord,
+    DroppedCandidate,
+    Mask,
+    Relation,
+    RGBDFrame,
+    SceneObject,
+    TableFrame,
+    TwinReport,
+    aligned,
+    body_of,
+    load_mask,
+    relations,
+)
+from grs_agents.perception.proxies.free_space_map import is_crowded
+from grs_agents.perception.settling import (
+    KnownObject,
+    PlacedObject,
+    Reconciled,
+    Segment,
+    reconcile_segments,
+    repair_collisions,
+    report_of,
+    supporting_segments,
+)
+from grs_agents.perception.types import reachable
+from grs_agents.sim.instance.episode import SimulationError
+
+
+@dataclass(frozen=True)
+class SettledScene:
+    """The objects where they stand, how they lie to each other, their twin, and what a reader should know.
+
+    ``dropped`` are those that turned out to be pieces of others, or no objects.
+    """
+
+    objects: tuple[SceneObject, ...]
+    relations: tuple[Relation, ...] = ()
+    twin: TwinReport | None = None
+    warnings: tuple[str, ...] = ()
+    dropped: tuple[DroppedCandidate, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What the objects were seen in: the photo and its pose, and the candidates that they come from, by number."""
+
+    frame: RGBDFrame
+    table: TableFrame
+    records: Mapping[int, CandidateRecord]
+    services: Services
+
+    def mask(self, one: SceneObject) -> Mask:
+        """The pixels (H, W) of an object."""
+        return load_mask(self.services.folder / one.mask)
+
+
+def settle_scene(
+    objects: Sequence[SceneObject], records: Sequence[CandidateRecord], photo: Photo, services: Services
+) -> SettledScene:
+    """Tell pieces of others and relations, fit the proxies, and settle the twin; what MuJoCo refuses has none.
+
+    Args:
+        objects: registered.
+        records: the candidates that they come from.
+        photo: the frame and its table.
+        services: of the run.
+    """
+    if not objects:
+        return SettledScene(())
+    scene = _Scene(*photo, {one.id: one for one in records}, services)
+    apart, gone, warnings = tuple(objects), list[DroppedCandidate](), tuple[str, ...]()
+    try:
+        apart, gone = _apart(objects, scene)
+    except SimulationError as error:
+        warnings = (f"objects that stand in each other stay there: {error.message}",)
+    stood, carried = _settled(apart, {}, scene)
+    if carried:
+        stood, _ = _settled(apart, carried, scene)
+    return replace(stood, warnings=(*warnings, *stood.warnings), dropped=(*gone, *stood.dropped))
+
+
+def _apart(objects: Sequence[SceneObject], scene: _Scene) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
+    """The objects, those that were registered into others beside them, if that still agrees with what was measured.
+
+    One that can be nowhere else has a proxy instead of its asset, or is told among those that are none.
+    """
+    known = [index for index, one in enumerate(objects) if one.matched]
+    things = [
+        KnownObject(_thing(one), scene.records[one.id].upright, scene.mask(one))
+        for one in (objects[index] for index in known)
+    ]
+    placed: dict[int, SceneObject] = dict(enumerate(objects))
+    lost: list[DroppedCandidate] = []
+    found = repair_collisions(things, scene.frame, scene.table, scene.services.library)
+    for index, stood in found.moved.items():
+        one = objects[known[index]].model_copy(update=standing_at(stood))
+        if not size_mismatch(one, scene.services):
+            placed[known[index]] = one
+    for index in sorted(found.wrong):
+        one, names = placed.pop(known[index]), [other.name for other in (*objects, *placed.values())]
+        photo, why = (scene.frame, scene.table), "it stands in another thing"
+        stand_in = replace_by_proxy(one, why, scene.records[one.id], names, photo, scene.services)
+        if isinstance(stand_in, DroppedCandidate):
+            lost.append(stand_in)
+        else:
+            placed[known[index]] = stand_in
+    return tuple(placed[index] for index in sorted(placed)), lost
+
+
+def _settled(
+    objects: Sequence[SceneObject], united: Mapping[int, int], scene: _Scene
+) -> tuple[SettledScene, dict[int, int]]:
+    """The objects at rest, without those that are pieces of others; and which of them are carried by which, by index.
+
+    ``united`` are pieces of others, by index.
+    """
+    services = scene.services
+    segments = [
+        Segment(
+            scene.mask(one),
+            scene.records[one.id].upright,
+            scene.records[one.id].shape,
+            _thing(one) if one.matched else None,
+            scene.records[one.id].hollow,
+        )
+        for one in objects
+    ]
+    agreed = reconcile_segments(segments, scene.frame, scene.table, services.library, united)
+    here = [index for index in range(len(objects)) if index not in agreed.pieces]
+    placed = [_written(objects[index], index, agreed, scene, bool(united)) for index in here]
+    dropped = tuple(
+        DroppedCandidate(id=objects[piece].id, reason=f"a piece of {objects[whole].name}")
+        for piece, whole in agreed.pieces.items()
+    )
+    library = services.library  # with the proxies that were written again
+    bodies = [body_of(one.name, one.asset, (one.position, one.orientation), library) for one in placed]
+    stood = SettledScene(tuple(placed), relations(bodies), dropped=dropped)
+    try:
+        mask = np.any([one.mask for one in segments], axis=0)
+        rest, twin = report_of([_thing(one) for one in placed], library, scene.frame, scene.table, mask)
+    except GrsError as error:
+        return replace(stood, warnings=(f"the scene has no twin: {error.message}",)), {}
+    resting = tuple(
+        one if at is None else one.model_copy(update={"settled": at.pose, "drift": at.drift})
+        for one, at in zip(placed, rest.placed, strict=True)
+    )
+    fell = {index for index, at in zip(here, rest.placed, strict=True) if at is not None and at.fell}
+    return replace(stood, objects=resting, twin=twin), supporting_segments(fell, agreed)
+
+
+def _written(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene, again: bool) -> SceneObject:
+    """An object; its proxy, if it has one that does not fill the space that is left for it, written again.
+
+    With ``again`` in any case: what was written before may have been for less space.
+    """
+    claim, record = agreed.claims.get(index), scene.records[one.id]
+    if claim is None:
+        return one
+    around, mask = agreed.around(index), agreed.masks[index]
+    fits = claim.box == record.upright and index not in agreed.pieces.values()
+    if fits and not again and not is_crowded(claim.box, around):
+        return one
+    photo, measured = (scene.frame, scene.table), claim.measured(record.upright)
+    asset = write_stand_in(
+        one.name, record, claim.box, claim.shape, one.description, scene.services, photo, around, mask
+    )
+    return one.model_copy(
+        update={
+            "position": claim.box.center,
+            "orientation": about_z(claim.box.yaw),
+            "size": asset.size,
+            "box": aligned(measured, claim.shape),
+            "upright": measured,
+            "reachable": reachable(claim.box.center),
+        }
+    )
+
+
+def _thing(one: SceneObject) -> PlacedObject:
+    return PlacedObject(one.asset, (one.position, one.orientation), guessed=not one.matched)

@@ -1,0 +1,203 @@
+"""Align assets with a candidate's points from many turns at once, and tell how well each fits where it ends."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from grs_agents.perception.matching.asset_appearance import Appearance, Floats
+from grs_agents.perception.matching.observation import Observation, View
+
+FAR = np.float32(0.02)
+"""What is farther off than this (m) counts as this far."""
+AIR = 0.008
+"""A surface so far (m) before what was measured there stands in the air."""
+KEPT = 4
+"""So many of the poses are told of colours."""
+_ROUNDS = 4
+_TRIED = 10
+_PROBES = 250
+_NEAR = np.float32(0.008)
+_TRIMMED = 0.92
+_RIDGE = np.diag([2e-3, 2e-3, 2e-3, 0.05, 0.05, 0.05]).astype(np.float32)
+_ARM = np.float32(0.05)
+"""A turn by one rad counts as a shift by this, m."""
+
+
+@dataclass(frozen=True)
+class AlignedPoses:
+    """Poses of an asset, the best first.
+
+    Attributes:
+        turns: (K, 3, 3) rotations from the asset's frame (at the centre of its bounding box) to the robot frame.
+        places: (K, 3) where that centre lies, m, robot frame.
+        off: (K,) how far the candidate's points are off the surface: mean, m.
+        air: (K,) how far the surface that faces the camera stands before what was measured: mean, m.
+        seen: (K,) share of the facing surface that lies on the candidate's pixels.
+        beside: (K,) share of the facing surface that is on pixels beside the candidate with nothing before it.
+        lift: (K,) how far its lowest point is above the table, m.
+    """
+
+    turns: Floats
+    places: Floats
+    off: Floats
+    air: Floats
+    seen: Floats
+    beside: Floats
+    lift: Floats
+
+    @property
+    def misfit(self) -> Floats:
+        """(K,) m; less is better."""
+        return self.off + np.float32(0.7) * self.air
+
+
+@dataclass(frozen=True)
+class AlignmentStart:
+    """From where assets begin to be aligned with a candidate; the same for all of them.
+
+    Attributes:
+        yaws: (Y, 3, 3) turns about the vertical.
+        top: how high it reaches, m.
+        flat: (2, 2) horizontal unit vectors towards the camera, and across.
+        low, high: (2,) m, between which its points lie along these.
+        middle: (3,) of its points, m.
+        axes: (3, 3) their principal axes, as columns, the flattest first and towards the camera.
+        least, most: (3,) m, between which its points lie along these, from their middle.
+    """
+
+    yaws: Floats
+    top: float
+    flat: Floats
+    low: Floats
+    high: Floats
+    middle: Floats
+    axes: Floats
+    least: Floats
+    most: Floats
+
+
+def approach_of(seen: Observation, view: View) -> AlignmentStart:
+    """Where to begin with a candidate."""
+    yaws = seen.upright.yaw + np.array([0.0, np.pi / 6, -np.pi / 6])
+    toward = view.eye[:2] - np.asarray(seen.upright.center[:2])
+    toward = toward / max(float(np.linalg.norm(toward)), 1e-6)
+    flat = np.array([toward, (-toward[1], toward[0])], np.float32)
+    low, high = np.percentile(seen.points[:, :2] @ flat.T, (3, 97), axis=0)
+    middle = seen.points.mean(axis=0)
+    _, axes = np.linalg.eigh((seen.points - middle).T @ (seen.points - middle))
+    axes = axes * np.where(axes.T @ (view.eye - middle) < 0, -1.0, 1.0)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    least, most = np.percentile((seen.points - middle) @ axes, (2, 98), axis=0)
+    top = seen.upright.center[2] + seen.upright.size[2] / 2
+    about = _rotations(np.column_stack([0 * yaws, 0 * yaws, yaws]))
+    return AlignmentStart(about, top, flat, low, high, middle, axes.astype(np.float32), least, most)
+
+
+def align(asset: Appearance, approach: AlignmentStart, seen: Observation, view: View) -> AlignedPoses:
+    """The poses in which the asset fits best."""
+    turns, places = _starts(asset, approach, seen)
+    begin = _off(asset, turns, places, seen.points[::4])
+    best = np.argsort(begin, kind="stable")[:_TRIED]
+    turns, places = turns[best], places[best]
+    for _ in range(_ROUNDS):
+        turns, places = _stepped(asset, turns, places, seen.points[::2])
+    off = _off(asset, turns, places, seen.points)
+    air, share, beside, lift = _air(asset, turns, places, seen, view)
+    best = np.argsort(off + 0.7 * air, kind="stable")[:KEPT]
+    return AlignedPoses(turns[best], places[best], off[best], air[best], share[best], beside[best], lift[best])
+
+
+def _starts(asset: Appearance, approach: AlignmentStart, seen: Observation) -> tuple[Floats, Floats]:
+    """Turns (K, 3, 3) and places (K, 3): on each side under the measured top, and along the points' own axes."""
+    turns = (approach.yaws[:, None] @ asset.turns).reshape(-1, 3, 3)
+    heights = np.abs(turns[:, 2]) @ asset.half
+    heights = np.maximum(approach.top - heights, heights - 0.01)
+    reach = np.abs(approach.flat @ turns[:, :2]) @ asset.half  # (K, 2) towards the camera and across
+    near = approach.high[0] - reach[:, 0]
+    low, high = approach.low[1], approach.high[1]
+    flat = [np.broadcast_to(np.array(seen.upright.center[:2]), (len(turns), 2))]
+    # what is hidden may be on either side: in the middle of what is seen, and flush with either end of it
+    for side in (np.full(len(turns), (low + high) / 2), low + reach[:, 1], high - reach[:, 1]):
+        flat.append(np.column_stack([near, side]) @ approach.flat)
+    upright = np.concatenate([np.column_stack([one, heights]) for one in flat])
+    # along the points' own axes; the flattest direction is the one that was seen head-on
+    local = np.tile((approach.least + approach.most) / 2, (len(asset.turns), 1))
+    local[:, 0] = approach.most[0] - (np.abs(asset.turns) @ asset.half)[:, 0]
+    places = np.concatenate([upright, local @ approach.axes.T + approach.middle]).astype(np.float32)
+    return np.concatenate([np.tile(turns, (len(flat), 1, 1)), approach.axes @ asset.turns]), places
+
+
+def _nearest(asset: Appearance, turns: Floats, places: Floats, points: Floats) -> tuple[Floats, Floats, Floats]:
+    """For each pose (K) and point (N): its place in the asset's frame, the offset to the surface, the normal there."""
+    local = (points - places[:, None]) @ turns
+    nearest = asset.at(local)
+    return local, asset.points[nearest] - local, asset.normals[nearest]
+
+
+def _off(asset: Appearance, turns: Floats, places: Floats, points: Floats) -> Floats:
+    """(K,) mean distance of points from the surface, m."""
+    _, offset, normals = _nearest(asset, turns, places, points)
+    across = np.abs(_inner(offset, normals))
+    apart: Floats = np.sqrt(_inner(offset, offset))
+    off = np.minimum(np.where(apart < _NEAR, across, apart), FAR)
+    count = max(1, round(_TRIMMED * len(points)))
+    return np.partition(off, count - 1, axis=1)[:, :count].mean(axis=1)
+
+
+def _stepped(asset: Appearance, turns: Floats, places: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """One step of point-to-plane alignment for all poses; what is far off has little weight."""
+    local, offset, normals = _nearest(asset, turns, places, points)
+    weight = 1 / (1 + _inner(offset, offset)[..., None] * np.float32(1e4))
+    jacobian = np.empty((*local.shape[:2], 6), np.float32)
+    jacobian[..., :3] = normals
+    for axis, (one, two) in enumerate(((1, 2), (2, 0), (0, 1))):
+        moment = local[..., one] * normals[..., two] - local[..., two] * normals[..., one]
+        jacobian[..., 3 + axis] = moment * (1 / _ARM)
+    weighted = (jacobian * (weight / np.float32(len(points)))).transpose(0, 2, 1)
+    wanted = _inner(offset, normals)[..., None]
+    left: Floats = weighted @ jacobian + _RIDGE
+    right: Floats = weighted @ wanted
+    step = np.asarray(np.linalg.solve(left, right), np.float32)[:, :, 0]
+    # the points move in the asset's frame by the step, so the asset moves by its inverse
+    moved = turns @ _rotations(step[:, 3:] / _ARM).transpose(0, 2, 1)
+    return moved, places - (moved @ step[:, :3, None])[:, :, 0]
+
+
+def _air(
+    asset: Appearance, turns: Floats, places: Floats, seen: Observation, view: View
+) -> tuple[Floats, Floats, Floats, Floats]:  # fmt: skip
+    """What `Laid` tells of the surface that faces the camera, and how far the lowest point is above the table."""
+    back = turns.transpose(0, 2, 1)
+    placed = asset.points[:_PROBES] @ back + places[:, None]
+    facing = _inner(asset.normals[:_PROBES] @ back, placed - view.eye.astype(np.float32)) < 0
+    rows, columns, depth, inside = view.project(placed)
+    measured = view.depth[rows, columns] * inside
+    known = facing & (measured > 0)
+    ahead = measured - depth
+    before = np.minimum(np.maximum(ahead - np.float32(AIR), 0), FAR) * known
+    below = np.minimum(np.maximum(-placed[:, :, 2] - np.float32(0.003), 0), FAR)
+    mine = seen.mask[rows, columns] & inside
+    number = np.maximum(facing.sum(axis=1), 1)
+    air = before.sum(axis=1) / np.maximum(known.sum(axis=1), 1) + below.mean(axis=1)
+    beside = known & ~mine & (ahead > -0.012)
+    return (
+        air.astype(np.float32),
+        (facing & mine).sum(axis=1) / number,
+        beside.sum(axis=1) / number,
+        placed[:, :, 2].min(axis=1),
+    )
+
+
+def _inner(one: Floats, other: Floats) -> Floats:
+    """(K, N) products of vectors (K, N, 3)."""
+    return np.asarray(np.einsum("kni,kni->kn", one, other))
+
+
+def _rotations(vectors: Floats) -> Floats:
+    """(K, 3, 3) the rotations by the vectors' lengths (rad) about them."""
+    angle = np.sqrt((vectors * vectors).sum(axis=1)) + np.float32(1e-9)
+    x, y, z = (vectors / angle[:, None]).T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return (np.eye(3, dtype=np.float32) + sine * cross + (1 - cosine) * cross @ cross).astype(np.float32)

@@ -1,0 +1,223 @@
+"""What an asset looks like, as coloured points on its surface, and what each view of it shows."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.library import Library
+from grs_agents.library.posed_meshes import Triangles, gather_posed
+from grs_agents.library.shapes import HERE
+from grs_agents.perception.matching.color_histogram import histograms, opponent_colors
+from grs_agents.perception.matching.feature_cache import Arrays, cached, key_of, store
+from grs_agents.perception.surfaces import Tree, quarter_turns
+from grs_agents.perception.types import Array
+
+Floats = npt.NDArray[np.floating[Any]]
+"""In single precision, which is as fine as what a camera measures and half as slow."""
+Indices = npt.NDArray[np.int64]
+SAMPLES = 1800
+"""So many points stand for a surface."""
+VIEWS = 26
+"""An asset is looked at from so many sides: those of a cube, its edges and its corners."""
+_KEPT = 256
+_AROUND = 9
+_CELLS = 48_000
+_MARGIN = 0.02
+"""The grid of nearest points reaches so far beyond the asset, m."""
+_SAME = 0.0012
+"""A turn leaves a shape as it is where its surface lies on itself within so much, mean, m."""
+_ANGLES = 24
+"""What is round is turned so often."""
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """The coloured surface of an asset.
+
+    Attributes:
+        points: (N, 3) m, about the centre of the bounding box.
+        normals: (N, 3) unit, outwards where the mesh is wound so.
+        tones: (N, 3) of its colours without light and without the finest detail.
+        half: (3,) half the extents, m.
+        views: (V, B) histograms of tone (`color_histogram`), one for each of `directions`.
+        around: (S, 3, 3) turns that leave its shape as it is, the identity first.
+        turns: (T, 3, 3) the quarter turns, without those that only differ by one of ``around``.
+        nearest: (X, Y, Z) the point nearest to the middle of each cell of a grid.
+        low: (3,) m, where the grid begins.
+        cell: m, the edge of a cell.
+    """
+
+    points: Floats
+    normals: Floats
+    tones: Floats
+    half: Floats
+    views: Floats
+    around: Floats
+    turns: Floats
+    nearest: npt.NDArray[np.int16]
+    low: Floats
+    cell: float
+
+    def at(self, places: Floats) -> Indices:
+        """The number of the surface point near each place (..., 3), m, in the frame of `points`."""
+        cells = ((places - self.low) * np.float32(1 / self.cell)).astype(np.int32)
+        shape = self.nearest.shape
+        np.maximum(cells, 0, out=cells)
+        np.minimum(cells, np.array(shape, np.int32) - 1, out=cells)
+        flat = (cells[..., 0] * shape[1] + cells[..., 1]) * shape[2] + cells[..., 2]
+        return self.nearest.ravel()[flat].astype(np.int64)
+
+
+def directions() -> Array:
+    """(V, 3) unit vectors from the asset towards who looks at it."""
+    steps = np.array(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3)).reshape(3, -1).T
+    steps = steps[np.abs(steps).sum(axis=1) > 0]
+    return steps / np.linalg.norm(steps, axis=1, keepdims=True)
+
+
+def appearance_of(name: str, library: Library) -> Appearance:
+    """The surface of an asset; the same points each time. What was worked out once is kept for later processes.
+
+    Raises:
+        UnknownNameError: the library has no such asset.
+        InputError: its files are faulty.
+    """
+    path = library.path(name)
+    return _appearance(name, library.roots, path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=_KEPT)
+def _appearance(name: str, roots: tuple[Path, ...], path: Path, modified: int) -> Appearance:
+    library = Library(*roots)
+    key = key_of(name, library)
+    found = cached(key)
+    if found is None:
+        found = _worked_out(name, library)
+        store(key, found)
+    return Appearance(
+        points=found["points"],
+        normals=found["normals"],
+        tones=found["tones"],
+        half=found["half"],
+        views=found["views"],
+        around=found["around"],
+        turns=found["turns"],
+        nearest=found["nearest"],
+        low=found["low"],
+        cell=float(found["cell"]),
+    )
+
+
+def _worked_out(name: str, library: Library) -> Arrays:
+    """The arrays of `Appearance`."""
+    triangles = gather_posed([(name, HERE)], library)
+    corners = triangles.corners
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    rng = np.random.default_rng(0)
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = np.linalg.norm(crosses, axis=1)
+    chosen = rng.choice(len(corners), size=SAMPLES, p=doubled / doubled.sum())
+    weights = rng.dirichlet((1.0, 1.0, 1.0), size=SAMPLES)
+    points = np.einsum("ni,nij->nj", weights, corners[chosen]) - (low + high) / 2
+    normals = crosses[chosen] / doubled[chosen, None]
+    colors = _colors(triangles, chosen, weights)
+    half = (high - low) / 2
+    facing = np.clip(directions() @ normals.T, 0, None)
+    nearest, cell = _grid(points, half)
+    around = _around(points, normals, half)
+    return {
+        "points": points.astype(np.float32),
+        "normals": normals.astype(np.float32),
+        "tones": opponent_colors(_smoothed(points, colors)).astype(np.float32),
+        "half": half.astype(np.float32),
+        "views": histograms(colors, facing),
+        "around": around.astype(np.float32),
+        "turns": _distinct(around).astype(np.float32),
+        "nearest": nearest,
+        "low": (-half - _MARGIN).astype(np.float32),
+        "cell": np.array(cell),
+    }
+
+
+def _grid(points: Array, half: Array) -> tuple[npt.NDArray[np.int16], float]:
+    """The number of the nearest point in each cell, and the edge of a cell, m."""
+    extent = 2 * (half + _MARGIN)
+    cell = float(np.cbrt(extent.prod() / _CELLS))
+    axes = [-half[axis] - _MARGIN + (np.arange(int(np.ceil(extent[axis] / cell))) + 0.5) * cell for axis in range(3)]
+    middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    nearest, _ = Tree(points).nearest(middles.reshape(-1, 3))
+    return nearest.reshape(middles.shape[:3]).astype(np.int16), cell
+
+
+def _colors(triangles: Triangles, chosen: npt.NDArray[np.int64], weights: Array) -> Array:
+    """(N, 3) colours at points of triangles."""
+    colors = triangles.colors[chosen].copy()
+    uvs = np.einsum("ni,nij->nj", weights, triangles.uvs[chosen])
+    for number, image in enumerate(triangles.textures):
+        mine = triangles.texture[chosen] == number
+        height, width = image.shape[:2]
+        across, down = uvs[mine, 0] % 1.0, 1 - uvs[mine, 1] % 1.0
+        columns = np.minimum((across * width).astype(np.int64), width - 1)
+        rows = np.minimum((down * height).astype(np.int64), height - 1)
+        colors[mine] = image[rows, columns] / 255
+    return colors
+
+
+def _around(points: Array, normals: Array, half: Array) -> Array:
+    """(S, 3, 3) turns that leave a shape as it is, the identity first: quarter turns, and any about a round axis."""
+    tree = Tree(points)
+    some = points[::4]
+    same = [turn for turn in quarter_turns() if _off_itself(tree, points, normals, some @ turn.T) < _SAME]
+    axis = _axis(points, half)
+    if axis < 0:
+        return np.array(sorted(same, key=lambda turn: -float(np.trace(turn))))
+    one, two = (axis + 1) % 3, (axis + 2) % 3
+    angles = np.arange(_ANGLES) * 2 * np.pi / _ANGLES
+    spun = np.tile(np.eye(3), (_ANGLES, 1, 1))
+    spun[:, one, one] = spun[:, two, two] = np.cos(angles)
+    spun[:, one, two], spun[:, two, one] = -np.sin(angles), np.sin(angles)
+    flips = [turn for turn in same if turn[axis, axis] < -0.5]
+    return np.concatenate([spun, spun @ flips[0]]) if flips else spun
+
+
+def _distinct(around: Array) -> Array:
+    """(T, 3, 3) the quarter turns, of those that only differ by one of ``around`` the first."""
+    found: list[Array] = []
+    for turn in quarter_turns():
+        if not any(np.abs(other @ around - turn).max(axis=(1, 2)).min() < 0.1 for other in found):
+            found.append(turn)
+    return np.array(found)
+
+
+def _off_itself(tree: Tree, points: Array, normals: Array, turned: Array) -> float:
+    """How far turned points are off the surface, mean, m."""
+    nearest, squares = tree.nearest(turned)
+    across = np.abs(np.einsum("ni,ni->n", points[nearest] - turned, normals[nearest]))
+    apart = np.sqrt(squares)
+    return float(np.where(apart < 0.008, across, apart).mean())
+
+
+def _axis(points: Array, half: Array) -> int:
+    """The axis about which a shape is round: its points lie on circles, and reach no farther in the diagonal."""
+    for axis in (2, 0, 1):
+        one, two = (other for other in range(3) if other != axis)
+        if abs(half[one] - half[two]) > 0.12 * max(half[one], half[two]):
+            continue
+        reach = np.hypot(points[:, one] / half[one], points[:, two] / half[two])
+        if np.percentile(reach, 99.5) < 1.12:
+            return axis
+    return -1
+
+
+def _smoothed(points: Array, colors: Array) -> Array:
+    """(N, 3) each colour as the mean of those around it, as a camera some way off sees it."""
+    places = points.astype(np.float32)
+    squares = (places**2).sum(axis=1)
+    apart = squares[:, None] + squares - 2 * places @ places.T
+    near = np.partition(apart[:: len(points) // 50], _AROUND, axis=1)[:, _AROUND]
+    weights = np.exp(apart * np.float32(-1 / max(float(np.median(near)), 1e-9)))
+    return np.asarray(weights @ colors.astype(np.float32) / weights.sum(axis=1, keepdims=True), np.float64)

@@ -1,0 +1,339 @@
+"""An index of assets on disk: the nearest of many thousands in milliseconds, opened without being read.
+
+Only this module uses FAISS. Most vectors lie in an inverted file that is mapped into memory; those added since lie
+beside it and are compared one by one, until there are enough of them to sort all again.
+
+An asset and a query each become one vector of words, look and size. Nothing is learnt and nothing is downloaded: words
+are hashed, looks projected, sizes encoded by random Fourier features (Rahimi and Recht 2007), so that a product of two
+vectors is the weighted sum of three similarities in 0..1.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, ValidationError
+
+from grs_agents.base import Frozen, Vec3
+from grs_agents.errors import InputError
+from grs_agents.files import unwritable, write_bytes, write_json, write_text
+from grs_agents.perception.matching.color_histogram import BINS
+from grs_agents.perception.types import Array
+
+WORDS, LOOK, SIZE = 192, 96, 96
+DIMENSIONS = WORDS + LOOK + SIZE
+WEIGHTS = (0.45, 0.3, 0.25)
+"""Of words, look and size; they add up to 1."""
+_WIDTH = 0.25
+"""Sizes whose logarithms differ by so much are about as alike as not."""
+Vectors = npt.NDArray[np.float32]
+
+
+def embed(description: str = "", look: npt.NDArray[np.float32] | None = None, size: Vec3 | None = None) -> Vectors:
+    """The vector (DIMENSIONS,) of a thing; what is not known of it counts as unlike everything.
+
+    Args:
+        description: in words.
+        look: (BINS,) square roots of shares of tones (`color_histogram`); of several views their mean.
+        size: extents in m, in any order.
+    """
+    parts = [
+        words_vector(description),
+        np.zeros(LOOK) if look is None else look_vector(look),
+        size_vectors(np.array(size)) if size else np.zeros(SIZE),
+    ]
+    scaled = [np.sqrt(weight) * part for weight, part in zip(WEIGHTS, parts, strict=True)]
+    return np.concatenate(scaled).astype(np.float32)
+
+
+def words_vector(text: str) -> Array:
+    """(WORDS,) of length 1: each word, and each of its runs of four letters, adds to one place by its hash."""
+    found = np.zeros(WORDS)
+    for word in re.findall(r"[a-z0-9]+", text.lower()):
+        for token, weight in ((word, 1.0), *((word[i : i + 4], 0.25) for i in range(len(word) - 3))):
+            place, sign = _hashed(token)
+            found[place] += sign * weight
+    length = float(np.linalg.norm(found))
+    return found / length if length else found
+
+
+@lru_cache(maxsize=65536)
+def _hashed(token: str) -> tuple[int, float]:
+    digest = hashlib.blake2b(token.encode(), digest_size=8).digest()
+    return int.from_bytes(digest[:4], "little") % WORDS, 1.0 if digest[4] & 1 else -1.0
+
+
+def look_vector(look: npt.NDArray[np.floating[Any]]) -> Array:
+    """(..., LOOK) of length 1, of square roots of shares of tones (..., BINS)."""
+    found = look.astype(np.float64) @ _projection()
+    return found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-12)
+
+
+@lru_cache(maxsize=1)
+def _projection() -> Array:
+    return np.random.default_rng(1).normal(size=(BINS, LOOK)) / np.sqrt(LOOK)
+
+
+def size_vectors(sizes: Array) -> Array:
+    """(..., SIZE) of length 1; a product of two is near a Gaussian of how much the logarithms of the sizes differ.
+
+    Args:
+        sizes: (..., 3) extents in m, in any order.
+    """
+    phases = np.log(np.sort(np.maximum(sizes, 1e-4), axis=-1)) @ _waves()
+    return np.concatenate([np.cos(phases), np.sin(phases)], axis=-1) / np.sqrt(SIZE / 2)
+
+
+@lru_cache(maxsize=1)
+def _waves() -> Array:
+    return np.random.default_rng(2).normal(size=(3, SIZE // 2)) / _WIDTH
+
+
+_META, _VERSION = "index.json", 1
+_FEW: Final = 2000
+"""So few vectors are compared one by one."""
+_SORTED_AGAIN: Final = 0.1
+"""Share of all that may lie beside the inverted file."""
+_PROBED: Final = 0.12
+"""Share of the lists that is looked into."""
+_TRAINED: Final = 64
+"""Vectors for each list from which the lists are learnt."""
+
+
+class _Meta(Frozen):
+    """What the index holds: ``base`` vectors in the inverted file, ``beside`` of them after it; gone ones by name."""
+
+    version: int = _VERSION
+    dimensions: int = DIMENSIONS
+    generation: int = Field(default=0, ge=0)
+    base: int = Field(default=0, ge=0)
+    beside: int = Field(default=0, ge=0)
+    removed: tuple[int, ...] = ()
+
+
+class AssetIndex:
+    """Names and vectors in a folder.
+
+    Args:
+        folder: where they lie; made with the first `add` if it is not there.
+
+    Raises:
+        InputError: the folder holds something else, or a broken index.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._meta = _read_meta(folder)
+        self._open()
+
+    def __len__(self) -> int:
+        return self._meta.base + self._meta.beside - len(self._meta.removed)
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and name in self._places()
+
+    def names(self) -> list[str]:
+        """Every name, in the order of adding."""
+        gone = set(self._meta.removed)
+        return [name for number, name in enumerate(self._names) if number not in gone]
+
+    def add(self, names: Sequence[str], vectors: Vectors) -> None:
+        """Add vectors (N, DIMENSIONS), or replace those of the same names. Whole or not at all, if it is interrupted.
+
+        Raises:
+            InputError: their numbers differ, a number is not finite, or the folder cannot be written.
+        """
+        _check(names, vectors)
+        places = self._places()
+        gone = tuple(sorted({*self._meta.removed, *(places[name] for name in names if name in places)}))
+        if len(names) > max(_FEW, _SORTED_AGAIN * self._meta.base):
+            self._rebuild(names, vectors, gone)
+            return
+        beside = self._meta.beside + len(names)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            _append(self._file("f32"), vectors.astype("<f4").tobytes(), 4 * DIMENSIONS * self._meta.beside)
+            told = "".join(json.dumps(name, ensure_ascii=False) + "\n" for name in names)
+            known = "".join(json.dumps(name, ensure_ascii=False) + "\n" for name in self._names[self._meta.base :])
+            _append(self._file("beside"), told.encode(), len(known.encode()))
+        except OSError as error:
+            raise unwritable(self.folder, error) from error
+        self._commit(self._meta.model_copy(update={"beside": beside, "removed": gone}))
+
+    def remove(self, names: Sequence[str]) -> None:
+        """Forget names; those that are not there are passed over."""
+        places = self._places()
+        gone = {*self._meta.removed, *(places[name] for name in names if name in places)}
+        self._commit(self._meta.model_copy(update={"removed": tuple(sorted(gone))}))
+
+    @property
+    def crowded(self) -> bool:
+        """So much lies beside the inverted file, or is gone from it, that `compact` would make searches faster."""
+        extra = self._meta.beside + len(self._meta.removed)
+        return extra > max(_FEW, _SORTED_AGAIN * self._meta.base)
+
+    def compact(self) -> None:
+        """Sort everything into a new inverted file, without what was removed."""
+        self._rebuild((), np.zeros((0, DIMENSIONS), np.float32), self._meta.removed)
+
+    def search(self, query: Vectors, count: int = 20) -> list[tuple[str, float]]:
+        """The names whose vectors have the largest product with ``query`` (DIMENSIONS,), the largest first."""
+        gone = set(self._meta.removed)
+        asked = np.ascontiguousarray(query, dtype=np.float32).reshape(1, -1)
+        found: list[tuple[float, int]] = []
+        if self._base is not None:
+            values, numbers = self._base.search(asked, count + min(len(gone), 4 * count))
+            found += [(float(v), int(n)) for v, n in zip(values[0], numbers[0], strict=True) if n >= 0]
+        if len(self._beside):
+            near = self._beside @ asked[0]
+            first = np.argsort(-near, kind="stable")[: count + len(gone)]
+            found += [(float(near[n]), self._meta.base + int(n)) for n in first]
+        found = sorted((one for one in found if one[1] not in gone), key=lambda one: (-one[0], one[1]))[:count]
+        return [(self._names[number], value) for value, number in found]
+
+    def exact(self, queries: Vectors, count: int = 20) -> list[list[tuple[str, float]]]:
+        """As `search` for each of ``queries`` (Q, DIMENSIONS), by every vector: what `search` is measured against."""
+        near = np.asarray(queries, np.float32) @ self._vectors().T
+        near[:, list(self._meta.removed)] = -np.inf
+        first = np.argsort(-near, axis=1, kind="stable")[:, : min(count, len(self))]
+        return [
+            [(self._names[int(number)], float(row[number])) for number in numbers]
+            for row, numbers in zip(near, first, strict=True)
+        ]
+
+    def _places(self) -> dict[str, int]:
+        if self._numbers is None:
+            gone = set(self._meta.removed)
+            self._numbers = {name: number for number, name in enumerate(self._names) if number not in gone}
+        return self._numbers
+
+    def _vectors(self) -> Vectors:
+        if self._base is None:
+            return self._beside
+        self._base.make_direct_map()
+        return np.concatenate([np.asarray(self._base.reconstruct_n(0, self._meta.base), np.float32), self._beside])
+
+    def _rebuild(self, names: Sequence[str], vectors: Vectors, gone: Sequence[int]) -> None:
+        """Sort all into a new inverted file; the old one stays until the new one is whole."""
+        kept = np.setdiff1d(np.arange(len(self._names)), gone)
+        everything = np.concatenate([self._vectors()[kept], np.asarray(vectors, np.float32)])
+        told = [*(self._names[int(number)] for number in kept), *names]
+        old, meta = self._meta, _Meta(generation=self._meta.generation + 1, base=len(told))
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_bytes(self._file("faiss", meta), _sorted(everything))
+        write_text(self._file("names", meta), "\n".join(json.dumps(name, ensure_ascii=False) for name in told))
+        self._commit(meta)
+        for kind in ("faiss", "names", "f32", "beside"):
+            self._file(kind, old).unlink(missing_ok=True)
+
+    def _commit(self, meta: _Meta) -> None:
+        write_json(self.folder / _META, meta.model_dump(mode="json"))
+        self._meta = meta
+        self._open()
+
+    def _file(self, kind: str, meta: _Meta | None = None) -> Path:
+        return self.folder / f"{(meta or self._meta).generation}.{kind}"
+
+    def _open(self) -> None:
+        meta = self._meta
+        self._numbers: dict[str, int] | None = None
+        self._base: Any = _mapped(self._file("faiss")) if meta.base else None
+        self._names = _lines(self._file("names"), meta.base) + _lines(self._file("beside"), meta.beside)
+        size = (meta.beside, DIMENSIONS)
+        self._beside: Vectors = np.zeros(size, np.float32)
+        if meta.beside:
+            try:
+                self._beside = np.memmap(self._file("f32"), dtype="<f4", mode="r", shape=size)
+            except (OSError, ValueError) as error:
+                raise _broken(self.folder, error) from error
+
+
+def _faiss() -> Any:
+    """The bindings; they come without types.
+
+    Raises:
+        InputError: they are not installed.
+    """
+    try:
+        return import_module("faiss")
+    except ImportError as error:
+        raise InputError("an index of many assets needs faiss", "pip install 'grs-agents[index]'") from error
+
+
+def _sorted(vectors: Vectors) -> bytes:
+    """An inverted file of vectors, as bytes."""
+    faiss = _faiss()
+    lists = max(1, round(float(np.sqrt(len(vectors)))))
+    coarse = faiss.IndexFlatIP(DIMENSIONS)
+    index = faiss.IndexIVFFlat(coarse, DIMENSIONS, lists, faiss.METRIC_INNER_PRODUCT)
+    chosen = np.random.default_rng(0).permutation(len(vectors))[: _TRAINED * lists]
+    index.cp.niter, index.cp.seed = 8, 0
+    index.train(np.ascontiguousarray(vectors[chosen]))
+    index.add(np.ascontiguousarray(vectors))
+    return bytes(faiss.serialize_index(index))
+
+
+def _mapped(file: Path) -> Any:
+    faiss = _faiss()
+    try:
+        index = faiss.read_index(str(file), faiss.IO_FLAG_MMAP)
+    except RuntimeError as error:
+        raise _broken(file.parent, error) from error
+    index.nprobe = max(1, round(_PROBED * index.nlist))
+    return index
+
+
+def _read_meta(folder: Path) -> _Meta:
+    file = folder / _META
+    if not file.exists():
+        if folder.is_dir() and any(folder.iterdir()):
+            raise InputError(f"{folder} holds no index, but other things", "name an empty folder or one with an index")
+        return _Meta()
+    try:
+        meta = _Meta.model_validate_json(file.read_text(encoding="utf-8"))
+    except (OSError, ValidationError) as error:
+        raise _broken(folder, error) from error
+    if (meta.version, meta.dimensions) != (_VERSION, DIMENSIONS):
+        raise InputError(f"{folder} holds an index of another version", "delete it and index again")
+    return meta
+
+
+def _broken(folder: Path, error: Exception) -> InputError:
+    return InputError(f"the index in {folder} is broken: {str(error).splitlines()[0]}", "delete it and index again")
+
+
+def _lines(file: Path, count: int) -> list[str]:
+    if not count:
+        return []
+    try:
+        names = json.loads("[" + ",".join(file.read_text(encoding="utf-8").splitlines()[:count]) + "]")
+    except (OSError, ValueError) as error:
+        raise _broken(file.parent, error) from error
+    if len(names) != count:
+        raise _broken(file.parent, ValueError(f"{len(names)} names of {count}"))
+    return [str(name) for name in names]
+
+
+def _append(file: Path, data: bytes, begin: int) -> None:
+    """Write at ``begin``: what an interrupted writer left behind it is written over."""
+    file.touch()
+    with file.open("r+b") as stream:
+        stream.truncate(begin)
+        stream.seek(begin)
+        stream.write(data)
+
+
+def _check(names: Sequence[str], vectors: Vectors) -> None:
+    if vectors.shape != (len(names), DIMENSIONS):
+        raise InputError(f"{len(names)} names and vectors {vectors.shape}", f"give one of {DIMENSIONS} for each name")
+    if len(set(names)) != len(names):
+        raise InputError("a name is given twice", "give each name once")
+    if not np.isfinite(vectors).all():
+        raise InputError("a vector holds a number that is not finite", "leave that asset out")

@@ -1,0 +1,123 @@
+"""The baseline of the paper: CLIP embeddings of the crop and of three views of each asset (Radford et al. 2021)."""
+
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import ConfigError, InputError
+from grs_agents.library import Library
+from grs_agents.library.asset_views import asset_views, random_directions
+from grs_agents.perception.matching.feature_matcher import TOLD, offered
+from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
+from grs_agents.perception.types import Array, MatchEvidence, RGBDFrame
+
+LEAST = 0.5
+"""What is less similar than this to every asset is no object (paper, Table 1)."""
+VIEWS = 3
+_MARGIN = 0.1
+Picture = npt.NDArray[np.uint8]
+
+
+class Embedder(Protocol):
+    """What turns pictures into vectors."""
+
+    def __call__(self, pictures: Sequence[Picture]) -> Array:
+        """(N, D) vectors of length 1 of pictures (H, W, 3), red, green, blue."""
+        ...
+
+
+def open_clip_embedder(folder: str | None) -> Embedder:
+    """The embedder of an OpenCLIP model in a folder (``open_clip_config.json`` and its weights).
+
+    Raises:
+        ConfigError: no folder is named, it holds no such model, or OpenCLIP is not installed.
+    """
+    if folder is None:
+        raise ConfigError("match_clip needs the weights of a model", "name its folder: --set match.model=FOLDER")
+    if not (Path(folder) / "open_clip_config.json").is_file():
+        raise ConfigError(f"{folder} holds no open_clip_config.json", "name the folder of an OpenCLIP model")
+    try:
+        torch, open_clip = import_module("torch"), import_module("open_clip")
+    except ImportError as error:
+        raise ConfigError("match_clip needs OpenCLIP", "pip install 'grs-agents[clip]'") from error
+    except RuntimeError as error:  # torchvision built for another torch
+        raise ConfigError(
+            f"OpenCLIP cannot be loaded: {str(error).splitlines()[0]}", "install torch and torchvision of one build"
+        ) from error
+    try:
+        model, preprocess = open_clip.create_model_from_pretrained(f"local-dir:{Path(folder).resolve()}")
+    except (RuntimeError, ValueError, OSError, KeyError) as error:
+        raise ConfigError(f"{folder} cannot be loaded: {str(error).splitlines()[0]}", "use another model") from error
+    model.eval()
+    return _Embedder(torch, model, preprocess)
+
+
+class _Embedder:
+    def __init__(self, torch: Any, model: Any, preprocess: Any) -> None:
+        self._torch, self._model, self._preprocess = torch, model, preprocess
+
+    def __call__(self, pictures: Sequence[Picture]) -> Array:
+        from PIL import Image
+
+        batch = self._torch.stack([self._preprocess(Image.fromarray(picture)) for picture in pictures])
+        with self._torch.no_grad():
+            vectors = np.asarray(self._model.encode_image(batch).float().cpu().numpy(), np.float64)
+        return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+
+
+def by_clip(request: MatchRequest, library: Library, embedder: Embedder) -> MatchResult:
+    """The asset whose mean vector over three views is most like the crop's; ``no_object`` below `LEAST`.
+
+    Raises:
+        InputError: the files of an asset are faulty.
+    """
+    assets = offered(library)
+    if not assets or not request.segments:
+        return MatchResult({one.id: MatchEvidence(match="no_asset", method="match_clip") for one in request.segments})
+    rng = np.random.default_rng(request.seed)
+    views = np.stack([_asset_vector(asset.name, library, embedder, rng) for asset in assets])
+    crops = embedder([crop_of(request.frame, one) for one in request.segments])
+    return MatchResult(
+        {
+            one.id: _answer([asset.name for asset in assets], alike)
+            for one, alike in zip(request.segments, crops @ views.T, strict=True)
+        }
+    )
+
+
+def crop_of(frame: RGBDFrame, segment: Segment) -> Picture:
+    """The segment's rectangle of the photo with a margin, as it is."""
+    rows, columns = np.nonzero(segment.mask)
+    if not len(rows):
+        raise InputError(f"candidate {segment.id} has no pixels", "segment the photo again")
+    pad = 2 + int(_MARGIN * max(np.ptp(rows), np.ptp(columns)))
+    top, left = max(0, int(rows.min()) - pad), max(0, int(columns.min()) - pad)
+    return np.ascontiguousarray(frame.rgb[top : int(rows.max()) + pad, left : int(columns.max()) + pad])
+
+
+def _asset_vector(name: str, library: Library, embedder: Embedder, rng: np.random.Generator) -> Array:
+    """The mean (D,) of the vectors of three random views on white, of length 1."""
+    pictures: list[Picture] = []
+    for view in asset_views(library, name, random_directions(VIEWS, rng)):
+        cover = view.rgba[:, :, 3:].astype(np.float64) / 255
+        pictures.append(np.asarray(view.rgba[:, :, :3] * cover + 255 * (1 - cover), np.uint8))
+    mean = embedder(pictures).mean(axis=0)
+    return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-12), np.float64)
+
+
+def _answer(names: Sequence[str], alike: Array) -> MatchEvidence:
+    order: list[int] = np.argsort(-alike, kind="stable")[:TOLD].tolist()
+    scores = {names[index]: round(float(alike[index]), 4) for index in order}
+    best, similarity = names[order[0]], float(alike[order[0]])
+    others = [name for name in scores if name != best]
+    if similarity < LEAST:
+        reason = f"its picture is {similarity:.2f} like {best} at most, below {LEAST}"
+        return MatchEvidence(match="no_object", method="match_clip", scores=scores, runner_up=best, reason=reason)
+    return MatchEvidence(
+        match="asset", asset=best, method="match_clip", scores=scores, runner_up=others[0] if others else None,
+        reason=f"its picture is {similarity:.2f} like the asset's views",
+    )  # fmt: skip

@@ -1,0 +1,57 @@
+"""Histograms of tone: how bright, how red against green, how blue against green; light changes the first the most."""
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.perception.types import Array
+
+LEVELS, HUES = 12, 10
+BINS = LEVELS * HUES * HUES
+_DARK = 0.03
+"""Added to each channel, so that noise in the dark is no hue."""
+_LOW, _STEP = -3.3, 0.3
+"""Natural logarithm of the brightness where the levels begin, and the width of one."""
+_REACH = 1.3
+"""Logarithms of the ratios beyond this count as this."""
+_SHARP = (1.2, 0.7)
+"""How far a colour spills over, in bins: of brightness, of hue."""
+
+
+def opponent_colors(colors: Array) -> Array:
+    """(N, 3) brightness and the two ratios, as natural logarithms, of colours (N, 3) in 0..1."""
+    red, green, blue = (colors[:, channel] + _DARK for channel in range(3))
+    level = np.log(np.maximum(0.3 * red + 0.55 * green + 0.15 * blue, 1e-3))
+    return np.stack([level, np.log(red / green), np.log(blue / green)], axis=1)
+
+
+def histograms(colors: Array, weights: Array) -> npt.NDArray[np.float32]:
+    """(V, BINS) square roots of histograms of colours (N, 3), one for each row of weights (V, N); of length 1."""
+    return color_histograms(opponent_colors(colors), weights)
+
+
+def color_histograms(told: Array, weights: Array) -> npt.NDArray[np.float32]:
+    """As `histograms`, of tones (N, 3)."""
+    level = _soft((told[:, 0] - _LOW) / _STEP, LEVELS, _SHARP[0])
+    hues = [_soft((np.clip(told[:, 1 + part], -_REACH, _REACH) / _REACH + 1) / 2 * (HUES - 1), HUES, _SHARP[1])
+            for part in range(2)]  # fmt: skip
+    each = np.einsum("ni,nj,nk->nijk", level, *hues).reshape(len(told), BINS)
+    summed = weights @ each
+    shares = summed / np.maximum(summed.sum(axis=1, keepdims=True), 1e-12)
+    return np.sqrt(shares).astype(np.float32)
+
+
+def brightness_shifts(roots: npt.NDArray[np.float32], levels: int) -> npt.NDArray[np.float32]:
+    """Histograms (V, BINS) of the same colours in more light by so many levels of brightness, or in less."""
+    grid = roots.reshape(-1, LEVELS, HUES * HUES)
+    moved = np.zeros_like(grid)
+    for level in range(LEVELS):
+        target = min(max(level + levels, 0), LEVELS - 1)
+        moved[:, target] = np.sqrt(moved[:, target] ** 2 + grid[:, level] ** 2)
+    return moved.reshape(roots.shape)
+
+
+def _soft(places: Array, count: int, width: float) -> Array:
+    """(N, count) shares of bins around places."""
+    apart = np.clip(places, 0, count - 1)[:, None] - np.arange(count)
+    shares = np.exp(-0.5 * (apart / width) ** 2)
+    return shares / shares.sum(axis=1, keepdims=True)

@@ -1,0 +1,61 @@
+"""What was worked out of an asset's files, kept in the user's cache until they change."""
+
+import hashlib
+import io
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import InputError
+from grs_agents.files import write_bytes
+from grs_agents.library import Library
+
+Arrays = dict[str, npt.NDArray[Any]]
+_VERSION = "1"
+"""Of what is kept; another one makes all anew."""
+
+
+def key_of(name: str, library: Library) -> str:
+    """A hash of the files an asset is drawn from.
+
+    Raises:
+        UnknownNameError: the library has no such asset.
+        InputError: its files are faulty.
+    """
+    whole = hashlib.sha256(_VERSION.encode() + library.path(name).read_bytes())
+    for shape in library.model(name).visuals:
+        for file in (shape.mesh, shape.texture):
+            whole.update(b"\0" if file is None else library.mesh_path(file).read_bytes())
+    return whole.hexdigest()
+
+
+def cached(key: str) -> Arrays | None:
+    """The arrays kept under a key; ``None`` where there are none, or broken ones."""
+    try:
+        with np.load(_file(key), allow_pickle=False) as found:
+            return {name: found[name] for name in found.files}
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile, RuntimeError):  # the last: a user without a home
+        return None
+
+
+def store(key: str, arrays: Arrays) -> None:
+    """Keep arrays under a key; where the cache cannot be written they are worked out again next time."""
+    data = io.BytesIO()
+    np.savez(data, allow_pickle=False, **arrays)
+    with suppress(InputError, RuntimeError):
+        write_bytes(_file(key), data.getvalue())
+
+
+def folder() -> Path:
+    """The user's cache, as the XDG base directory specification has it."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "grs-agents" / "looks"
+
+
+def _file(key: str) -> Path:
+    return folder() / f"{key}.npz"

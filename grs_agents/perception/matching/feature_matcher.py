@@ -1,0 +1,96 @@
+"""The match by features: what the camera measured against what the library holds, without any model."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from grs_agents.errors import InputError
+from grs_agents.library import Asset, Library
+from grs_agents.perception.matching.asset_index import AssetIndex, embed
+from grs_agents.perception.matching.catalogue import catalogue_of
+from grs_agents.perception.matching.color_agreement import DAYLIGHT
+from grs_agents.perception.matching.features import Ranked, Use, implausible, rank
+from grs_agents.perception.matching.observation import Observation, observe, view_of
+from grs_agents.perception.matching.printed_text import read_words, reader
+from grs_agents.perception.matching.types import MatchRequest, MatchResult
+from grs_agents.perception.types import MatchEvidence
+
+_LOOKED_UP = 40
+"""So many assets of an index are compared with each candidate."""
+TOLD = 5
+"""So many assets are told of each candidate."""
+
+
+def offered(library: Library) -> tuple[Asset, ...]:
+    """The assets that may be matched: things that can stand on a table, proxies of other objects aside."""
+    return tuple(asset for asset in library.things() if asset.category != "proxy")
+
+
+def by_features(request: MatchRequest, library: Library, method: str) -> MatchResult:
+    """The likeliest asset for each candidate; ``no_asset`` where it is likelier that it is none of them.
+
+    Raises:
+        InputError: the files of an asset are faulty.
+    """
+    matches: dict[int, MatchEvidence] = {}
+    for number, (ranked, reason) in ranked_of(request, library, "all" if request.sized else "no size").items():
+        matches[number] = _answer(ranked, reason, method)
+    return MatchResult(matches)
+
+
+def ranked_of(request: MatchRequest, library: Library, use: Use = "all") -> dict[int, tuple[Ranked, str]]:
+    """The ranking of each candidate; and why it is no object, if it is none."""
+    if not request.segments:
+        return {}
+    view = view_of(request.frame, request.table)
+    observed = [observe(view, one.mask, one.upright) for one in request.segments]
+    assets = offered(library) if request.index is None else _indexed(Path(request.index), observed, library)
+
+    def read(seen: Observation) -> list[str]:
+        return read_words(request.frame, seen.mask)
+
+    reading = read if request.ocr and reader() is not None else None
+    ranked = rank(catalogue_of(assets, library), observed, view, use, reading) if assets else []
+    ranked = ranked or [Ranked((), (), ()) for _ in observed]
+    return {
+        one.id: (found, implausible(seen))
+        for one, found, seen in zip(request.segments, ranked, observed, strict=True)
+    }  # fmt: skip
+
+
+def _indexed(folder: Path, observed: Sequence[Observation], library: Library) -> tuple[Asset, ...]:
+    """The assets of an index that look most like one of the candidates, as far as the library still has them."""
+    index = AssetIndex(folder)
+    if not len(index):
+        raise InputError(f"the index in {folder} is empty", "fill it with `grs assets index`")
+    names: set[str] = set()
+    for seen in observed:
+        query = embed(look=seen.histogram(DAYLIGHT.tint), size=seen.upright.size)
+        names.update(name for name, _ in index.search(query, _LOOKED_UP))
+    return tuple(library.asset(name) for name in sorted(names) if name in library)
+
+
+def _answer(ranked: Ranked, nothing: str, method: str) -> MatchEvidence:
+    scores = {name: round(value, 4) for name, value in zip(ranked.names[:TOLD], ranked.likelihoods, strict=False)}
+    if nothing:
+        return MatchEvidence(match="no_object", method=method, scores=scores, reason=nothing)
+    best = ranked.likelihoods[0] if ranked.names else 0.0
+    if not ranked.names:
+        return MatchEvidence(match="no_asset", method=method, reason="there is no asset to compare it with")
+    if best <= 1 - sum(ranked.likelihoods):
+        return MatchEvidence(
+            match="no_asset",
+            method=method,
+            confidence=round(1 - sum(ranked.likelihoods), 4),
+            scores=scores,
+            runner_up=ranked.names[0],
+            reason=f"the likeliest asset, {ranked.names[0]}, is it with {100 * best:.0f} %: {ranked.reasons[0]}",
+        )
+    return MatchEvidence(
+        match="asset",
+        asset=ranked.names[0],
+        method=method,
+        confidence=round(best, 4),
+        scores=scores,
+        runner_up=ranked.names[1] if len(ranked.names) > 1 else None,
+        reason=f"{100 * best:.0f} % likely: {ranked.reasons[0]}",
+    )

@@ -1,0 +1,126 @@
+"""What the camera saw of one candidate: coloured points, their extents, and a histogram of tone."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.perception.matching.asset_appearance import Floats, Indices
+from grs_agents.perception.matching.color_histogram import color_histograms, opponent_colors
+from grs_agents.perception.table import robot_points_at
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
+
+POINTS = 160
+"""So many points are laid on an asset's surface."""
+PIXELS = 300
+"""So many pixels are compared in colour."""
+_COLORS = 400
+_STRAY = 3
+"""So many per cent of the pixels on either side may be stray."""
+_RIM = 3
+"""Pixels at the outline are a mixture with what is behind; they are left out where enough others remain."""
+
+
+@dataclass(frozen=True)
+class View:
+    """The photo as all candidates share it.
+
+    Attributes:
+        frame, table: the photo and its pose.
+        depth: (H, W) m.
+        tones: (H, W, 3) of the photo without its finest detail; see `grs_agents.perception.matching.color_histogram`.
+    """
+
+    frame: RGBDFrame
+    table: TableFrame
+    depth: Floats
+    tones: Floats
+
+    @property
+    def eye(self) -> Array:
+        """Where the camera is, (3,) m, robot frame."""
+        return np.asarray(self.table.T_robot_cam)[:3, 3]
+
+    def project(self, placed: Floats) -> tuple[Indices, Indices, Floats, npt.NDArray[np.bool_]]:
+        """Where points (K, N, 3) (m, robot frame) are in the picture: rows, columns, depth (m), and whether inside."""
+        camera, pose = self.frame.camera, np.asarray(self.table.T_robot_cam, np.float32)
+        local = (placed - pose[:3, 3]) @ pose[:3, :3]
+        depth = np.maximum(local[..., 2], np.float32(1e-3))
+        columns = np.rint(local[..., 0] / depth * np.float32(camera.fx) + np.float32(camera.cx)).astype(np.int64)
+        rows = np.rint(local[..., 1] / depth * np.float32(camera.fy) + np.float32(camera.cy)).astype(np.int64)
+        height, width = self.depth.shape
+        inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        return np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1), depth, inside
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What the camera saw of one candidate.
+
+    Attributes:
+        points: (N, 3) m, robot frame; at most `POINTS` of them.
+        surface: (P, 3) m, robot frame; at most `PIXELS` of them, whose tones are
+        tones: (P, 3).
+        mask: (H, W) its pixels.
+        upright: the box measured of it.
+        extents: (3,) m, what of that box most of its pixels fill, so that a few stray ones do not make it large.
+        told: (M, 3) tones of its pixels, sharp.
+        pixels: how many have a depth.
+    """
+
+    points: Floats
+    surface: Floats
+    tones: Floats
+    mask: Mask
+    upright: UprightBox
+    extents: Array
+    told: Array
+    pixels: int
+
+    def histogram(self, tint: Array) -> Floats:
+        """(B,) square roots of the shares of tones, once the tint (2,) of the light is taken out."""
+        white = self.told - (0.0, *tint)
+        return color_histograms(white, np.ones((1, len(white))))[0]
+
+
+def view_of(frame: RGBDFrame, table: TableFrame) -> View:
+    """Prepare a photo."""
+    smooth = cv2.GaussianBlur(frame.rgb.astype(np.float32) / 255, (0, 0), max(0.7, frame.camera.width / 900))
+    tones = opponent_colors(np.asarray(smooth, np.float64).reshape(-1, 3)).astype(np.float32)
+    return View(frame, table, frame.depth.astype(np.float32), tones.reshape(*frame.depth.shape, 3))
+
+
+def observe(view: View, mask: Mask, upright: UprightBox) -> Observation:
+    """Take a candidate's pixels out of the photo."""
+    inner = np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)), bool)
+    inner = inner if inner.sum() > 0.4 * mask.sum() else mask
+    colors = view.frame.rgb[inner][:: max(1, int(inner.sum()) // _COLORS)] / 255
+    solid = inner & (view.frame.depth > 0)
+    rows, columns = np.nonzero(solid if solid.sum() >= 30 else mask & (view.frame.depth > 0))
+    chosen = [_spread(len(rows), count) for count in (POINTS, PIXELS)]
+    points, surface = (
+        robot_points_at(view.frame, view.table, rows[some], columns[some]).astype(np.float32) for some in chosen
+    )
+    tones = view.tones[rows[chosen[1]], columns[chosen[1]]]
+    extents = np.minimum(upright.size, _filled(surface, upright))
+    number = int((mask & (view.frame.depth > 0)).sum())
+    return Observation(points, surface, tones, mask, upright, extents, opponent_colors(colors), number)
+
+
+def _filled(surface: Floats, upright: UprightBox) -> Array:
+    """(3,) m, the extents along the box's axes of all but the outermost; downwards to where the box ends."""
+    if not len(surface):
+        return np.asarray(upright.size)
+    cosine, sine = np.cos(upright.yaw), np.sin(upright.yaw)
+    offset = surface - np.asarray(upright.center)
+    along = np.column_stack([offset @ (cosine, sine, 0), offset @ (-sine, cosine, 0), offset[:, 2]])
+    low, high = np.percentile(along, (_STRAY, 100 - _STRAY), axis=0)
+    low[2] = -upright.size[2] / 2
+    return np.asarray(1.03 * (high - low), np.float64)
+
+
+def _spread(count: int, most: int) -> Indices:
+    """At most so many of ``count`` numbers, evenly; in an order of which every beginning is spread too."""
+    chosen = np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64)) if count else np.zeros(0, np.int64)
+    return np.random.default_rng(0).permutation(chosen)

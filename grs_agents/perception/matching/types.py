@@ -1,0 +1,72 @@
+"""What a match tool is given and what it answers."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from grs_agents.perception.types import Mask, MatchEvidence, RGBDFrame, Shown, TableFrame, UprightBox
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A candidate to be matched.
+
+    Attributes:
+        id: its number.
+        mask: (H, W) its pixels.
+        upright: the box measured of it, robot frame.
+        crop: picture file of it.
+        points: how many of its pixels have a depth.
+    """
+
+    id: int
+    mask: Mask
+    upright: UprightBox
+    crop: Path
+    points: int
+
+
+Ask = Callable[[Segment, Sequence[Shown], bool, bool], MatchEvidence]
+"""Ask the model of the role ``match``: about a segment, among assets in this order, with its description or not, with
+its picture or not. A model that gives no usable reply answers ``no_asset`` with what was wrong as the reason."""
+
+
+@dataclass(frozen=True)
+class MatchRequest:
+    """The candidates of a photo.
+
+    Attributes:
+        segments: what is to be matched.
+        frame, table: the photo and its pose.
+        ask: asks a model, for the tools that need one.
+        seed: of the order in which assets are shown to a model.
+        model: folder of the weights that a tool needs, if any.
+        ocr: read what is printed, where a tool can.
+        sized: go by size and place; false only to measure what they are worth.
+        index: folder of an index of the library, for one too large to compare everything.
+    """
+
+    segments: Sequence[Segment]
+    frame: RGBDFrame
+    table: TableFrame
+    ask: Ask
+    seed: int = 0
+    model: str | None = None
+    ocr: bool = True
+    sized: bool = True
+    index: str | None = None
+
+
+@dataclass(frozen=True)
+class MatchResult:
+    """One answer for each segment, by its number; and what a reader of the scene should know."""
+
+    matches: dict[int, MatchEvidence]
+    notes: tuple[str, ...] = ()
+
+
+def checked(request: Any) -> MatchRequest:
+    """The request of a match tool as what it is."""
+    assert isinstance(request, MatchRequest)
+    return request

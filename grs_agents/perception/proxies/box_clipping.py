@@ -1,0 +1,229 @@
+"""Boxes of what is not known are guesses where nothing was measured: there they give way to what stands beside them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from grs_agents.geometry.transforms import about_z
+from grs_agents.perception.image_geometry import THINNEST
+from grs_agents.perception.proxies.kind import in_walls, solid_off
+from grs_agents.perception.types import Array, Mask, Solid, UprightBox
+
+SLACK = 0.003
+"""Overlaps up to this (m) are left to physics: boxes are measured no better."""
+STRAY = 0.03
+"""Of what intrudes this share may stay: a rim, a handle."""
+LOST = 0.7
+"""A cut may cut off at most this share of a thing's own points."""
+KEPT = 0.8
+"""And must leave at least this share of the extent over which they were measured: less is no stand-in of its size."""
+LONGEST_LOSS = 0.035
+"""And may leave out at most this length of it, m: half of it shifts the centre, which is to stay within 2 cm."""
+SHIFT = 0.015
+"""What reaches in no farther than this (m) can be moved out; a cut that loses more than those bounds is worse."""
+VOLUME = 0.2
+"""A cut that takes all of a box off counts as much as one that takes this share of its points off."""
+CELL = 0.008
+"""A box is taken for points on a grid of at most so many m."""
+MOST = 14
+"""At most so many of them along an edge."""
+ROUNDS = 3
+FLOOR, STEP = 0.7, 0.002
+"""Known things that fill more than this share of the lowest part of a box carry it; looked at in such steps, m."""
+
+
+@dataclass(frozen=True)
+class EstimatedVolume:
+    """The space that a thing of unknown shape is thought to fill, and its measured (N, 3) points, m, robot frame.
+
+    What is ``hollow`` fills walls and a floor; others may stand in it.
+    """
+
+    box: UprightBox
+    shape: Solid
+    points: Array
+    hollow: bool = False
+
+    @property
+    def volume(self) -> float:
+        """Of its box, m^3."""
+        return float(np.prod(self.box.size))
+
+    def holds(self, points: Array) -> Mask:
+        """Which of (N, 3) points lie in it, deeper than `SLACK`."""
+        return _inside(self, _local(self, points))
+
+    @property
+    def off(self) -> float:
+        """How far its points lie from its surface on average, m."""
+        return solid_off(_local(self, self.points), self.box.size, self.shape == "cylinder")
+
+    def share(self, points: Array) -> float:
+        """Which share of (N, 3) points lies in it."""
+        return float(self.holds(points).mean()) if len(points) else 0.0
+
+    def standing(self, hold: Callable[[Array], Mask]) -> "EstimatedVolume":
+        """It on what known things fill of the lowest part of its box: that is what it stands on.
+
+        ``hold`` tells which of (N, 3) points are in known things.
+        """
+        if self.hollow or not len(self.points):
+            return self
+        space, bottom = self.space, self.box.center[2] - self.box.size[2] / 2
+        foot = space[space[:, 2] < bottom + STEP] * (1, 1, 0)
+        lowest = min(float(np.percentile(self.points[:, 2], 2)), bottom + self.box.size[2] / 2)
+        levels = [np.array([0, 0, level]) for level in np.arange(bottom, lowest, STEP)]
+        filled = [float(level[2]) for level in levels if hold(foot + level).mean() > FLOOR]
+        if not filled:
+            return self
+        low, high = self._sides(self.box)
+        low[2] += filled[-1] + STEP - bottom
+        return replace(self, box=_box(self.box, low, high))
+
+    def measured(self, before: UprightBox) -> UprightBox:
+        """The box of what was measured: ``before`` it gave way, without what was only guessed of that."""
+        low, high = self._sides(before)
+        first, last = np.percentile(_turned(before, self.points), (1, 99), axis=0)
+        half = np.array(before.size) / 2
+        return _box(before, np.minimum(low, np.maximum(first, -half)), np.maximum(high, np.minimum(last, half)))
+
+    def joined(self, points: Array) -> "EstimatedVolume":
+        """It with (N, 3) points that belong to it too."""
+        low, high = self._sides(self.box)
+        first, last = np.percentile(_turned(self.box, points), (1, 99), axis=0)
+        wider = bool((first < low)[:2].any() or (last > high)[:2].any())
+        box = _box(self.box, np.minimum(low, first), np.maximum(high, last))
+        shape: Solid = "box" if wider else self.shape
+        return replace(self, box=box, shape=shape, points=np.concatenate([self.points, points]))
+
+    def _sides(self, frame: UprightBox) -> tuple[Array, Array]:
+        """Its lowest and highest corner about the centre and along the axes of a box of the same yaw."""
+        middle = _turned(frame, np.array([self.box.center]))[0]
+        return middle - np.array(self.box.size) / 2, middle + np.array(self.box.size) / 2
+
+    @property
+    def space(self) -> Array:
+        """(M, 3) points all over it, m, robot frame."""
+        counts = [int(np.clip(np.ceil(side / CELL) + 1, 2, MOST)) for side in self.box.size]
+        axes = [np.linspace(-1, 1, count) for count in counts]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        if self.shape == "cylinder":
+            grid = grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1]
+        local = grid * np.array(self.box.size) / 2
+        if self.hollow:
+            local = local[_walled(self, local)]
+        return local @ about_z(self.box.yaw).T + self.box.center
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """A side of a box moved inwards: its axis, which side of it, the new place of that side, and what that costs."""
+
+    axis: int
+    side: int
+    place: float
+    cost: float
+
+
+def clip_boxes(claims: Sequence[EstimatedVolume], firm: Array) -> list[EstimatedVolume]:
+    """Move the sides of boxes inwards until they leave out (M, 3) points of what stands ``firm``, and each other.
+
+    Of two boxes the one gives way that loses fewer of its own points; one that would lose too many stays as it is.
+    A cylinder that is cut at its side becomes a box.
+    """
+    found = list(claims)
+    for _ in range(ROUNDS):
+        before = list(found)
+        found = [_applied(one, _cut(one, firm, certain=True)) for one in found]
+        for first, second in combinations(range(len(found)), 2):
+            one, other = found[first], found[second]
+            cuts = _cut(one, other.space), _cut(other, one.space)
+            if min(cuts, key=_cost) is cuts[0]:
+                found[first] = _applied(one, cuts[0])
+            else:
+                found[second] = _applied(other, cuts[1])
+        if found == before:
+            break
+    return found
+
+
+def _cost(cut: _Cut | None) -> float:
+    return np.inf if cut is None else cut.cost
+
+
+def _local(claim: EstimatedVolume, points: Array) -> Array:
+    return _turned(claim.box, points)
+
+
+def _turned(box: UprightBox, points: Array) -> Array:
+    """Points about the centre of a box and along its axes."""
+    return (points - box.center) @ about_z(box.yaw)
+
+
+def _box(frame: UprightBox, low: Array, high: Array) -> UprightBox:
+    """The box between two corners about the centre and along the axes of another."""
+    x, y, z = (float(value) for value in about_z(frame.yaw) @ ((low + high) / 2) + frame.center)
+    length, width, height = (float(value) for value in high - low)
+    return UprightBox(center=(x, y, z), size=(length, width, height), yaw=frame.yaw)
+
+
+def _inside(claim: EstimatedVolume, local: Array) -> Mask:
+    half = np.maximum(np.array(claim.box.size) / 2 - SLACK, 0)
+    inside = (np.abs(local) < half).all(axis=1)
+    if claim.shape == "cylinder":
+        inside &= np.hypot(local[:, 0], local[:, 1]) < half[0]
+    if claim.hollow:
+        inside &= _walled(claim, local)
+    return np.asarray(inside, np.bool_)
+
+
+def _walled(claim: EstimatedVolume, local: Array) -> Mask:
+    """Which points (N, 3) in the frame of a hollow thing's box are in its walls, taken to be a cell thick."""
+    return in_walls(local, claim.box.size, claim.shape == "cylinder", CELL)
+
+
+def _cut(claim: EstimatedVolume, others: Array, certain: bool = False) -> _Cut | None:
+    """The cheapest cut that leaves the ``others`` (M, 3) out; ``None`` if none are inside or every cut is too dear.
+
+    Where it is ``certain`` that others are there, what was measured beyond them is theirs; a box may be wrong itself.
+    """
+    near = others[np.linalg.norm(others - claim.box.center, axis=1) < np.linalg.norm(claim.box.size) / 2]
+    local = _local(claim, near)
+    local = local[_inside(claim, local)]
+    if not len(local):
+        return None
+    own, half = _local(claim, claim.points), np.array(claim.box.size) / 2
+    cuts: list[_Cut] = []
+    low, high = np.percentile(local, (100 * STRAY, 100 - 100 * STRAY), axis=0)
+    shallow = float(np.minimum(half - low, half + high).min()) < SHIFT
+    for axis in range(3):
+        for side in (-1, 1):
+            place = side * float(np.percentile(side * local[:, axis], 100 * STRAY))
+            left = side * place + half[axis]
+            if left < THINNEST or not ((certain and not shallow) or _kept(axis, side * place, side, own, half)):
+                continue
+            lost = float((side * own[:, axis] > side * place).mean())
+            if lost < LOST:
+                cuts.append(_Cut(axis, side, place, lost + VOLUME * (1 - left / (2 * half[axis]))))
+    return min(cuts, key=_cost, default=None)
+
+
+def _kept(axis: int, place: float, side: int, own: Array, half: Array) -> bool:
+    """Whether a cut leaves what is `KEPT` at least of the extent of a thing's ``own`` points (N, 3) along an axis.
+
+    ``place`` is that of the cut along ``side`` times the axis, m.
+    """
+    low, high = np.percentile(side * own[:, axis], (1, 99))
+    lost = max(high - place, 0.0) + max(-half[axis] - low, 0.0)
+    return bool(lost <= min(SLACK + (1 - KEPT) * (high - low), LONGEST_LOSS))
+
+
+def _applied(claim: EstimatedVolume, cut: _Cut | None) -> EstimatedVolume:
+    if cut is None:
+        return claim
+    low, high = -np.array(claim.box.size) / 2, np.array(claim.box.size) / 2
+    (high if cut.side > 0 else low)[cut.axis] = cut.place
+    box = _box(claim.box, low, high)
+    return replace(claim, box=box, shape="box" if cut.axis < 2 else claim.shape)

@@ -1,0 +1,125 @@
+"""How high a candidate may be over each part of its box: not into space that the photo shows empty, nor into others."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from grs_agents.geometry.transforms import about_z
+from grs_agents.perception.proxies.height_blocks import Columns
+from grs_agents.perception.proxies.neighbors import Surroundings
+from grs_agents.perception.table import BEHIND, projected, robot_points_at
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
+
+FREE = 0.01
+"""Where the photo shows something more than this (m) behind a point, it shows the point to be free."""
+
+
+def observed_free(points: Array, frame: RGBDFrame, table: TableFrame) -> Mask:
+    """Which of (N, 3) points, m, robot frame, the photo shows to be free: what it shows there is behind them."""
+    x, y, depth = projected(points, frame.camera, table)
+    columns, rows = np.rint(x), np.rint(y)
+    height, width = frame.depth.shape
+    seen = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width) & (depth > BEHIND)
+    free = np.zeros(len(points), np.bool_)
+    pixels = rows[seen].astype(np.int64), columns[seen].astype(np.int64)
+    free[seen] = frame.depth[pixels] > depth[seen] + FREE
+    return free
+
+
+CELL = 0.008
+"""Heights are told of cells of at least this size, m."""
+MOST = 16
+"""There are at most so many along an edge."""
+FEWEST = 3
+"""Fewer points in a cell say nothing."""
+DEEP = 0.005
+"""What reaches deeper than this (m) into a box stands in it."""
+CLEAR = 0.01
+"""What is lower than this (m) above the bottom of a box may be what the box stands on."""
+
+
+def free_space_map(
+    frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
+) -> Columns:
+    """What a candidate may fill of its box.
+
+    Up to where the air is shown to be free or another thing stands, at least as high as the candidate was measured,
+    and 0 where only other things were. It begins at the bottom of its box, or on what stands below it.
+
+    Args:
+        frame, table: the photo and its pose.
+        mask: (H, W) pixels of the candidate.
+        box: measured of it.
+        around: what stands beside it.
+    """
+    grid = _Grid.over(box)
+    middles = grid.middles() @ about_z(box.yaw).T + box.center
+    free, level = observed_free(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]
+    taken = np.zeros_like(free) if around is None else around.hold(middles, grid.cell / 2).reshape(grid.counts)
+    free |= taken
+    heights = np.where(free.any(axis=2), free.argmax(axis=2), grid.counts[2]) * level
+    known = frame.depth > 0
+    others = local_points(frame, table, _window(frame, table, box) & known & ~mask, box)
+    own = grid.tops(local_points(frame, table, mask & known, box))
+    heights[grid.tops(others[others[:, 2] > CLEAR - box.size[2] / 2]) > own] = 0
+    below = taken & ((np.arange(grid.counts[2]) + 1) * level < own[..., None])
+    floors = np.where(below.any(axis=2), grid.counts[2] - below[..., ::-1].argmax(axis=2), 0) * level
+    return Columns(floors, np.maximum(np.maximum(heights, own), floors), np.asarray(taken.any(axis=2), np.bool_))
+
+
+def is_crowded(box: UprightBox, around: Surroundings) -> bool:
+    """Whether other things reach deep into a box."""
+    inner = np.array(box.size) - 2 * np.minimum(DEEP, np.array(box.size) / 4)
+    middles = _Grid.over(box.model_copy(update={"size": tuple(inner)})).middles()
+    return int(around.hold(middles @ about_z(box.yaw).T + box.center).sum()) >= FEWEST
+
+
+def local_points(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Array:
+    """(N, 3) points of measured pixels, m, about the centre of the box and along its axes."""
+    return (robot_points_at(frame, table, *np.nonzero(mask)) - box.center) @ about_z(box.yaw)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Cells all over a box of a size, m, about its centre and along its axes."""
+
+    counts: tuple[int, int, int]
+    size: Array
+
+    @classmethod
+    def over(cls, box: UprightBox) -> "_Grid":
+        x, y, z = (min(max(int(np.ceil(side / CELL)), 1), MOST) for side in box.size)
+        return cls((x, y, z), np.array(box.size))
+
+    @property
+    def cell(self) -> float:
+        """The longer side of a cell, m: what is thinner stands between the middles of two."""
+        return float((self.size / self.counts)[:2].max())
+
+    def middles(self) -> Array:
+        """(N, 3) of all cells, the last axis fastest."""
+        return np.asarray((np.indices(self.counts).reshape(3, -1).T + 0.5) / self.counts - 0.5, np.float64) * self.size
+
+    def tops(self, points: Array) -> Array:
+        """(R, C) how high above the bottom (N, 3) points reach over each cell, m; 0 where there are too few."""
+        columns = self.counts[0] * self.counts[1]
+        cells = np.floor((points / self.size + 0.5) * self.counts).astype(np.int64)
+        inside = ((cells >= 0) & (cells < self.counts)).all(axis=1)
+        index = cells[inside, 0] * self.counts[1] + cells[inside, 1]
+        heights = points[inside, 2] + self.size[2] / 2
+        order = np.lexsort((-heights, index))
+        counted = np.bincount(index, minlength=columns)
+        first = np.cumsum(counted) - counted
+        tops, enough = np.zeros(columns), counted >= FEWEST
+        tops[enough] = heights[order][first[enough] + FEWEST - 1]  # the highest but for those that fly
+        return tops.reshape(self.counts[:2])
+
+
+def _window(frame: RGBDFrame, table: TableFrame, box: UprightBox) -> Mask:
+    """The pixels (H, W) of the rectangle in which a box is seen."""
+    corners = (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * box.size @ about_z(box.yaw).T + box.center
+    columns, rows, _ = projected(corners, frame.camera, table)
+    window = np.zeros(frame.depth.shape, np.bool_)
+    top, left = max(0, int(rows.min())), max(0, int(columns.min()))
+    window[top : max(0, int(rows.max()) + 1), left : max(0, int(columns.max()) + 1)] = True
+    return window

@@ -1,0 +1,81 @@
+"""What a proxy of a candidate needs to know of the photo: the candidate's shape in its own frame, and its look."""
+
+import cv2
+import numpy as np
+
+from grs_agents.geometry.transforms import about_z
+from grs_agents.perception.proxies.fitted import Look
+from grs_agents.perception.proxies.free_space_map import free_space_map, is_crowded, local_points
+from grs_agents.perception.proxies.kind import Measured
+from grs_agents.perception.proxies.neighbors import Surroundings
+from grs_agents.perception.table import projected, robot_points_at
+from grs_agents.perception.types import Array, Image, Mask, RGBDFrame, TableFrame, UprightBox
+
+_POINTS = 1500
+ON = 0.004
+"""What is nearer than this (m) to a known thing is its surface."""
+FEWEST = 50
+"""Fewer points tell of no shape."""
+_LARGEST = 512
+"""The longer side of a texture has at most so many pixels."""
+
+
+def measured_shape(
+    frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
+) -> Measured:
+    """The measured points of a candidate, and how high it may be where the photo does not show otherwise.
+
+    Args:
+        frame, table: the photo and its pose.
+        mask: (H, W) pixels of the candidate.
+        box: measured of it.
+        around: what stands beside it, if that is known already.
+    """
+    if around is not None:
+        mask = _own(frame, table, mask, around)
+    points = local_points(frame, table, mask & (frame.depth > 0), box)
+    entered = around is not None and is_crowded(box, around)
+    return Measured(points[:: max(1, len(points) // _POINTS)], free_space_map(frame, table, mask, box, around), entered)
+
+
+def _own(frame: RGBDFrame, table: TableFrame, mask: Mask, around: Surroundings) -> Mask:
+    """The pixels (H, W) of a mask that do not show a known thing beside it, if any are left."""
+    rows, columns = np.nonzero(mask & (frame.depth > 0))
+    theirs = around.alone().hold(robot_points_at(frame, table, rows, columns), ON)
+    own = mask.copy()
+    own[rows[theirs], columns[theirs]] = False
+    return own if (~theirs).sum() >= FEWEST else mask
+
+
+def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Look | None:
+    """The photo's own texture; ``None`` where too little is seen."""
+    solid = np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)), bool)
+    solid = solid if solid.sum() > 50 else mask
+    left, top, width, height = cv2.boundingRect(solid.astype(np.uint8))
+    if width < 4 or height < 4:
+        return None
+    window = (slice(top, top + height), slice(left, left + width))
+    image, known = frame.rgb[window], solid[window]
+    filled = _filled(image, known)
+    scale = min(1.0, _LARGEST / max(width, height))
+    if scale < 1:
+        small = cv2.resize(filled, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        filled = np.asarray(small, np.uint8)
+    turn = about_z(box.yaw)
+
+    def place(points: Array) -> Array:
+        columns, rows, _ = projected(points @ turn.T + box.center, frame.camera, table)
+        return np.stack([(columns - left) / width, 1 - (rows - top) / height], axis=1)
+
+    towards = (np.asarray(table.T_robot_cam)[:3, 3] - box.center) @ turn
+    return Look(filled, place, towards / np.linalg.norm(towards))
+
+
+def _filled(image: Image, known: Mask) -> Image:
+    """The image, where each pixel that is not of the object has the colour of the nearest that is."""
+    missing = (~known).astype(np.uint8)
+    nearest = cv2.distanceTransformWithLabels(missing, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[1]
+    labels = nearest.astype(np.int64)
+    owners = np.zeros((int(labels.max()) + 1, 3), np.uint8)
+    owners[labels[known]] = image[known]
+    return np.ascontiguousarray(owners[labels])

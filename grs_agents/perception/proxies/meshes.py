@@ -1,0 +1,122 @@
+"""The visible meshes of proxies: gridded boxes, turned solids, and hulls of points, each about its centre.
+
+Also says which points lie inside an asset's colliders.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Vec3
+from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import read_vertices
+from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Faceted = tuple[Floats, Ints]
+"""Vertices (V, 3) in m and faces (F, 3), counterclockwise from outside."""
+_GRID, _AROUND = 6, 32
+
+
+def box_mesh(size: Vec3, center: Vec3 = (0.0, 0.0, 0.0), grid: int = _GRID) -> Faceted:
+    """A box whose sides are grids, so that a picture laid on it is not bent much."""
+    steps = np.linspace(-0.5, 0.5, grid + 1)
+    one, two = (part.ravel() for part in np.meshgrid(steps, steps, indexing="ij"))
+    parts: list[Faceted] = []
+    for axis in range(3):
+        for side in (0.5, -0.5):
+            vertices = np.empty((len(one), 3))
+            vertices[:, axis], vertices[:, (axis + 1) % 3], vertices[:, (axis + 2) % 3] = side, one, two
+            faces = _grid_faces(grid + 1, grid + 1)
+            parts.append((vertices * size + center, faces if side > 0 else faces[:, ::-1]))
+    return joined(parts)
+
+
+def turned_mesh(profile: Sequence[tuple[float, float]]) -> Faceted:
+    """The solid that a profile of (radius, z) in m makes around z; it runs from the bottom's middle outwards."""
+    angles = np.arange(_AROUND + 1) * 2 * np.pi / _AROUND
+    radii, heights = np.array(profile).T
+    vertices = np.stack([np.outer(np.cos(angles), radii), np.outer(np.sin(angles), radii),
+                         np.broadcast_to(heights, (len(angles), len(radii)))], axis=2)  # fmt: skip
+    return vertices.reshape(-1, 3), _grid_faces(len(angles), len(radii))
+
+
+def hull_mesh(points: Floats) -> Faceted:
+    """About the convex hull of points (N, 3): their farthest point in each of many directions."""
+    directions, faces = _sphere()
+    farthest = points[np.argmax(directions @ points.T, axis=1)]
+    return farthest, faces
+
+
+def support(points: Floats, queries: Floats) -> Floats:
+    """(M,) signed distance (m, negative inside) of queries (M, 3) from about the convex hull of points (N, 3)."""
+    directions, _ = _sphere()
+    reach = (directions @ points.T).max(axis=1)
+    return np.asarray((queries @ directions.T - reach).max(axis=1), np.float64)
+
+
+def joined(parts: Sequence[Faceted]) -> Faceted:
+    """Meshes as one."""
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])[:-1]
+    faces = [faces + start for (_, faces), start in zip(parts, starts, strict=True)]
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
+
+
+def obj_text(mesh: Faceted, uvs: Floats | None = None) -> str:
+    """Wavefront OBJ; ``uvs`` (V, 2) are texture coordinates, one for each vertex. Faces without area are left out."""
+    vertices, faces = mesh
+    corners = vertices[faces].round(6)
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    kept = faces[np.linalg.norm(crosses, axis=1) > 1e-9] + 1
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
+    if uvs is None:
+        lines += [f"f {a} {b} {c}" for a, b, c in kept]
+    else:
+        lines += [f"vt {u:.5f} {v:.5f}" for u, v in uvs]
+        lines += [f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in kept]
+    return "\n".join([*lines, ""])
+
+
+def _grid_faces(rows: int, columns: int) -> Ints:
+    """Two triangles for each cell of a grid of vertices, row by row."""
+    start = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    a, b, c, d = start, start + columns, start + columns + 1, start + 1
+    return np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+
+
+def _sphere() -> Faceted:
+    import trimesh
+
+    ball = trimesh.creation.icosphere(3)
+    return np.asarray(ball.vertices, np.float64), np.asarray(ball.faces, np.int64)
+
+
+Bools = npt.NDArray[np.bool_]
+
+
+def holds(model: ObjectModel, library: Library, points: Floats, margin: float = 0.0) -> Bools:
+    """Which of points (N, 3), m, in the asset's frame, lie in one of its colliders, or not ``margin`` m from it, (N,).
+
+    A mesh is taken for about its hull.
+
+    Raises:
+        InputError: a mesh file is not readable.
+    """
+    found = np.zeros(len(points), np.bool_)
+    for shape in model.colliders:
+        found |= _off(shape, library, (points - shape.position) @ rotation_matrix(shape.quaternion)) < margin
+    return found
+
+
+def _off(shape: Shape, library: Library, local: Floats) -> Floats:
+    """How far (N, 3) points in the shape's frame are beyond its sides, (N,) m; less than nothing in it."""
+    if shape.kind == "box":
+        return np.asarray((np.abs(local) - np.array(shape.size) / 2).max(axis=1), np.float64)
+    if shape.kind == "sphere":
+        return np.asarray(np.linalg.norm(local, axis=1) - shape.size[0], np.float64)
+    if shape.kind == "cylinder":
+        radius, length = shape.size
+        return np.maximum(np.hypot(local[:, 0], local[:, 1]) - radius, np.abs(local[:, 2]) - length / 2)
+    return support(read_vertices(library.mesh_path(shape.mesh or "")) * shape.size, local)

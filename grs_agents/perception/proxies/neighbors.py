@@ -1,0 +1,50 @@
+"""What stands around a thing of unknown shape, and so is not its own."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from grs_agents.base import Pose
+from grs_agents.library import Library
+from grs_agents.library.shapes import rotation_matrix
+from grs_agents.perception.proxies.box_clipping import EstimatedVolume
+from grs_agents.perception.proxies.meshes import holds
+from grs_agents.perception.types import Array, Mask
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Known things where they stand, and the space that others of unknown shape are thought to fill.
+
+    Attributes:
+        known: names of assets, each with the pose of the centre of its bounding box (m, xyzw), robot frame.
+        claims: of the others.
+        library: where the assets are looked up.
+    """
+
+    known: Sequence[tuple[str, Pose]]
+    claims: Sequence[EstimatedVolume]
+    library: Library
+
+    def hold(self, points: Array, margin: float = 0.0) -> Mask:
+        """Which of points (N, 3), m, robot frame, are taken, or less than ``margin`` m from a known thing, (N,).
+
+        Raises:
+            UnknownNameError: an asset is not in the library.
+        """
+        taken = np.zeros(len(points), np.bool_)
+        for asset, (position, orientation) in self.known:
+            model = self.library.model(asset)
+            low, high = np.array(model.bounds)
+            near = np.flatnonzero(np.linalg.norm(points - position, axis=1) < np.linalg.norm(high - low) / 2 + margin)
+            if len(near):
+                local = (points[near] - position) @ rotation_matrix(orientation) + (low + high) / 2
+                taken[near] |= holds(model, self.library, local, margin)
+        for claim in self.claims:
+            taken |= claim.holds(points)
+        return taken
+
+    def alone(self) -> "Surroundings":
+        """The known things alone."""
+        return Surroundings(self.known, (), self.library)

@@ -1,0 +1,120 @@
+"""An image of a data set in the BOP format (github.com/thodan/bop_toolkit, docs/bop_datasets_format.md)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from grs_agents.errors import InputError
+from grs_agents.foreign import read_json
+from grs_agents.perception.reading.bounded_files import exists, is_folder, names_in
+from grs_agents.perception.reading.camera import camera_of_matrix
+from grs_agents.perception.reading.frame_assembly import Measured, Recording
+from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_units
+
+PREFIX = "bop:"
+FORM = "bop:ROOT/SPLIT/SCENE/IMAGE, e.g. bop:data/ycbv/test/000048/1"
+METRES_PER_MILLIMETRE = 0.001
+
+
+@dataclass(frozen=True)
+class BopImage:
+    """One image of a scene folder.
+
+    Attributes:
+        scene: the folder with ``scene_camera.json``.
+        number: of the image.
+    """
+
+    scene: Path
+    number: int
+
+    @property
+    def stem(self) -> str:
+        """What its files' names begin with."""
+        return f"{self.number:06d}"
+
+    def picture(self, *folders: str) -> Path | None:
+        """Its file in the first of these folders that holds one."""
+        for folder in folders:
+            for suffix in SUFFIXES:
+                file = self.scene / folder / f"{self.stem}{suffix}"
+                if exists(file):
+                    return file
+        return None
+
+
+def is_bop(source: Path) -> bool:
+    """Whether ``source`` names an image of a BOP data set."""
+    return str(source).startswith(PREFIX)
+
+
+def bop_image(source: Path) -> BopImage:
+    """The image that ``bop:ROOT/SPLIT/SCENE/IMAGE`` names; leading zeros of SCENE and IMAGE may be left out.
+
+    Raises:
+        InputError: it has another form, or there is no such scene.
+    """
+    path = Path(str(source).removeprefix(PREFIX))
+    if len(path.parts) < 2 or not (path.name.isascii() and path.name.isdigit()) or len(path.name) > 9:
+        raise InputError(f"{source} is not {FORM.split(',', maxsplit=1)[0]}", f"write {FORM}")
+    scene, number = path.parent, int(path.name)
+    padded = scene.with_name(scene.name.zfill(6)) if scene.name else scene
+    for folder in (scene, padded):
+        if is_folder(folder):
+            return BopImage(folder, number)
+    near = (
+        [name for name in names_in(scene.parent) if is_folder(scene.parent / name)] if is_folder(scene.parent) else []
+    )
+    remedy = f"use one of {', '.join(near[:8])}{', ...' if len(near) > 8 else ''}" if near else f"write {FORM}"
+    raise InputError(f"{source}: there is no scene folder {scene}", remedy)
+
+
+def read_bop(source: Path) -> Recording:
+    """Read an image with its camera and, if it has one, its depth.
+
+    Raises:
+        InputError: a file or the image is missing or unreadable, or the camera is not complete.
+    """
+    image = bop_image(source)
+    file = image.scene / "scene_camera.json"
+    entry = entry_of(read_json(file, "name a scene folder of a data set in the BOP format"), image.number, file)
+    where = f"{file}, image {image.number}"
+    color = image.picture("rgb", "gray")
+    if color is None:
+        raise InputError(
+            f"{source}: {image.scene} holds no rgb/{image.stem} and no gray/{image.stem}", "name another image"
+        )
+    picture = read_color(color)
+    size = (picture.rgb.shape[1], picture.rgb.shape[0])
+    depth = image.picture("depth")
+    scale = _scale(entry, where) if depth is not None else METRES_PER_MILLIMETRE
+    camera = camera_of_matrix(entry.get("cam_K"), size, f"cam_K of {where}", depth_scale=scale)
+    if depth is None:
+        return Recording(source, picture, camera)
+    measured = Measured(read_units(depth), scale, str(depth), f"depth_scale of {where} (there in millimetres)")
+    return Recording(source, picture, camera, measured)
+
+
+def entry_of(entries: Mapping[str, Any], number: int, file: Path) -> dict[str, Any]:
+    """What a file of a BOP scene says of an image.
+
+    Raises:
+        InputError: nothing, or no object.
+    """
+    entry = entries.get(str(number))
+    if entry is None:
+        numbers = sorted(int(key) for key in entries if key.isascii() and key.isdigit() and len(key) < 10)
+        known = f"{len(numbers)} from {numbers[0]} to {numbers[-1]}" if numbers else "none"
+        raise InputError(f"{file} has no image {number}", f"name one of those it has: {known}")
+    if not isinstance(entry, dict):
+        raise InputError(f"{file}: image {number} is no object", "get the data set again")
+    return cast(dict[str, Any], entry)
+
+
+def _scale(entry: Mapping[str, Any], where: str) -> float:
+    """Metres per unit of depth; the format tells millimetres."""
+    told = entry.get("depth_scale")
+    if not isinstance(told, int | float) or not 0 < told < 1e6:
+        raise InputError(f"depth_scale of {where} is {str(told)[:40]}", "give the millimetres per unit of depth")
+    return float(told) * METRES_PER_MILLIMETRE

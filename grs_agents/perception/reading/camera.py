@@ -1,0 +1,262 @@
+"""The camera of a scene: read, checked, and told again for a picture of another size."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, cast
+
+from pydantic import ValidationError
+
+from grs_agents.errors import InputError
+from grs_agents.foreign import read_json
+from grs_agents.perception.types import Camera
+
+KEYS = "fx fy cx cy width height depth_scale"
+DEPTH_SCALE_REMEDY = "give depth_scale: metres per unit of depth, 0.001 for millimetres"
+MEANINGS = {
+    "fx": "focal length in pixels",
+    "fy": "focal length in pixels",
+    "cx": "principal point in pixels",
+    "cy": "principal point in pixels",
+    "width": "of the picture, in pixels",
+    "height": "of the picture, in pixels",
+    "depth_scale": "metres per unit of depth, 0.001 for millimetres",
+    "K": "3x3 intrinsic matrix, in pixels",
+    "T_robot_cam": "4x4, from the camera frame (x right, y down, z forward) to the robot frame, metres",
+}
+"""What the keys of camera.json mean, for errors."""
+ALIASES = {
+    "image_width": "width",
+    "image_height": "height",
+    "ppx": "cx",
+    "ppy": "cy",
+    "camera_matrix": "K",
+    "intrinsic_matrix": "K",
+    "intrinsics": "K",
+    "depth_factor": "depth_scale",
+    "scale": "depth_scale",
+    "extrinsics": "T_robot_cam",
+    "extrinsic": "T_robot_cam",
+    "pose": "T_robot_cam",
+    "camera_pose": "T_robot_cam",
+    "t_base_cam": "T_robot_cam",
+    "t_world_cam": "T_robot_cam",
+    "t_cam_robot": "T_robot_cam",
+}
+"""Other names that sensors' SDKs and data sets have for these keys, lower case."""
+DISTORTION_KEYS = ("d", "distortion", "distortion_coefficients", "dist_coeffs", "coeffs", "k1", "k2", "k3", "p1", "p2")
+CONVENTION_KEYS = ("convention", "axes", "coordinate_system", "camera_convention")
+OPENCV_NAMES = ("opencv", "cv", "ros_optical", "optical")
+LARGEST = 1e9
+"""No value of an intrinsic matrix is larger."""
+FULL_FRAME_DIAGONAL = 43.267
+"""Of 35 mm film, in millimetres: focal lengths "in 35 mm" are told for this diagonal (CIPA DC-008)."""
+
+
+@dataclass(frozen=True)
+class DepthUnit:
+    """What ``depth_scale`` is taken to be where ``camera.json`` does not say it.
+
+    Attributes:
+        scale: metres per unit, ``None`` if it cannot be inferred.
+        reason: why, for a note or for the error; nothing where it goes without saying.
+    """
+
+    scale: float | None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """A camera, and what a reader of the scene should know about its file."""
+
+    camera: Camera
+    notes: tuple[str, ...] = ()
+
+
+def read_camera(file: Path, unit: DepthUnit | None = None) -> CameraFile:
+    """Read ``camera.json``.
+
+    ``K`` may stand for ``fx fy cx cy``. Keys that are not known are told in the notes, unless they seem to mean a key
+    that is missing, or something that would change the result: those are refused.
+
+    Args:
+        file: its path.
+        unit: of the depth, where the file says nothing of it; without it the file must.
+
+    Raises:
+        InputError: it cannot be read, is not JSON, or a value is missing, not finite or absurd; the lens is distorted;
+            or a key seems to be another name of one that is missing.
+    """
+    values = read_json(file, f"put camera.json there, with {KEYS}")
+    values, notes = _understood(values, str(file))
+    if unit is not None and "depth_scale" not in values:
+        if unit.scale is None:
+            raise InputError(f"{file}: depth_scale is missing, and {unit.reason}", DEPTH_SCALE_REMEDY)
+        values = {"depth_scale": unit.scale} | values
+        notes += [f"camera.json gives no depth_scale: {unit.reason}"] if unit.reason else []
+    return CameraFile(camera_of(values, str(file)), tuple(notes))
+
+
+def _understood(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
+    """The values under the keys of `Camera`, and notes on the keys that say nothing to it.
+
+    Raises:
+        InputError: a key means something that would change the result.
+    """
+    known = {key: value for key, value in values.items() if key in Camera.model_fields}
+    unused: list[str] = []
+    for key, value in values.items():
+        if key.lower() == "k":
+            known |= _of_matrix(value, values, f"{where}: {key}")
+        elif key not in Camera.model_fields and not _is_neutral(key.lower(), value):
+            if problem := _contradiction(key, value, values, where):
+                raise problem
+            unused.append(f"{key[:40]!a}")
+    return known, [f"camera.json: not used: {', '.join(unused[:12])}"] if unused else []
+
+
+def _is_neutral(name: str, value: object) -> bool:
+    """Whether an unknown key says what is taken for granted: no distortion, OpenCV's axes."""
+    return (name in DISTORTION_KEYS and _is_zero(value)) or (
+        name in CONVENTION_KEYS and isinstance(value, str) and value.lower() in OPENCV_NAMES
+    )
+
+
+def _contradiction(key: str, value: object, values: Mapping[str, Any], where: str) -> InputError | None:
+    """What is wrong with an unknown key, if passing over it would change the result."""
+    name = key.lower()
+    if name in DISTORTION_KEYS:
+        return InputError(
+            f"{where}: {key} = {value!a:.80} says that the lens is distorted; whether the pictures are "
+            "rectified already cannot be told",
+            f"rectify colour and depth (ROS: image_rect), give the camera of those pictures, and leave {key} out",
+        )
+    if name in CONVENTION_KEYS and "T_robot_cam" in values:
+        return InputError(
+            f"{where}: {key} = {value!a:.40}, but T_robot_cam is taken to be from OpenCV's camera axes "
+            "(x right, y down, z forward)",
+            f"from OpenGL's axes, negate its second and third columns; then leave {key} out",
+        )
+    meant = _meant(name)
+    if meant is None or meant in values or (meant == "K" and "fx" in values):
+        return None
+    return InputError(
+        f"{where}: unknown key {key[:40]!a}, and {meant} is missing",
+        f"give {meant}: {MEANINGS[meant]}; or leave {key[:40]!a} out",
+    )
+
+
+def _meant(name: str) -> str | None:
+    """The key of `Camera` for which a lower-case ``name`` is another spelling."""
+    if name in ALIASES:
+        return ALIASES[name]
+    spelt = {key.lower(): key for key in Camera.model_fields if len(key) > 2}
+    close = get_close_matches(name, spelt, 1, 0.8)
+    return spelt[close[0]] if close else None
+
+
+def _is_zero(value: object) -> bool:
+    """Whether this is 0, nothing, or a list of zeros."""
+    return value is None or all(type(one) in (int, float) and one == 0 for one in _flat(value))
+
+
+def _of_matrix(matrix: object, values: Mapping[str, Any], where: str) -> dict[str, float]:
+    """``fx fy cx cy`` of the intrinsic matrix; what ``values`` say of them must agree.
+
+    Raises:
+        InputError: it is no intrinsic matrix, or ``values`` say something else.
+    """
+    told = intrinsics_of(matrix, where)
+    other = [key for key in told if key in values and values[key] != told[key]]
+    if other:
+        key = other[0]
+        raise InputError(
+            f"{where} says {key} = {told[key]:g}, but {key} = {values[key]!a:.40}", "leave one of them out"
+        )
+    return told
+
+
+def camera_of(values: Mapping[str, Any], where: str) -> Camera:
+    """The camera with these values; ``where`` is named in errors.
+
+    Raises:
+        InputError: a value is missing, unknown, not finite or absurd.
+    """
+    try:
+        return Camera.model_validate(dict(values))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"][:1])
+        given = f" = {str(first['input'])[:80]}" if key and first["type"] != "missing" else ""
+        remedy = f"give every one of {KEYS}, finite, and T_robot_cam if calibrated"
+        problem = first["msg"].removeprefix("Value error, ")
+        raise InputError(f"{where}: {key}{given}{': ' if key else ''}{problem}", remedy) from error
+
+
+def camera_of_matrix(matrix: object, size: tuple[int, int], where: str, **more: Any) -> Camera:
+    """The camera with intrinsic matrix K: three rows of three numbers, or nine numbers row by row.
+
+    Args:
+        matrix: K as lists.
+        size: width and height in pixels.
+        where: what errors call it.
+        more: ``depth_scale`` and ``T_robot_cam``.
+
+    Raises:
+        InputError: it is no such matrix, or a value is not finite or absurd.
+    """
+    values = {**intrinsics_of(matrix, where), "width": size[0], "height": size[1], **more}
+    return camera_of(values, where)
+
+
+def intrinsics_of(matrix: object, where: str) -> dict[str, float]:
+    """``fx fy cx cy`` of the intrinsic matrix K, three rows of three numbers or nine numbers row by row.
+
+    Raises:
+        InputError: it is no such matrix.
+    """
+    rows = f"{where} = {str(matrix)[:80]} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+    remedy = "give the 3x3 intrinsic matrix of a pinhole camera, in pixels"
+    flat = [float(one) for one in _flat(matrix) if isinstance(one, int | float) and abs(one) < LARGEST]
+    if len(flat) != 9:
+        raise InputError(rows, remedy)
+    fx, skew, cx, zero, fy, cy, *last = flat
+    if abs(skew) > 1e-3 * abs(fx) or zero != 0 or last != [0, 0, 1]:
+        raise InputError(rows, remedy)
+    return {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
+
+
+def _flat(value: object) -> list[object]:
+    """What is in a list, or in a list of lists, in order; anything else is one thing."""
+    rows = cast(list[object], value) if isinstance(value, list) else [value]
+    return [one for row in rows for one in (cast(list[object], row) if isinstance(row, list) else [row])]
+
+
+def camera_of_focal(focal: float, size: tuple[int, int], where: str) -> Camera:
+    """A camera with square pixels that looks through the middle of its picture; ``focal`` in pixels."""
+    width, height = size
+    values = {"fx": focal, "fy": focal, "cx": (width - 1) / 2, "cy": (height - 1) / 2}
+    return camera_of({**values, "width": width, "height": height, "depth_scale": 0.001}, where)
+
+
+def focal_of_35mm(millimetres: float, size: tuple[int, int]) -> float:
+    """A focal length told for 35 mm film, in pixels of a picture of ``size``."""
+    width, height = size
+    return millimetres / FULL_FRAME_DIAGONAL * (width * width + height * height) ** 0.5
+
+
+def resized(camera: Camera, width: int, height: int) -> Camera:
+    """The same camera for its picture scaled to another size; pixel centres are at whole numbers."""
+    across, down = width / camera.width, height / camera.height
+    return camera.model_copy(
+        update={
+            "fx": camera.fx * across,
+            "fy": camera.fy * down,
+            "cx": (camera.cx + 0.5) * across - 0.5,
+            "cy": (camera.cy + 0.5) * down - 0.5,
+            "width": width,
+            "height": height,
+        }
+    )

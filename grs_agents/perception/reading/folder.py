@@ -1,0 +1,126 @@
+"""A scene folder: a photo, its depth as a picture, an array or a point cloud, and ``camera.json``."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from grs_agents.errors import InputError
+from grs_agents.foreign.arrays import read_npy
+from grs_agents.perception.reading import point_cloud as clouds
+from grs_agents.perception.reading.bounded_files import exists, names_in
+from grs_agents.perception.reading.camera import DepthUnit, read_camera
+from grs_agents.perception.reading.frame_assembly import Measured, Recording, Units, unit_of
+from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_units
+from grs_agents.perception.reading.point_cloud import Cloud, depth_of, read_cloud
+
+COLOR_STEMS = ("rgb", "color")
+NO_CLOUDS = ("masks", "labels")
+IN_METRES = DepthUnit(1.0)
+"""Points, and depths that a model estimates."""
+
+
+def read_folder(folder: Path) -> Recording:
+    """Read ``rgb.*``, ``camera.json``, and ``depth.*`` or a point cloud.
+
+    Raises:
+        InputError: a file is missing or twice there, or cannot be read.
+    """
+    names = names_in(folder)
+    photos = [name for name in names if _is(name, COLOR_STEMS, SUFFIXES)]
+    photo = _only(photos, folder)
+    if photo is None:
+        raise _no_photo(folder, names)
+    picture = read_color(folder / photo)
+    depths = [name for name in names if _is(name, ("depth",), (*SUFFIXES, ".npy"))]
+    depths = depths or [name for name in names if _is_cloud(name)]
+    depth_file = _only(depths, folder)
+    camera_file = folder / "camera.json"
+    if depth_file is None:
+        return with_camera(Recording(folder, picture), camera_file)
+    return with_depth(Recording(folder, picture), folder / depth_file, camera_file)
+
+
+def with_camera(recording: Recording, camera_file: Path) -> Recording:
+    """A recording without depth, with the camera of its photo if there is such a file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if not exists(camera_file):
+        return recording
+    found = read_camera(camera_file, IN_METRES)
+    return replace(recording, camera=found.camera, notes=(*recording.notes, *found.notes))
+
+
+def with_depth(recording: Recording, file: Path, camera_file: Path) -> Recording:
+    """The recording with the depth in ``file`` and the camera of both.
+
+    Raises:
+        InputError: one of the files cannot be read.
+    """
+    depth = read_depth(file)
+    if isinstance(depth, Cloud):
+        found = read_camera(camera_file, IN_METRES)
+        units, how = depth_of(depth, found.camera)
+        notes = (*found.notes, how)
+    else:
+        found = read_camera(camera_file, unit_of(depth))
+        units, notes = depth, found.notes
+    measured = Measured(units, found.camera.depth_scale, str(file))
+    return replace(recording, camera=found.camera, measured=measured, notes=(*recording.notes, *notes))
+
+
+def read_depth(file: Path) -> Cloud | Units:
+    """Depth in the file's own unit, (H, W), or points.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if file.suffix.lower() in clouds.SUFFIXES and file.stem.lower() != "depth":
+        return read_cloud(file)
+    if file.suffix.lower() != ".npy":
+        return read_units(file)
+    array = read_npy(file)
+    if array.ndim != 2 or array.dtype.kind == "b" or array.dtype == np.uint8:
+        raise InputError(
+            f"{file} is an array of shape {array.shape} and type {array.dtype}", "give (H, W), metres as floats"
+        )
+    return array
+
+
+def _no_photo(folder: Path, names: Sequence[str]) -> InputError:
+    """The folder holds no photo of a known name: another picture in it may be the photo."""
+    stems = ("depth", *NO_CLOUDS)
+    others = [name for name in names if Path(name.lower()).suffix in SUFFIXES and Path(name.lower()).stem not in stems]
+    if not others:
+        return InputError(f"{folder / 'rgb.png'} does not exist", "put the photo there as rgb.png")
+    shown = [f"{name[:60]!a}" for name in others[:4]]
+    return InputError(
+        f"{folder / 'rgb.png'} does not exist, but {', '.join(shown)} {'is' if len(others) == 1 else 'are'} there",
+        f"if it is the photo, rename it to rgb{Path(others[0]).suffix.lower()}",
+    )
+
+
+def _is(name: str, stems: tuple[str, ...], suffixes: tuple[str, ...]) -> bool:
+    path = Path(name.lower())
+    return path.stem in stems and path.suffix in suffixes
+
+
+def _is_cloud(name: str) -> bool:
+    path = Path(name.lower())
+    return path.suffix in clouds.SUFFIXES and path.stem not in NO_CLOUDS
+
+
+def _only(names: list[str], folder: Path) -> str | None:
+    """The one name there is.
+
+    Raises:
+        InputError: there are several.
+    """
+    if len(names) > 1:
+        raise InputError(
+            f"{folder} holds {' and '.join(names[:4])}: which of them is meant cannot be told", "leave one of them"
+        )
+    return names[0] if names else None

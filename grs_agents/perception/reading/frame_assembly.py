@@ -1,0 +1,255 @@
+"""Bring colour, depth and camera to one pixel grid: the frame that everything else works on.
+
+Depth, however recorded, becomes depth in metres at the colour picture's pixels.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import InputError
+from grs_agents.perception.reading.camera import DepthUnit, resized
+from grs_agents.perception.reading.picture import Picture, upright
+from grs_agents.perception.types import Camera, Image, RGBDFrame
+
+Depth = npt.NDArray[np.float32]
+Units = npt.NDArray[np.number[Any]]
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+NEAREST, FARTHEST = 0.1, 10.0
+"""The median depth of a table-top photo lies between these, in metres."""
+LEAST_MEASURED = 0.02
+"""At least this share of the pixels must have a depth."""
+MILLIMETRE = 0.001
+TABLE_NEAREST, TABLE_FARTHEST = 0.3, 2.0
+"""An unnamed unit is inferred only if it puts the median depth between these, in metres: photos of tables are taken
+from 0.4 to 1.5 m."""
+BEYOND = 65.0
+"""Nothing of a table is farther than this, in metres; it also keeps depth within 16 bits of millimetres."""
+JUMP = 0.03
+"""Neighbours whose depths differ by more than this share belong to different surfaces."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A depth picture as it was recorded.
+
+    Attributes:
+        units: (H, W), 0, NaN, infinite, negative or the type's largest number where nothing was measured.
+        scale: metres per unit.
+        where: what errors call it.
+        told: where its scale is told, for the remedy of a wrong one.
+    """
+
+    units: Units
+    scale: float
+    where: str
+    told: str = "depth_scale in camera.json"
+
+    @property
+    def stored_scale(self) -> float:
+        """Metres per unit of a 16-bit picture that holds these depths."""
+        return self.scale if self.units.dtype == np.uint16 else MILLIMETRE
+
+
+def metres(measured: Measured) -> Depth:
+    """(H, W) float32 metres, 0 where nothing was measured.
+
+    Raises:
+        InputError: too little was measured, or the depths are those of another unit than ``scale``.
+    """
+    units, scale, where = measured.units, measured.scale, measured.where
+    with np.errstate(over="ignore", invalid="ignore"):  # a forged file's numbers may leave the range
+        depth = (units * np.float64(scale)).astype(np.float32)
+        valid = np.isfinite(depth) & (depth > 0)
+    if units.dtype.kind in "ui":
+        valid &= units != np.iinfo(units.dtype.name).max  # saturated
+    measured_at = depth[valid]
+    if measured_at.size < LEAST_MEASURED * depth.size:
+        raise InputError(
+            f"{where} has a depth at {measured_at.size} of {depth.size} pixels, "
+            f"at least {LEAST_MEASURED:.0%} are needed",
+            "record the depth again",
+        )
+    median = float(np.median(measured_at))
+    if not NEAREST <= median <= FARTHEST:
+        factor = 1000.0 if median < NEAREST else 0.001
+        raise InputError(
+            f"{where}: depth_scale {scale:g} gives a median depth of {median:g} m, outside {NEAREST}..{FARTHEST} m",
+            f"with depth_scale {scale * factor:g} it would be {median * factor:g} m: correct {measured.told}",
+        )
+    depth[~valid | (depth > BEYOND)] = 0
+    return depth
+
+
+def unit_of(units: Units) -> DepthUnit:
+    """What one unit of depth (H, W) is taken to be where ``camera.json`` does not say it.
+
+    Floats are metres. 16-bit integers are millimetres, as nearly all sensors write them, if the middle of the photo
+    then is at the distance of a table: units of 0.1 or 0.2 mm, which some data sets have, would put it beyond that.
+    """
+    if units.dtype.kind == "f":
+        return DepthUnit(1.0)
+    if units.dtype != np.uint16:
+        return DepthUnit(None, f"integers of type {units.dtype} have no usual unit")
+    measured = units[(units > 0) & (units < np.iinfo(np.uint16).max)]
+    median = float(np.median(measured)) * MILLIMETRE if measured.size else 0.0
+    if TABLE_NEAREST <= median <= TABLE_FARTHEST:
+        return DepthUnit(MILLIMETRE, f"taken are millimetres (0.001), with which the median depth is {median:.2f} m")
+    bounds = f"outside the {TABLE_NEAREST}..{TABLE_FARTHEST} m of a photo of a table"
+    return DepthUnit(None, f"with millimetres the median depth would be {median:.2f} m, {bounds}")
+
+
+def same_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether two pictures (width, height) can show the same at different sizes: to a pixel of the smaller one."""
+    (width, height), (other_width, other_height) = sorted((size, other))
+    return abs(other_width / width - other_height / height) * max(width, height) <= other_width / width
+
+
+def at_size(depth: Depth, width: int, height: int) -> Depth:
+    """Depth at another size, registered: smaller by the nearest pixel, larger between pixels of one surface.
+
+    Between four neighbours of one surface inverse depth is interpolated, which is exact on planes; elsewhere the
+    nearest pixel counts, so that no depth is made up between an object and what is behind it.
+    """
+    nearest = nearest_at_size(depth, width, height)
+    if width <= depth.shape[1]:
+        return nearest
+    inverse = np.divide(1, depth, out=np.zeros_like(depth), where=depth > 0)
+    corners = np.stack([inverse[:-1, :-1], inverse[:-1, 1:], inverse[1:, :-1], inverse[1:, 1:]])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    one_surface = (low > 0) & (high <= low * (1 + JUMP))
+    rows, columns = _below(depth.shape[0], height), _below(depth.shape[1], width)
+    blend = cv2.resize(inverse, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.where(one_surface[np.ix_(rows, columns)], 1 / np.maximum(blend, np.float32(1e-6)), nearest)
+
+
+def nearest_at_size(picture: "npt.NDArray[Scalar]", width: int, height: int) -> "npt.NDArray[Scalar]":
+    """A picture (H, W) at another size, each pixel that of the nearest."""
+    rows, columns = _places(picture.shape[0], height), _places(picture.shape[1], width)
+    return picture[np.ix_(np.rint(rows).astype(int), np.rint(columns).astype(int))]
+
+
+def _places(old: int, new: int) -> npt.NDArray[np.float64]:
+    """Where the centres of ``new`` pixels lie among ``old`` ones, kept within the picture."""
+    return np.clip((np.arange(new) + 0.5) * old / new - 0.5, 0, old - 1)
+
+
+def _below(old: int, new: int) -> npt.NDArray[np.int64]:
+    """The pixel before each of those places; the one after it is in the picture too."""
+    return np.minimum(np.floor(_places(old, new)).astype(np.int64), old - 2)
+
+
+MOST_FRAME_PIXELS = 9_000_000
+"""A frame of more pixels (4K has 8.8 million) is made smaller: nothing of 2 cm is lost by it."""
+SMALLEST = 8
+"""A frame has at least this many pixels a side."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was found of a scene.
+
+    Attributes:
+        source: what was named on the command line.
+        picture: the colours.
+        camera: the camera of the colour picture or of the depth picture, whichever has its size.
+        measured: the depth.
+        notes: what a reader of the scene should know about how it was read.
+    """
+
+    source: Path
+    picture: Picture
+    camera: Camera | None = None
+    measured: Measured | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the colour picture."""
+        height, width = self.picture.rgb.shape[:2]
+        return width, height
+
+    def noting(self, note: str) -> "Recording":
+        """The same with one more note."""
+        return replace(self, notes=(*self.notes, note))
+
+
+def frame_of(recording: Recording, camera: Camera, measured: Measured) -> RGBDFrame:
+    """Put colour, depth and camera on the colour picture's grid.
+
+    Raises:
+        InputError: the sizes belong to different views, the camera to neither picture, or the depth is of no use.
+    """
+    height, width = measured.units.shape
+    if min(*recording.size, width, height) < SMALLEST:
+        raise InputError(
+            f"{recording.picture.file} is {recording.size[0]}x{recording.size[1]} and its depth {width}x{height}",
+            f"give pictures of at least {SMALLEST} pixels a side",
+        )
+    recording = turned(recording, [(camera.width, camera.height), (width, height)])
+    size, file = recording.size, recording.picture.file
+    if not same_shape(size, (width, height)):
+        raise InputError(
+            f"{measured.where} is {width}x{height} but {file} is {size[0]}x{size[1]}, of another shape",
+            "register depth to colour, or crop both to the same view",
+        )
+    if (camera.width, camera.height) not in (size, (width, height)):
+        raise InputError(
+            f"{file} is {size[0]}x{size[1]} but camera.json says {camera.width}x{camera.height}",
+            "give the size, and the numbers that belong to it, of the colour or of the depth picture",
+        )
+    depth, rgb = metres(measured), recording.picture.rgb
+    target = working_size(*size)
+    if size != (width, height):
+        recording = recording.noting(f"depth of {width}x{height} pixels was brought to {target[0]}x{target[1]}")
+    if target != size:
+        recording = recording.noting(
+            f"the photo of {size[0]}x{size[1]} pixels was made smaller, {target[0]}x{target[1]}"
+        )
+        rgb = smaller(rgb, *target)
+    if target != (width, height):
+        depth = at_size(depth, *target)
+    camera = resized(camera, *target).model_copy(update={"depth_scale": measured.stored_scale})
+    return RGBDFrame(rgb, depth, camera, recording.source, recording.notes)
+
+
+def turned(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
+    """Turn a photo as its EXIF orientation says, where camera and depth show that they belong to the turned photo.
+
+    Args:
+        recording: what was found.
+        sizes: width and height of what belongs to the photo; nothing for a photo alone, which is turned.
+
+    Raises:
+        InputError: it cannot be told whether they belong to the stored or to the turned photo.
+    """
+    picture = recording.picture
+    if picture.orientation == 1:
+        return recording
+    rgb = upright(picture.rgb, picture.orientation)
+    as_shown = all(same_shape(one, (rgb.shape[1], rgb.shape[0])) for one in sizes)
+    if sizes and as_shown and all(same_shape(one, recording.size) for one in sizes):
+        raise InputError(
+            f"{picture.file} has EXIF orientation {picture.orientation}: whether the camera's numbers are those of the "
+            "stored or of the turned picture cannot be told",
+            "save it as its pixels are to be looked at, without that tag",
+        )
+    return replace(recording, picture=Picture(picture.file, rgb, 1, picture.focal_35mm)) if as_shown else recording
+
+
+def working_size(width: int, height: int) -> tuple[int, int]:
+    """The size itself, or one of the same shape with at most `MOST_FRAME_PIXELS`."""
+    share = (MOST_FRAME_PIXELS / (width * height)) ** 0.5
+    return (width, height) if share >= 1 else (int(width * share), int(height * share))
+
+
+def smaller(rgb: Image, width: int, height: int) -> Image:
+    """The colours averaged over the pixels of a smaller picture."""
+    return np.asarray(cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -1,0 +1,113 @@
+"""Masks that come with a scene: of a person, of another program, or of a data set."""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import InputError
+from grs_agents.foreign.arrays import Numbers, read_npy, read_npz
+from grs_agents.perception.reading.bop import bop_image, is_bop
+from grs_agents.perception.reading.bounded_files import is_folder, names_in
+from grs_agents.perception.reading.frame_assembly import nearest_at_size, same_shape
+from grs_agents.perception.reading.picture import SUFFIXES, read_numbers
+
+Labels = npt.NDArray[np.int32]
+MOST_MASKS = 255
+STEMS = ("masks", "labels")
+FORMS = (
+    "masks.png (0 for the background, 1 to 255 for the objects), masks.npy ((H, W) numbers or (N, H, W) masks), or a "
+    "folder masks/ with one picture for each object"
+)
+
+
+def read_masks(source: Path, shape: tuple[int, int]) -> Labels:
+    """The masks of a scene as one picture of numbers.
+
+    Args:
+        source: what was read: a folder, an ``.npz``, or ``bop:`` and an image.
+        shape: rows and columns of its frame; masks of another size are brought to it.
+
+    Returns:
+        (H, W): 0 where there is no object, and the objects' numbers from 1; where masks overlap, the smaller is on top.
+
+    Raises:
+        InputError: there are no masks, too many, or they are of another shape than the frame.
+    """
+    if is_bop(source):
+        image = bop_image(source)
+        return _stacked(_pictures(image.scene / "mask_visib", f"{image.stem}_"), shape, str(source))
+    if is_folder(source):
+        return _of_folder(source, shape)
+    if source.suffix.lower() == ".npz":
+        arrays = read_npz(source, {"masks": "(H, W) numbers or (N, H, W) masks"}, {})
+        return _of_array(arrays["masks"], shape, f"masks in {source}")
+    return _of_folder(source.parent, shape)
+
+
+def _of_folder(folder: Path, shape: tuple[int, int]) -> Labels:
+    names = names_in(folder)
+    found = [name for name in names if Path(name).stem.lower() in STEMS]
+    chosen = next((name for stem in STEMS for name in found if Path(name).stem.lower() == stem), None)
+    if chosen is None:
+        raise InputError(f"{folder} has no masks", f"add {FORMS}; or use tools.segment=segment_rgbd")
+    file = folder / chosen
+    if is_folder(file):
+        return _stacked(_pictures(file, ""), shape, str(file))
+    if file.suffix.lower() == ".npy":
+        return _of_array(read_npy(file), shape, str(file))
+    if file.suffix.lower() in SUFFIXES:
+        return _numbered(_sized(read_numbers(file), shape, str(file)), str(file))
+    raise InputError(f"{file} holds no masks", f"give {FORMS}")
+
+
+def _pictures(folder: Path, prefix: str) -> list[tuple[str, Numbers]]:
+    """The pictures of a folder whose names begin with ``prefix``, as masks: what is not 0 is the object."""
+    names = names_in(folder)
+    names = [name for name in names if name.startswith(prefix) and Path(name).suffix.lower() in SUFFIXES]
+    if not 0 < len(names) <= MOST_MASKS:
+        raise InputError(f"{folder} holds {len(names)} masks {prefix}*", f"give 1 to {MOST_MASKS}")
+    return [(str(folder / name), read_numbers(folder / name) > 0) for name in names]
+
+
+def _of_array(array: Numbers, shape: tuple[int, int], where: str) -> Labels:
+    if array.dtype.kind not in "bui" or array.ndim not in (2, 3):
+        raise InputError(f"{where} has shape {array.shape} and type {array.dtype}", f"give {FORMS}")
+    if array.ndim == 2:
+        return _numbered(_sized(array, shape, where), where)
+    if not len(array) <= MOST_MASKS:
+        raise InputError(f"{where} holds {len(array)} masks", f"give 1 to {MOST_MASKS}")
+    return _stacked([(where, mask != 0) for mask in array], shape, where)
+
+
+def _stacked(masks: list[tuple[str, Numbers]], shape: tuple[int, int], where: str) -> Labels:
+    """One picture of masks, the smaller ones on top."""
+    sized = [_sized(mask, shape, name) for name, mask in masks]
+    labels = np.zeros(shape, np.int32)
+    for number in sorted(range(len(sized)), key=lambda number: -int(sized[number].sum())):
+        labels[sized[number] > 0] = number + 1
+    return _numbered(labels, where)
+
+
+def _sized(mask: Numbers, shape: tuple[int, int], where: str) -> Labels:
+    """The mask at the frame's size, by the nearest pixel."""
+    rows, columns = mask.shape
+    if not same_shape((columns, rows), (shape[1], shape[0])):
+        raise InputError(
+            f"{where} is {columns}x{rows} but the frame is {shape[1]}x{shape[0]}, of another shape",
+            "give masks for the whole photo",
+        )
+    if mask.dtype.kind != "b" and (int(mask.max()) > np.iinfo(np.int32).max or int(mask.min()) < 0):
+        raise InputError(f"{where} has numbers from {mask.min()} to {mask.max()}", "number the objects from 1")
+    numbers = mask.astype(np.int32)
+    return numbers if mask.shape == shape else nearest_at_size(numbers, shape[1], shape[0])
+
+
+def _numbered(labels: Labels, where: str) -> Labels:
+    """The labels renumbered from 1 without gaps, 0 kept."""
+    values, inverse = np.unique(labels, return_inverse=True)
+    objects = values[values > 0]
+    if not 0 < len(objects) <= MOST_MASKS:
+        raise InputError(f"{where} shows {len(objects)} objects", f"give 1 to {MOST_MASKS}: {FORMS}")
+    numbers = np.where(values > 0, np.cumsum(values > 0), 0)
+    return numbers[inverse].reshape(labels.shape).astype(np.int32)

@@ -1,0 +1,150 @@
+"""Decode pictures: their size is known before a pixel is; what is torn, huge or of another kind is refused by name."""
+
+import struct
+import warnings
+import zlib
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image as Pillow
+
+from grs_agents.errors import InputError
+from grs_agents.foreign import read_bytes
+from grs_agents.perception.types import Image
+
+MOST_PIXELS = 64_000_000
+"""Pictures of more pixels are not decoded."""
+FORMATS = ("PNG", "JPEG", "TIFF", "WEBP", "BMP")
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
+MALFORMED = (
+    *(OSError, SyntaxError, ValueError, TypeError, ArithmeticError, LookupError, EOFError, RuntimeError),
+    *(AttributeError, MemoryError, struct.error, zlib.error, Pillow.DecompressionBombError),
+)
+"""What Pillow's readers raise on torn or forged files."""
+GREY = ("1", "L", "LA", "I;16", "I;16B", "I;16L")
+COLORED = ("RGB", "RGBA", "RGBX", "P", "PA", "CMYK", "YCbCr")
+_ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A colour picture as its pixels are stored.
+
+    Attributes:
+        file: where it came from.
+        rgb: (H, W, 3) uint8.
+        orientation: EXIF's, 1 to 8; 1 where nothing is said.
+        focal_35mm: the focal length in millimetres on 35 mm film with the same diagonal angle, if the camera noted it.
+    """
+
+    file: Path
+    rgb: Image
+    orientation: int = 1
+    focal_35mm: float | None = None
+
+
+def read_color(file: Path) -> Picture:
+    """Read a picture as 8-bit RGB: grey, palette, 16-bit and CMYK are converted, an alpha channel is dropped.
+
+    Raises:
+        InputError: it cannot be read or decoded, is too large, or its pixels are no colours.
+    """
+    with _opened(file) as image:
+        if image.mode in GREY[3:]:
+            grey = (np.asarray(image) // 257).astype(np.uint8)
+            rgb = np.repeat(grey[..., None], 3, axis=2)
+        elif image.mode in GREY or image.mode in COLORED:
+            rgb = np.array(image.convert("RGB"), dtype=np.uint8)
+        else:
+            raise InputError(f"{file} has pixels of kind {image.mode!r}, no colours", "write it as 8-bit RGB")
+        orientation, focal = _exif(image)
+    return Picture(file, rgb, orientation, focal)
+
+
+def read_units(file: Path) -> "npt.NDArray[np.number[Any]]":
+    """Read a depth picture: (H, W) of 16- or 32-bit integers or floats, in the file's own unit.
+
+    Raises:
+        InputError: it cannot be read or decoded, is too large, or has another kind of pixels.
+    """
+    with _opened(file) as image:
+        units = np.array(image)
+    if units.ndim != 2 or image.mode in ("P", "1") or units.dtype.itemsize < 2:
+        channels = 1 if units.ndim == 2 else units.shape[2]
+        kind = f"a palette of {units.dtype}" if image.mode == "P" else f"{channels} channels of {units.dtype}"
+        raise InputError(f"{file} has {kind}", "write it as one channel of uint16")
+    return units
+
+
+def read_numbers(file: Path) -> npt.NDArray[np.int32]:
+    """Read a picture of numbers, such as labels: (H, W); the index of a palette's colour counts, not the colour.
+
+    Raises:
+        InputError: it cannot be read or decoded, is too large, or has several channels or floats.
+    """
+    with _opened(file) as image:
+        numbers = np.array(image)
+    if numbers.ndim == 3 and (numbers[..., :1] == numbers[..., :3]).all():  # grey written as RGB
+        numbers = numbers[..., 0]
+    if numbers.ndim != 2 or numbers.dtype.kind not in "bui":
+        raise InputError(f"{file} has pixels of kind {image.mode!r}", "write it as one channel of uint8 or uint16")
+    return numbers.astype(np.int32)
+
+
+def upright(rgb: Image, orientation: int) -> Image:
+    """The picture as EXIF says it is to be looked at."""
+    turned = {
+        2: rgb[:, ::-1],
+        3: rgb[::-1, ::-1],
+        4: rgb[::-1],
+        5: rgb.transpose(1, 0, 2),
+        6: np.rot90(rgb, -1),
+        7: rgb[::-1, ::-1].transpose(1, 0, 2),
+        8: np.rot90(rgb),
+    }.get(orientation, rgb)
+    return np.ascontiguousarray(turned)
+
+
+@contextmanager
+def _opened(file: Path) -> Generator[Pillow.Image]:
+    """A picture whose size was checked; whatever its decoder stumbles over is one named error."""
+    data = read_bytes(file, f"put {file.name} there")
+    known = ", ".join(FORMATS)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of sizes, where the bound below is tighter, and of torn EXIF blocks
+            with Pillow.open(BytesIO(data), formats=FORMATS) as image:
+                width, height = image.size
+                if width * height > MOST_PIXELS:
+                    raise InputError(
+                        f"{file} has {width}x{height} pixels, more than {MOST_PIXELS}", "give it at a smaller size"
+                    )
+                image.load()
+                yield image
+    except InputError:
+        raise
+    except Pillow.UnidentifiedImageError as error:
+        raise InputError(
+            f"{file} is not a readable picture ({len(data)} bytes)", f"write it as one of {known}"
+        ) from error
+    except MALFORMED as error:
+        reason = str(error)[:200] or type(error).__name__
+        raise InputError(f"{file} is not a readable picture: {reason}", f"write it again as one of {known}") from error
+
+
+def _exif(image: Pillow.Image) -> tuple[int, float | None]:
+    """Orientation and focal length on 35 mm film (mm); a torn EXIF block says nothing."""
+    orientation, focal = 1, None
+    with suppress(*MALFORMED):
+        exif = image.getexif()
+        stated: Any = exif.get(_ORIENTATION, 1)
+        orientation = int(stated) if int(stated) in range(1, 9) else 1
+        millimetres = float(exif.get_ifd(_EXIF).get(_FOCAL_35MM, 0))
+        focal = millimetres if 5 <= millimetres <= 1000 else None
+    return orientation, focal

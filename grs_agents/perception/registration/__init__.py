@@ -1,0 +1,1 @@
+"""Where a known asset stands: pose hypotheses, registration, and what is left over."""

@@ -1,0 +1,268 @@
+"""Register a matched asset to an object's points: from several turns, by what the camera saw and could see through."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from grs_agents.base import Pose, Quat, Vec3
+from grs_agents.geometry.transforms import about, about_z, pose_of
+from grs_agents.library import Library
+from grs_agents.library.shapes import rotation_matrix
+from grs_agents.perception.registration.pose_cost import ObservedPoints, costs, observed_points, residuals
+from grs_agents.perception.registration.pose_hypotheses import pose_hypotheses, slid_hypotheses
+from grs_agents.perception.segmentation.candidates import place_asset, quaternion
+from grs_agents.perception.surfaces import Cloud, Surface, Symmetry, Tree, align, surface_of, symmetry_of
+from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
+
+FEWEST = 30
+"""An object of fewer points is left where its box puts it."""
+TRIED = 4
+"""So many of the starts are aligned; the others look worse from the start."""
+COARSE, MEDIUM = 4, 2
+"""Starts are compared by one of so many samples, and poses once they are aligned."""
+SLID = 8
+"""So many of the starts are also tried with either end of the object at either end of the asset."""
+APART = 0.02
+"""Starts that look alike and are nearer than this (m) are one."""
+STEPS = ((0.008, 0.16), (0.004, 0.08), (0.002, 0.04), (0.001, 0.02))
+"""A pose is shifted by so many m, and turned by so many rad, to see whether that costs less."""
+REFINED = 2
+"""So many of the aligned poses are refined."""
+REACH = 0.03
+"""Partners of an alignment are at most so far apart, m."""
+LYING = 0.0015
+TILTED = 0.001
+"""A pose that is not upright, or rests on none of its sides, has to fit better by so much, m."""
+BETTER = 0.0003
+"""A registered pose that fits no better than the box by so much (m) is not taken."""
+SUNK = 0.004
+"""What reaches no deeper than this (m) below the table stands on it."""
+LEANING = math.radians(12)
+"""What leans less than this stands straight, unless it fits better leaning."""
+WORST = 0.015
+"""A residual above this (m) is no fit."""
+ENTERED = 0.004
+"""What enters another thing no deeper than this (m) touches it; poses are known no better."""
+ENTERED_WEIGHT = 0.5
+Entered = Callable[[Array], Array]
+"""How deep an asset is in other things at each of (K, 4, 4) poses of the centre of its bounding box, (K,) m."""
+
+
+@dataclass(frozen=True)
+class Registered:
+    """Where an asset stands.
+
+    Attributes:
+        position: centre of its bounding box, m, robot frame.
+        orientation: xyzw.
+        size: extents along the axes after the turn, before the yaw, m.
+        residual: how far the object's points are off its surface: mean of the nearest 90 %, m.
+        method: ``registered``, or ``box`` where that fits no worse.
+        round: it looks the same at any yaw.
+        cost: the residual, and what is unlikely about the pose, m.
+    """
+
+    position: Vec3
+    orientation: Quat
+    size: Vec3
+    residual: float
+    method: PoseMethod
+    round: bool
+    cost: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Search:
+    """An asset's surface, what was seen of the object, and the known things around it."""
+
+    surface: Surface
+    tree: Tree
+    seen: ObservedPoints
+    upright: UprightBox
+    symmetry: Symmetry
+    entered: Entered | None = None
+
+    @property
+    def bottom(self) -> float:
+        """Where the measured box begins, m."""
+        return self.upright.center[2] - self.upright.size[2] / 2
+
+    def costs(self, poses: Array, factor: int = 1) -> Array:
+        """What `sighting.costs` says, and what is unlikely about each of (K, 4, 4) poses: (K,) m."""
+        if self.entered is None:
+            return self.seen_costs(poses, factor)
+        return self.seen_costs(poses, factor) + ENTERED_WEIGHT * np.maximum(self.entered(poses) - ENTERED, 0)
+
+    def seen_costs(self, poses: Array, factor: int = 1) -> Array:
+        """The same, whatever stands around."""
+        lying = LYING * (poses[:, 2, 2] < 0.9)
+        tilted = TILTED * (np.abs(poses[:, 2, :3]).max(axis=1) < math.cos(math.radians(0.1)))
+        seen = self.seen.coarse(factor)
+        lowest = (self.surface.points[: seen.samples] @ poses[:, 2, :3].T).min(axis=0) + poses[:, 2, 3]
+        sunk = np.maximum(-lowest - SUNK, 0)
+        return costs(self.surface, self.tree, poses, seen) + lying + tilted + sunk
+
+    def residual(self, pose: Array) -> float:
+        """How far the object's points are off the surface at a pose (4, 4), m."""
+        return float(residuals(self.surface, self.tree, pose[None], self.seen)[0])
+
+
+def register(
+    asset: str,
+    library: Library,
+    upright: UprightBox,
+    frame: RGBDFrame,
+    table: TableFrame,
+    mask: Mask,
+    entered: Entered | None = None,
+) -> Registered:
+    """Lay an asset into the points of a mask (H, W).
+
+    Args:
+        asset: a library name.
+        library: where it is looked up.
+        upright: the box measured of the object, where the search begins.
+        frame, table: the photo and its pose.
+        mask: the object's pixels.
+        entered: how deep the asset is in what is known to stand around, which it is not to be.
+
+    Raises:
+        UnknownNameError: the library has no such asset.
+    """
+    position, orientation, size = place_asset(upright, library.asset(asset).size)
+    begin = pose_of(rotation_matrix(orientation), np.array(position))
+    surface, symmetry, seen = (
+        surface_of(asset, library),
+        symmetry_of(asset, library),
+        observed_points(frame, table, mask),
+    )
+    search = _Search(surface, Tree(surface.points), seen, upright, symmetry, entered)
+    if len(seen.points) < FEWEST:
+        return Registered(position, orientation, size, 0.0, "box", _is_round(begin, symmetry))
+    best = _searched(search)
+    off, (registered, boxed) = search.residual(best), search.costs(np.stack([best, begin]))
+    if registered > boxed - BETTER or off > WORST:
+        off, cost = search.residual(begin), float(search.seen_costs(begin[None])[0])
+        return Registered(position, orientation, size, off, "box", _is_round(begin, symmetry), cost)
+    x, y, z = (float(value) for value in best[:3, 3])
+    extents = _extents(best[:3, :3], surface)
+    cost = float(search.seen_costs(best[None])[0])
+    return Registered((x, y, z), quaternion(best[:3, :3]), extents, off, "registered", _is_round(best, symmetry), cost)
+
+
+def cost_of(
+    asset: str, pose: Pose, library: Library, upright: UprightBox, frame: RGBDFrame, table: TableFrame, mask: Mask
+) -> float:
+    """What `Registered` calls its cost, m, of an asset whose bounding box has its centre and rotation at ``pose``.
+
+    Raises:
+        UnknownNameError: the library has no such asset.
+    """
+    surface, symmetry, seen = (
+        surface_of(asset, library),
+        symmetry_of(asset, library),
+        observed_points(frame, table, mask),
+    )
+    search = _Search(surface, Tree(surface.points), seen, upright, symmetry)
+    return float(search.seen_costs(pose_of(rotation_matrix(pose[1]), np.array(pose[0]))[None])[0])
+
+
+def _is_round(pose: Array, symmetry: Symmetry) -> bool:
+    return any(abs(float(pose[2, :3] @ axis)) > math.cos(math.radians(5)) for axis in symmetry.axes)
+
+
+def _extents(turn: Array, surface: Surface) -> Vec3:
+    """Extents along the world's axes once the yaw is taken back, for a turn that may lean."""
+    up = int(np.argmax(np.abs(turn[2])))
+    side = turn[:, (up + 1) % 3]
+    yaw = math.atan2(side[1], side[0])
+    yaw -= round(yaw / (math.pi / 2)) * math.pi / 2
+    x, y, z = (float(value) for value in 2 * np.abs(about_z(-yaw) @ turn) @ surface.half)
+    return (x, y, z)
+
+
+def _searched(search: _Search) -> Array:
+    """The pose (4, 4) that costs least."""
+    source = Cloud(search.seen.coarse(MEDIUM).points)
+    every = pose_hypotheses(
+        search.surface.half, search.symmetry, search.upright, search.seen.coarse(MEDIUM), source.normals
+    )
+    good = every[np.argsort(search.costs(every, COARSE), kind="stable")[:SLID]]
+    more = np.concatenate([good, slid_hypotheses(good, search.surface.half, search.seen)])
+    chosen = _unlike(more[np.argsort(search.costs(more, COARSE), kind="stable")], search.symmetry)
+    poses = [chosen[0]]
+    for start in chosen:
+        aligned = _aligned(search, start, source)
+        straight = _straight(aligned, search)
+        poses += [aligned] if straight is None else [aligned, straight]
+    stack = np.stack(poses)
+    best = stack[np.argsort(search.costs(stack, MEDIUM), kind="stable")[:REFINED]]
+    refined = np.stack([_refined(one, search, STEPS, MEDIUM) for one in best])
+    return _refined(refined[int(search.costs(refined).argmin())], search, STEPS[-2:], 1)
+
+
+def _unlike(poses: Array, symmetry: Symmetry) -> list[Array]:
+    """The first `TRIED` of (K, 4, 4) poses that are neither near each other nor look alike."""
+    chosen: list[Array] = []
+    for pose in poses:
+        if all(
+            np.linalg.norm(pose[:3, 3] - other[:3, 3]) > APART or symmetry.angle(pose[:3, :3], other[:3, :3]) > 20
+            for other in chosen
+        ):
+            chosen.append(pose)
+        if len(chosen) == TRIED:
+            break
+    return chosen
+
+
+def _aligned(search: _Search, start: Array, source: Cloud) -> Array:
+    """Align the points with the part of the surface that the camera sees at the pose before, twice."""
+    pose = start
+    for reach in (REACH, REACH / 2):
+        turn = pose[:3, :3]
+        points, normals = (part[: len(part) // MEDIUM] for part in (search.surface.points, search.surface.normals))
+        facing = np.einsum("ni,ni->n", normals @ turn.T, points @ turn.T + pose[:3, 3] - search.seen.eye) < 0
+        if facing.sum() < FEWEST:
+            return pose
+        target = Cloud(points[facing])
+        pose = _inverse(align(target, source, _inverse(pose), reach))
+    return pose
+
+
+def _inverse(pose: Array) -> Array:
+    return np.asarray(np.linalg.inv(pose), np.float64)
+
+
+def _straight(pose: Array, search: _Search) -> Array | None:
+    """The pose on the side it nearly rests on, at the height of what it rests on; ``None`` where it leans."""
+    turn = pose[:3, :3]
+    up = int(np.argmax(np.abs(turn[2])))
+    axis = turn[:, up] * np.sign(turn[2, up])
+    angle = math.acos(min(1.0, float(axis[2])))
+    if angle > LEANING:
+        return None
+    whole = about(np.cross(axis, (0.0, 0.0, 1.0)), angle) @ turn
+    height = float(np.abs(whole[2]) @ search.surface.half)
+    bottom = float(pose[2, 3]) - height
+    rests = abs(bottom - search.bottom) < 0.015
+    return pose_of(whole, np.array([pose[0, 3], pose[1, 3], (search.bottom if rests else bottom) + height]))
+
+
+def _refined(pose: Array, search: _Search, steps: Sequence[tuple[float, float]], factor: int) -> Array:
+    """Shift and turn about z in ever smaller steps for as long as it costs less, by one of ``factor`` samples."""
+    best, least = pose, float(search.costs(pose[None], factor)[0])
+    for shift, angle in steps:
+        for _ in range(3):
+            tried = np.stack([best] * 8)
+            for axis in range(3):
+                tried[2 * axis, axis, 3] += shift
+                tried[2 * axis + 1, axis, 3] -= shift
+            tried[6, :3, :3], tried[7, :3, :3] = about_z(angle) @ best[:3, :3], about_z(-angle) @ best[:3, :3]
+            values = search.costs(tried, factor)
+            first = int(values.argmin())
+            if values[first] >= least:
+                break
+            best, least = tried[first], float(values[first])
+    return best

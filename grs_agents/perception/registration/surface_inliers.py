@@ -1,0 +1,79 @@
+"""Segments that are pieces of a thing whose asset is known: their points lie on its surface."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from grs_agents.base import Pose
+from grs_agents.library import Library
+from grs_agents.library.shapes import rotation_matrix
+from grs_agents.perception.surfaces import Tree, surface_of
+from grs_agents.perception.types import Array
+
+ON = 0.006
+"""A point nearer than this (m) to a surface lies on it."""
+SHARE = 0.8
+"""A piece of a thing has at least this share of its points on its surface."""
+
+
+@dataclass(frozen=True)
+class AssetSurface:
+    """The surface of an asset where it stands.
+
+    Attributes:
+        points: (N, 3) m, robot frame.
+        normals: (N, 3) unit.
+        spacing: about how far neighbours are apart, m.
+    """
+
+    points: Array
+    normals: Array
+    spacing: float
+
+    def share_on(self, cloud: Array) -> float:
+        """The share of (M, 3) points, m, that lie on it."""
+        return float((self.near(cloud, ON) < ON).mean()) if len(cloud) else 0.0
+
+    def near(self, cloud: Array, reach: float) -> Array:
+        """As `distances`, and infinite for points that are farther than ``reach`` m from the box around it."""
+        low, high = self.points.min(axis=0) - reach, self.points.max(axis=0) + reach
+        inside = np.flatnonzero(((cloud >= low) & (cloud <= high)).all(axis=1))
+        found = np.full(len(cloud), np.inf)
+        if len(inside):
+            found[inside] = self.distances(cloud[inside])
+        return found
+
+    def distances(self, cloud: Array) -> Array:
+        """How far (M, 3) points are from it, (M,) m: across it where they are before or behind it."""
+        nearest, squares = Tree(self.points).nearest(cloud)
+        across = np.abs(np.einsum("ni,ni->n", cloud - self.points[nearest], self.normals[nearest]))
+        beside = np.sqrt(np.maximum(squares - across**2, 0)) > 2 * self.spacing
+        return np.where(beside, np.sqrt(squares), across)
+
+
+def asset_surface_at(asset: str, pose: Pose, library: Library) -> AssetSurface:
+    """The surface of an asset whose bounding box has its centre (m) and rotation (xyzw) at ``pose``.
+
+    Raises:
+        UnknownNameError: the library has no such asset.
+    """
+    surface, turn = surface_of(asset, library), rotation_matrix(pose[1])
+    return AssetSurface(surface.points @ turn.T + pose[0], surface.normals @ turn.T, surface.spacing)
+
+
+def surface_inliers(clouds: Sequence[Array], shells: Sequence[AssetSurface | None]) -> dict[int, int]:
+    """Which things are pieces of which, by index.
+
+    Args:
+        clouds: (N, 3) measured points of each thing, m, robot frame.
+        shells: the surface of each thing's asset, where that is known.
+    """
+    found: dict[int, int] = {}
+    for piece, cloud in enumerate(clouds):
+        for whole, shell in enumerate(shells):
+            larger = whole != piece and len(clouds[whole]) > len(cloud) and whole not in found
+            if shell is not None and larger and shell.share_on(cloud) >= SHARE:
+                found[piece] = whole
+                break
+    return found

@@ -1,0 +1,158 @@
+"""Complete round things of which the camera sees the front: their unseen back mirrors what is seen.
+
+The two edges of a thing's outline say how wide it is and where its axis lies across the view. A horizontal slice of
+its side is then the near half of an ellipse of that width, whose middle and depth follow by least squares."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from grs_agents.perception.image_geometry import outline_of, percentiles, turns
+from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
+
+SLICES = 6
+"""A thing's height is cut into so many slices."""
+FEWEST = 40
+"""A slice of fewer points says nothing."""
+WIDEST = 0.93
+"""Slices at least this wide, relative to the widest, say how deep the thing is."""
+FEWEST_SLICES = 2
+"""So many slices must be half ellipses."""
+FIT = 0.06
+"""An ellipse may be off its slice by this share of its half width, and by `BETTER` of what a rectangle is off."""
+BETTER = 0.5
+ROUND = 0.7
+"""An ellipse of which depth over width is more than this is a circle."""
+FLATTEST, DEEPEST = 0.4, 1.8
+"""An ellipse's depth relative to its width: what is flatter is a face, what is deeper is no fit."""
+SEEN = 0.97
+"""Of the ellipse's width, points within this share count: the outermost are mixed with what is behind them."""
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """A footprint: its centre (x, y), its longer and shorter diameter (m), and the yaw of the longer one (rad)."""
+
+    center: tuple[float, float]
+    diameters: tuple[float, float]
+    yaw: float
+
+
+@dataclass(frozen=True)
+class View:
+    """Where a thing is seen from: the eye, and the horizontal directions along and across the view.
+
+    ``rays`` are (M, 3) directions of the pixels of the thing's outline, of length 1 m along the optical axis.
+    """
+
+    eye: Array
+    along: Array
+    across: Array
+    rays: Array
+    pixel: float
+
+    def flat(self, points: Array) -> Array:
+        """(N, 2) coordinates of (N, 3) points along and across the view."""
+        return np.stack([points @ self.along, points @ self.across], axis=1)
+
+
+def view_of(frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array) -> View | None:
+    """The view of one thing; ``None`` from straight above."""
+    transform = np.asarray(table.T_robot_cam)
+    eye = transform[:3, 3]
+    along = np.array([*(np.median(cloud[:, :2], axis=0) - eye[:2]), 0.0])
+    distance = float(np.linalg.norm(along))
+    if distance < 0.1:
+        return None
+    along /= distance
+    camera = frame.camera
+    columns, rows = outline_of(mask).astype(np.float64).T
+    rays = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=1)
+    across = np.array([-along[1], along[0], 0.0])
+    return View(eye, along, across, rays @ transform[:3, :3].T, 0.5 / camera.fx)
+
+
+def ellipse_of(cloud: Array, view: View) -> Ellipse | None:
+    """The footprint of a round thing whose side is seen; ``None`` where its side is flat, cornered or hidden."""
+    bottom, top = percentiles(cloud[:, 2], (3, 97))
+    edges = np.linspace(float(bottom), float(top), SLICES + 1)
+    fits: list[Array] = []
+    for low, high in pairwise(edges):
+        side = view.flat(cloud[(cloud[:, 2] >= low) & (cloud[:, 2] <= high)])
+        if len(side) >= FEWEST and (fit := _half_ellipse(side, view, float(low), float(high))) is not None:
+            fits.append(fit)
+    if len(fits) < FEWEST_SLICES:
+        return None
+    widest = max(fit[4] for fit in fits)
+    along, across, slope, depth, half, *_ = np.median([fit for fit in fits if fit[4] >= WIDEST * widest], axis=0)
+    if depth > ROUND * half and abs(slope) < 1 - ROUND:  # a circle: its outline is measured better than its depth
+        along, slope, depth = along + half - depth, 0.0, half
+    axes, diameters, _ = np.linalg.svd(np.array([[depth, slope * half], [0.0, half]]))
+    longer = np.stack([view.along, view.across], axis=1) @ axes[:, 0]
+    x, y, _ = along * view.along + across * view.across
+    yaw = float(np.arctan2(longer[1], longer[0]))
+    return Ellipse((float(x), float(y)), (2 * float(diameters[0]), 2 * float(diameters[1])), yaw)
+
+
+def _half_ellipse(side: Array, view: View, low: float, high: float) -> Array | None:
+    """Fit the near half of an ellipse to a slice, (N, 2) along and across the view.
+
+    Returns:
+        Its middle along and across the view, slope, half depth and half width, metres; ``None`` where the outline is
+        not seen or the slice is no half ellipse.
+    """
+    fit = _fitted(side, _edges(view, float(np.median(side[:, 0])), low, high))
+    # the outline's width depends on how far the axis is
+    return None if fit is None else _fitted(side, _edges(view, float(fit[0]), low, high))
+
+
+def _fitted(side: Array, edges: tuple[float, float] | None) -> Array | None:
+    if edges is None:
+        return None
+    middle, half = (edges[0] + edges[1]) / 2, (edges[1] - edges[0]) / 2
+    near = np.abs(side[:, 1] - middle) < SEEN * half
+    if near.sum() < FEWEST:
+        return None
+    points = side[near]
+    off = _solved(points, middle, half)[1]
+    points = points[off <= percentiles(off, [90])]  # flying pixels
+    solution, off = _solved(points, middle, half)
+    error = float(np.sqrt(np.mean(off**2)))
+    flat = not FLATTEST < solution[2] / half < DEEPEST
+    if flat or error > FIT * half or error > BETTER * _cornered(points):
+        return None
+    return np.array([solution[0], middle, solution[1], solution[2], half])
+
+
+def _solved(points: Array, middle: float, half: float) -> tuple[Array, Array]:
+    """Where the ellipse's middle lies along the view, its slope and half depth; and how far each point is off (m)."""
+    across = points[:, 1] - middle
+    terms = np.stack([np.ones(len(across)), across, -np.sqrt(1 - (across / half) ** 2)], axis=1)
+    solution = np.asarray(np.linalg.lstsq(terms, points[:, 0], rcond=None)[0], np.float64)
+    return solution, np.abs(points[:, 0] - terms @ solution)
+
+
+def _edges(view: View, axis: float, low: float, high: float) -> tuple[float, float] | None:
+    """The outline's left and right edge (m across the view) between two heights, at ``axis`` (m along the view)."""
+    reach = (axis - view.eye @ view.along) / np.maximum(view.rays @ view.along, 1e-3)
+    points = view.eye + reach[:, None] * view.rays
+    across = (points @ view.across)[(points[:, 2] >= low) & (points[:, 2] <= high)]
+    if len(across) < 6:
+        return None
+    middle = (across.min() + across.max()) / 2
+    left, right = across[across < middle], across[across >= middle]
+    if min(len(left), len(right)) < 3:
+        return None
+    border = view.pixel * float(np.median(reach))
+    return float(np.median(left)) - border, float(np.median(right)) + border
+
+
+def _cornered(side: Array) -> float:
+    """How far the points of a slice are off the nearest side of the rectangle that fits best: root mean square, m."""
+    axes = turns(np.deg2rad(np.arange(-45.0, 45.0, 3.0)))
+    flat = side @ axes.reshape(-1, 2).T
+    low, high = percentiles(flat, (2, 98))
+    off = np.minimum(np.abs(flat - low), np.abs(flat - high))
+    off = np.minimum(off[:, 0::2], off[:, 1::2])
+    return float(np.sqrt((off**2).mean(axis=0)).min())

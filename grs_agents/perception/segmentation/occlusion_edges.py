@@ -1,0 +1,84 @@
+"""Where one part is seen over the upper edge of another: the inside of a hollow thing, or a thing behind a thing.
+
+Along the edge of a hollow thing what is seen lies deep in the middle and comes up to the rim at both ends, where the
+near wall meets the far one. A thing behind a thing stays as deep, or goes on down beside it."""
+
+import numpy as np
+
+from grs_agents.perception.image_geometry import DEEP, Index, Labels
+from grs_agents.perception.types import Array
+
+END = 0.2
+"""This share of an edge's columns is its end."""
+RISEN = 0.5
+"""At both ends of a rim the inside comes up to at least this share of its height."""
+CLOSED = 0.6
+"""And there the sides are nearer to each other than this share of the rim's width."""
+SPAN = 0.5
+"""The edge spans at least this share of the narrower part's columns."""
+FEWEST = 8
+"""An edge of fewer columns says nothing."""
+NOWHERE: Index = np.zeros(0, np.intp)
+
+
+class OcclusionEdges:
+    """The upper edges of the parts of an (H, W) label image, and how deep lies the next part that is seen over them.
+
+    Args:
+        labels: (H, W), 0 where no part is.
+        points: (H, W, 3) in the robot frame, metres.
+    """
+
+    def __init__(self, labels: Labels, points: Array) -> None:
+        rows, columns = np.nonzero((labels[1:] != labels[:-1]) & (labels[1:] > 0))
+        numbers = np.arange(len(labels))[:, None]
+        at = np.maximum.accumulate(np.where(labels > 0, numbers, -1), axis=0)[rows, columns]
+        seen = at >= 0
+        rows, at, self.columns = rows[seen] + 1, at[seen], columns[seen]
+        self.edges, self.seen = points[rows, self.columns], points[at, self.columns]
+        count = int(labels.max()) + 1
+        pairs = labels[rows, self.columns].astype(np.int64) * count + labels[at, self.columns]
+        order = np.argsort(pairs, kind="stable")
+        kinds, starts = np.unique(pairs[order], return_index=True)
+        members = np.split(order, starts)[1:]
+        self.pairs = {divmod(int(kind), count): one for kind, one in zip(kinds, members, strict=True)}
+
+    def rename(self, old: int, new: int) -> None:
+        """Part ``old`` has become a piece of ``new``."""
+        for near, far in [pair for pair in self.pairs if old in pair]:
+            pair = (new if near == old else near), (new if far == old else far)
+            found = self.pairs.pop((near, far))
+            self.pairs[pair] = np.sort(np.concatenate([self.pairs.get(pair, found[:0]), found]))
+
+    def span(self, near: int, far: int, width: int) -> bool:
+        """Whether ``far`` is seen over most of the edge of ``near``; the narrower of them is ``width`` columns wide.
+
+        What stands in a hollow thing has its far wall behind it, and a whole hollow thing its own inside: these are
+        no edges of a wall.
+        """
+        pair = self._pair(near, far)
+        if len(pair) < max(SPAN * width, FEWEST):
+            return False
+        own = np.isin(self.columns[pair], self.columns[self._pair(near, near)]).sum()
+        return max(int(own), len(self._pair(far, near))) <= SPAN * len(pair)
+
+    def _pair(self, near: int, far: int) -> Index:
+        return self.pairs.get((near, far), NOWHERE)
+
+    def closes(self, near: int, far: int, top: float) -> bool:
+        """Whether what is seen of ``far`` over ``near`` comes up at both ends to about ``top``, their height (m)."""
+        pairs = self._pair(near, far)
+        pairs = pairs[np.argsort(self.columns[pairs], kind="stable")]
+        edges, seen = self.edges[pairs], self.seen[pairs]
+        known = np.isfinite(edges[:, 2]) & np.isfinite(seen[:, 2])
+        edges, seen = edges[known], seen[known]
+        if len(edges) < FEWEST:
+            return False
+        heights = np.minimum(edges[:, 2], seen[:, 2])
+        apart = np.linalg.norm(edges - seen, axis=1)
+        end = max(1, round(END * len(edges)))
+        middle = float(np.percentile(heights[end:-end], 10))
+        risen = min(float(heights[:end].max()), float(heights[-end:].max()))
+        farthest = max(float(apart[:end].min()), float(apart[-end:].min()))
+        width = float(np.linalg.norm(edges[0] - edges[-1]))
+        return risen > max(RISEN * top, middle + DEEP) and farthest < CLOSED * width

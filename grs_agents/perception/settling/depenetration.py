@@ -1,0 +1,164 @@
+"""Take things apart that overlap deeply: the one that has to move least is moved by itself, all others stay."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.engine import mujoco
+from grs_agents.sim.world.compilation import World
+
+Floats = npt.NDArray[np.float64]
+TABLE = -1
+"""The number of the table, which cannot be moved."""
+FREE = 0.8
+"""What overlaps by less than this share of what is deep is apart."""
+STEPS = (0.002, 0.004, 0.006, 0.009, 0.013, 0.018, 0.025, 0.035)
+"""How far a thing is moved, m."""
+GUESSED = 4.0
+"""A thing of unknown shape is moved so many times as far as another one: its place is known that much worse."""
+FAR = 0.01
+"""But what is guessed is not moved by more than this (m) where something known need move less."""
+MOVES = 12
+"""At most so many things are moved."""
+DIRECTIONS: Floats = np.array(
+    [(0.0, 0.0, 1.0)]
+    + [
+        (np.cos(height) * np.cos(bearing), np.cos(height) * np.sin(bearing), np.sin(height))
+        for height in np.deg2rad([0, 35, 65])
+        for bearing in np.deg2rad(np.arange(0, 360, 45))
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Separation:
+    """A way to take things apart.
+
+    Attributes:
+        deep: overlaps up to this (m) are left to the easing.
+        lift: what is in the table is lifted straight out of it first, whatever stands on that.
+        steps: how far a thing may be moved, m.
+    """
+
+    deep: float
+    lift: bool
+    steps: tuple[float, ...] = STEPS
+
+
+def deepest_overlap(world: World) -> float:
+    """The deepest overlap, m."""
+    return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
+
+
+def separate(world: World, guessed: Collection[int], way: Separation) -> None:
+    """Move one thing after the other until none overlaps deeply, or none can be moved free of others.
+
+    Of two that overlap the one that has to move least is moved; what is ``guessed`` rather than what is known.
+    """
+    if way.lift:
+        _lift(world, way.deep)
+    stuck: set[tuple[int, int]] = set()
+    for _ in range(MOVES):
+        mujoco.mj_forward(world.model, world.data)
+        pair = _worst(world, stuck, way.deep)
+        if pair is None:
+            return
+        free = FREE * way.deep
+        moves = [
+            (number, move)
+            for number in pair
+            if number in world.addresses and (move := _move_out(world, number, way.steps, free)) is not None
+        ]
+        if moves:
+            number, move = min(moves, key=lambda one: _dearness(one[1], one[0] in guessed))
+            if all(one in guessed for one in pair) and np.linalg.norm(move) >= FAR:
+                other = pair[0] if number == pair[1] else pair[1]
+                if other in world.addresses and _halved(world, number, other, move, free):
+                    continue
+            start = world.addresses[number]
+            world.data.qpos[start : start + 3] += move
+        else:
+            stuck.add(pair)
+    mujoco.mj_forward(world.model, world.data)
+
+
+def _lift(world: World, deep: float) -> None:
+    """Lift what is deeper than ``deep`` m in the table straight out of it."""
+    mujoco.mj_forward(world.model, world.data)
+    for (lower, number), depth in overlaps(world).items():
+        if lower == TABLE and depth > deep:
+            world.data.qpos[world.addresses[number] + 2] += depth
+
+
+def _dearness(move: Floats, guessed: bool) -> float:
+    """What it costs to move a thing, m."""
+    far = float(np.linalg.norm(move))
+    return far / GUESSED if guessed and far < FAR else far
+
+
+def overlaps(world: World) -> dict[tuple[int, int], float]:
+    """How deep any two things are in each other, m, by their numbers, the lower first."""
+    found: dict[tuple[int, int], float] = {}
+    for geoms, distance in zip(world.data.contact.geom, world.data.contact.dist, strict=True):
+        one, other = sorted(world.owners[int(geom)] for geom in geoms)
+        found[one, other] = max(found.get((one, other), 0.0), float(-distance))
+    return found
+
+
+def _worst(world: World, stuck: set[tuple[int, int]], deep: float) -> tuple[int, int] | None:
+    """The things, lower number first, that overlap most, if by more than ``deep`` m."""
+    found = {
+        pair: depth
+        for pair, depth in overlaps(world).items()
+        if depth > deep and pair not in stuck and any(number in world.addresses for number in pair)
+    }
+    return max(found, key=lambda pair: found[pair], default=None)
+
+
+def _move_out(world: World, number: int, steps: Sequence[float], free: float) -> Floats | None:
+    """The shortest of the tried moves, (3,) m, after which a thing overlaps nothing by more than ``free`` m."""
+    start = world.addresses[number]
+    here = world.data.qpos[start : start + 3].copy()
+    found: Floats | None = None
+    for step in steps:
+        depths = [_depth(world, number, here + step * direction) for direction in DIRECTIONS]
+        best = int(np.argmin(depths))
+        if depths[best] < free:
+            found = step * DIRECTIONS[best]
+            break
+    world.data.qpos[start : start + 3] = here
+    mujoco.mj_forward(world.model, world.data)
+    return found
+
+
+def _halved(world: World, number: int, other: int, move: Floats, free: float) -> bool:
+    """Move two things half the way each, apart, if they overlap nothing by more than ``free`` m then."""
+    starts = [world.addresses[one] for one in (number, other)]
+    before = [world.data.qpos[start : start + 3].copy() for start in starts]
+    for start, half in zip(starts, (move / 2, -move / 2), strict=True):
+        world.data.qpos[start : start + 3] += half
+    if max(depth_of(world, number), depth_of(world, other)) < free:
+        return True
+    for start, here in zip(starts, before, strict=True):
+        world.data.qpos[start : start + 3] = here
+    mujoco.mj_forward(world.model, world.data)
+    return False
+
+
+def depth_of(world: World, number: int) -> float:
+    """How deep a thing overlaps others where it has been put, m."""
+    model, data = world.model, world.data
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    owners = np.asarray(world.owners)[data.contact.geom]
+    mine = (owners == number).any(axis=1) & (owners[:, 0] != owners[:, 1])
+    return max(0.0, float(-data.contact.dist[mine].min(initial=0.0)))
+
+
+def _depth(world: World, number: int, position: Sequence[float] | Floats) -> float:
+    """How deep a thing overlaps others with its centre at ``position``, m."""
+    start = world.addresses[number]
+    world.data.qpos[start : start + 3] = position
+    return depth_of(world, number)

@@ -1,0 +1,205 @@
+"""The surface of an asset as points with normals, in the frame at the centre of its bounding box, and its symmetry.
+
+Nearest points and point-to-plane alignment come from small_gicp. Two rotations are compared up to those turns that
+leave the asset's shape as it is.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from itertools import permutations, product
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.library import Library
+from grs_agents.library.posed_meshes import visible_corners
+from grs_agents.perception.types import Array
+
+SAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Points spread evenly over a surface.
+
+    Attributes:
+        points: (N, 3) m, about the centre of the bounding box.
+        normals: (N, 3) unit, outwards where the mesh is wound so.
+        half: (3,) half the extents, m.
+        spacing: about how far neighbours are apart, m.
+    """
+
+    points: Array
+    normals: Array
+    half: Array
+    spacing: float
+
+
+def surface_of(name: str, library: Library) -> Surface:
+    """The visible surface of an asset; the same points each time.
+
+    Raises:
+        UnknownNameError: the library has no such asset.
+    """
+    corners = corners_of(name, library)
+    return _surface(corners.tobytes(), len(corners))
+
+
+@lru_cache(maxsize=128)
+def corners_of(name: str, library: Library) -> Array:
+    """(T, 3, 3) corners of the triangles that are seen of an asset, m, its own frame; to be read only.
+
+    Raises:
+        UnknownNameError: the library has no such asset.
+    """
+    corners = visible_corners(name, library).round(5)
+    corners.setflags(write=False)
+    return corners
+
+
+@lru_cache(maxsize=128)
+def _surface(data: bytes, count: int) -> Surface:
+    corners = np.frombuffer(data).reshape(count, 3, 3)
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    rng = np.random.default_rng(0)
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = np.linalg.norm(crosses, axis=1)
+    chosen = rng.choice(len(corners), size=SAMPLES, p=doubled / doubled.sum())
+    weights = rng.dirichlet((1.0, 1.0, 1.0), size=SAMPLES)
+    points = np.einsum("ni,nij->nj", weights, corners[chosen]) - (low + high) / 2
+    normals = crosses[chosen] / doubled[chosen, None]
+    return Surface(points, normals, (high - low) / 2, float(np.sqrt(doubled.sum() / 2 / SAMPLES)))
+
+
+_NEIGHBOURS = 12
+"""A surface's normal is found from so many points."""
+
+
+def _library() -> Any:
+    """The bindings; they come without types."""
+    return import_module("small_gicp")
+
+
+class Cloud:
+    """Points (N, 3), m, with their normals, prepared for alignment."""
+
+    def __init__(self, points: Array) -> None:
+        gicp = _library()
+        self.cloud: Any = gicp.PointCloud(np.ascontiguousarray(points))
+        self.tree: Any = gicp.KdTree(self.cloud)
+        gicp.estimate_normals_covariances(self.cloud, self.tree, num_neighbors=_NEIGHBOURS, num_threads=1)
+
+    @property
+    def normals(self) -> Array:
+        """(N, 3) unit, of either sign."""
+        return np.asarray(self.cloud.normals(), np.float64)[:, :3]
+
+
+class Tree:
+    """Finds the nearest of points (N, 3), m."""
+
+    def __init__(self, points: Array) -> None:
+        self._tree: Any = _library().KdTree(np.ascontiguousarray(points))
+
+    def nearest(self, points: Array) -> tuple[npt.NDArray[np.int64], Array]:
+        """For each of (M, 3) points the index of the nearest one, and the square of its distance, m^2."""
+        indices, squares = self._tree.batch_nearest_neighbor_search(np.ascontiguousarray(points), num_threads=1)
+        return np.asarray(indices, np.int64), np.asarray(squares, np.float64)
+
+
+def align(target: Cloud, source: Cloud, start: Array, reach: float) -> Array:
+    """The transform (4, 4) that lays ``source`` on ``target``, from ``start``; partners are within ``reach`` m."""
+    found = _library().align(
+        target.cloud, source.cloud, target.tree, start, registration_type="GICP", max_correspondence_distance=reach,
+        num_threads=1, max_iterations=20, rotation_epsilon=0.002, translation_epsilon=0.0002,
+    )  # fmt: skip
+    pose = np.asarray(found.T_target_source, np.float64)
+    return pose if np.isfinite(pose).all() else start
+
+
+Floats = npt.NDArray[np.float64]
+_COARSE, _FINE = 250, 2500
+_SLACK = 0.003
+"""A turned shape is the same if 95 % of its surface is within so many m more of it than of itself, sampled again."""
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """The turns of an asset about its own frame.
+
+    Attributes:
+        turns: (N, 3, 3) rotations that leave it as it is, the identity among them.
+        axes: (M, 3) unit axes about which any angle does.
+    """
+
+    turns: Floats
+    axes: Floats
+
+    def angle(self, found: Floats, true: Floats) -> float:
+        """The least angle (degrees) between a rotation (3, 3) and one that looks like the true one (3, 3)."""
+        apart = found.T @ true @ self.turns
+        trace = np.trace(apart, axis1=1, axis2=2)
+        best = float(np.arccos(np.clip((trace.max() - 1) / 2, -1, 1)))
+        for axis in self.axes:
+            # what remains when the turn about the axis is chosen freely: the angle between the axes
+            remains = np.arccos(np.clip(np.einsum("i,nij,j->n", axis, apart, axis), -1, 1))
+            best = min(best, float(remains.min()))
+        return float(np.rad2deg(best))
+
+
+def symmetry_of(name: str, library: Library) -> Symmetry:
+    """The symmetry of an asset's visible shape; what is printed on it does not count."""
+    corners = corners_of(name, library)
+    return _symmetry(corners.tobytes(), len(corners))
+
+
+@lru_cache(maxsize=128)
+def _symmetry(data: bytes, count: int) -> Symmetry:
+    corners = np.frombuffer(data).reshape(count, 3, 3)
+    middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
+    rng = np.random.default_rng(0)
+    coarse, fine = _sampled(corners, _COARSE, rng) - middle, _sampled(corners, _FINE, rng) - middle
+    tree = Tree(fine)
+    bound = _distance(coarse, tree) + _SLACK
+    half = np.ptp(corners.reshape(-1, 3), axis=0) / 2
+
+    def same(rotation: Floats) -> bool:
+        quarter = bool(np.allclose(np.abs(rotation) % 1, 0))
+        if quarter and np.abs(np.abs(rotation) @ half - half).max() > 2 * _SLACK:
+            return False  # told by its extents alone
+        return _distance(coarse @ rotation.T, tree) < bound
+
+    turns = [turn for turn in quarter_turns() if same(turn)]
+    axes = [axis for axis in np.eye(3) if all(same(_turn(axis, angle)) for angle in (0.5, 1.0, 1.9))]
+    return Symmetry(np.array(turns), np.array(axes).reshape(-1, 3))
+
+
+def quarter_turns() -> list[Floats]:
+    """The 24 rotations of a cube, the identity first."""
+    found = [
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]
+    return [matrix for matrix in found if np.linalg.det(matrix) > 0]
+
+
+def _turn(axis: Floats, angle: float) -> Floats:
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def _sampled(corners: Floats, count: int, rng: np.random.Generator) -> Floats:
+    """(count, 3) points spread evenly over triangles (T, 3, 3)."""
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    chosen = corners[rng.choice(len(corners), size=count, p=areas / areas.sum())]
+    weights = rng.dirichlet((1.0, 1.0, 1.0), size=count)
+    return np.einsum("ni,nij->nj", weights, chosen)
+
+
+def _distance(points: Floats, tree: Tree) -> float:
+    """How far 95 % of the points are at most from the nearest of the tree's, m."""
+    return float(np.sqrt(np.percentile(tree.nearest(points)[1], 95)))

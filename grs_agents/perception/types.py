@@ -1,0 +1,393 @@
+"""The types of perception: frame and camera, boxes, candidates, the table's frame, the description of the whole scene.
+
+The workspace is where the arm works: on the table in front of its base, within its reach.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
+
+from grs_agents.base import Frozen, Pose, Quat, Vec3
+from grs_agents.errors import InputError
+from grs_agents.files import write_json
+from grs_agents.foreign import is_inside, read_json
+
+FARTHEST_CAMERA = 10.0
+"""A camera that sees the robot's table is at most this far from the robot, in metres."""
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Matrix = tuple[tuple[float, ...], ...]
+Image = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+Array = npt.NDArray[np.float64]
+
+
+class Camera(Frozen):
+    """A pinhole camera, OpenCV axes (x right, y down, z forward).
+
+    Attributes:
+        fx, fy, cx, cy: intrinsics in pixels.
+        width, height: of the colour image in pixels.
+        depth_scale: metres per unit of the depth image.
+        T_robot_cam: 4x4 rigid transform from the camera frame to the robot frame, if it was calibrated.
+    """
+
+    fx: Positive
+    fy: Positive
+    cx: Finite
+    cy: Finite
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+    depth_scale: Positive
+    T_robot_cam: Matrix | None = None
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        longest = max(self.width, self.height)
+        for name in ("fx", "fy"):
+            if not 0.1 * longest <= getattr(self, name) <= 20 * longest:
+                raise ValueError(
+                    f"{name} = {getattr(self, name):g} is outside {0.1 * longest:g}..{20 * longest:g} pixels"
+                )
+        for name, extent in (("cx", self.width), ("cy", self.height)):
+            if not -extent <= getattr(self, name) <= 2 * extent:
+                raise ValueError(f"{name} = {getattr(self, name):g} is outside {-extent}..{2 * extent} pixels")
+        return self
+
+    @field_validator("T_robot_cam")
+    @classmethod
+    def _rigid(cls, matrix: Matrix | None) -> Matrix | None:
+        if matrix is None:
+            return None
+        try:
+            array = np.asarray(matrix, dtype=np.float64)
+        except ValueError as error:
+            raise ValueError("must be a 4x4 matrix of numbers") from error
+        if array.shape != (4, 4) or not np.isfinite(array).all():
+            raise ValueError("must be a 4x4 matrix of finite numbers")
+        rotation = array[:3, :3]
+        proper = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
+        if not proper or not np.allclose(array[3], (0, 0, 0, 1), atol=1e-6):
+            raise ValueError("must be a rigid transform: a rotation, a translation in metres, last row 0 0 0 1")
+        distance = float(np.linalg.norm(array[:3, 3]))
+        if distance > FARTHEST_CAMERA:
+            raise ValueError(
+                f"puts the camera {distance:g} m from the robot, more than {FARTHEST_CAMERA:g} m: give it in metres"
+            )
+        return matrix
+
+
+@dataclass(frozen=True)
+class RGBDFrame:
+    """A photo with depth.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        depth: (H, W) float32 metres along the optical axis, 0 where nothing was measured.
+        camera: intrinsics and, if calibrated, pose.
+        source: what it was read from: a folder, a file, or ``bop:`` and an image of a data set.
+        notes: what a reader of the scene should know about how it was read.
+    """
+
+    rgb: Image
+    depth: npt.NDArray[np.float32]
+    camera: Camera
+    source: Path
+    notes: tuple[str, ...] = ()
+
+    def points(self) -> Array:
+        """(H, W, 3) points in the camera frame, metres; (0, 0, 0) where there is no depth."""
+        camera = self.camera
+        height, width = self.depth.shape
+        points = np.empty((height, width, 3))
+        points[..., 2] = self.depth
+        columns, rows = np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)[:, None]
+        points[..., 0] = (columns - camera.cx) / camera.fx * points[..., 2]
+        points[..., 1] = (rows - camera.cy) / camera.fy * points[..., 2]
+        return points
+
+
+Solid = Literal["box", "cylinder"]
+PoseMethod = Literal["registered", "box", "proxy"]
+"""A mesh laid into the points; the asset laid into the measured box; or a solid that is the measured box."""
+RelationKind = Literal["on", "in", "touching"]
+
+
+class Aabb(Frozen):
+    """An axis-aligned box in the robot frame, metres."""
+
+    low: Vec3
+    high: Vec3
+
+    @property
+    def size(self) -> Vec3:
+        """Extents along x, y, z."""
+        return (self.high[0] - self.low[0], self.high[1] - self.low[1], self.high[2] - self.low[2])
+
+    @property
+    def center(self) -> Vec3:
+        """The middle."""
+        low, high = self.low, self.high
+        return ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2)
+
+
+class UprightBox(Frozen):
+    """A box that stands upright: centre (m, robot frame), size along its own axes (m), yaw about z (rad)."""
+
+    center: Vec3
+    size: Vec3
+    yaw: float
+
+
+class LevelPlane(Frozen):
+    """A level plane of the photo that may be the table.
+
+    Attributes:
+        number: from 1, the lowest plane first; ``scene.table`` takes it.
+        height: of its middle over the plane that was taken for the table, metres.
+        share: of the measured pixels that lie on it.
+        taken: whether it was taken for the table.
+    """
+
+    number: int
+    height: float
+    share: float
+    taken: bool
+
+
+class TableFrame(Frozen):
+    """The robot frame and how it was found.
+
+    Attributes:
+        T_robot_cam: 4x4 transform from the camera frame (OpenCV axes) to the robot frame, metres.
+        origin: ``calibrated`` (given in camera.json) or ``table_plane`` (laid on the table found in the photo).
+        residual: root mean square distance of the table's points to its plane, metres.
+        inliers: share of the measured pixels that lie on the table.
+        height: z of the table top in the robot frame, metres; 0 when laid on it.
+        note: what a reader should know.
+        planes: the level planes that may be the table, the lowest first; empty where none were looked for.
+    """
+
+    T_robot_cam: Matrix
+    origin: Literal["calibrated", "table_plane"]
+    residual: float
+    inliers: float
+    height: float = 0.0
+    note: str = ""
+    planes: tuple[LevelPlane, ...] = ()
+
+
+def _inside(name: str) -> str:
+    if not is_inside(name):
+        raise ValueError(f"{name[:200]!r} is no path inside the run folder")
+    return name
+
+
+InsideName = Annotated[str, AfterValidator(_inside)]
+"""A file relative to the run folder, and in it."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A segment that may be an object.
+
+    Attributes:
+        id: from 1.
+        mask: (H, W) bool.
+        crop: (h, w, 3) uint8, the segment with a margin.
+        box: axis-aligned, robot frame.
+        upright: the fitted box with its yaw.
+        color: mean red, green, blue, 0..1.
+        shape: which solid fits better.
+        points: how many depth pixels it has.
+        hollow: open at the top, with an inside that lies deeper than its rim: bowls, boxes, mugs.
+    """
+
+    id: int
+    mask: Mask
+    crop: Image
+    box: Aabb
+    upright: UprightBox
+    color: Vec3
+    shape: Solid
+    points: int
+    hollow: bool = False
+
+
+class CandidateRecord(Frozen):
+    """A candidate without its pixels: what is kept in the state. Paths are relative to the run folder."""
+
+    id: int
+    mask: InsideName
+    crop: InsideName
+    box: Aabb
+    upright: UprightBox
+    color: Vec3
+    shape: Solid
+    points: int
+    hollow: bool = False
+
+
+class Shown(Frozen):
+    """An asset as a matcher is told of it; ``size`` in m, upright."""
+
+    name: str
+    description: str
+    color: str
+    category: str
+    size: Vec3
+
+
+class MatchEvidence(Frozen):
+    """What a match tool answers about one candidate, and why.
+
+    Attributes:
+        match: ``asset``; ``no_asset`` for an object that the library lacks; ``no_object`` for what is none.
+        asset: library name of the match.
+        method: the tool.
+        confidence: how likely the answer is right, 0..1; ``None`` where the tool cannot say.
+        scores: of the best few assets, likelihood or similarity in 0..1, by name, the best first.
+        runner_up: the best asset that is not the answer.
+        reason: in words.
+    """
+
+    match: Literal["asset", "no_asset", "no_object"]
+    asset: str | None = None
+    method: str = ""
+    confidence: float | None = None
+    scores: dict[str, float] = Field(default_factory=dict[str, float])
+    runner_up: str | None = None
+    reason: str = ""
+
+
+class SceneObject(Frozen):
+    """An object of the scene, with the asset that stands for it.
+
+    Attributes:
+        id: the candidate's.
+        name: unique in the scene, e.g. ``milk_1``.
+        asset: library name, or the proxy's.
+        matched: False for a primitive proxy.
+        description, category, color: in words.
+        box: axis-aligned, as measured, robot frame; what is not seen of it ends where something else was measured.
+        position: centre of the asset, metres, robot frame.
+        orientation: of the asset, xyzw.
+        upright: the same box along its own axes; ``None`` in descriptions of before there was one.
+        size: extents of the asset as placed, along the world's axes (before yaw), metres.
+        reachable: within the arm's workspace.
+        evidence: why this asset, in words.
+        match: scores, runner-up and reason of the match.
+        mask, crop: picture files.
+        method: where the pose comes from.
+        residual: how far the object's points are off the asset's surface, m (mean of the nearest 90 %); of a match.
+        round: the asset looks the same at any yaw, which therefore says nothing.
+        settled: where it comes to rest in the twin: centre (m) and rotation (xyzw).
+        drift: how far its centre moves until then, m.
+    """
+
+    id: int
+    name: str
+    asset: str
+    matched: bool
+    description: str
+    category: str
+    color: str
+    box: Aabb
+    position: Vec3
+    orientation: Quat
+    size: Vec3
+    reachable: bool
+    evidence: str
+    mask: InsideName
+    crop: InsideName
+    method: PoseMethod = "box"
+    residual: float | None = None
+    round: bool = False
+    settled: Pose | None = None
+    drift: float | None = None
+    match: MatchEvidence | None = None
+    upright: UprightBox | None = None
+
+
+class DroppedCandidate(Frozen):
+    """A segment that is no object, and why."""
+
+    id: int
+    reason: str
+
+
+class Relation(Frozen):
+    """How one object lies to another: ``subject`` is on, in or touching ``reference``; both are names."""
+
+    kind: RelationKind
+    subject: str
+    reference: str
+
+
+class TwinReport(Frozen):
+    """How the described scene stands in MuJoCo.
+
+    Attributes:
+        found: deepest penetration as described, m.
+        penetration: deepest one once it came to rest, m.
+        drift: of the object that moved farthest, m.
+        fidelity: share of the objects' pixels at which the twin at rest, seen by the photo's camera, is within 2 cm of
+            the measured depth; ``None`` if nothing was measured.
+        still: everything came to rest.
+        held: so many things would have fallen, and may stand on something that the photo does not show: they stay.
+    """
+
+    found: float
+    penetration: float
+    drift: float
+    fidelity: float | None
+    still: bool
+    held: int = 0
+
+
+class SceneDescription(Frozen):
+    """The whole scene (paper, Scene Comprehension); ``background`` is the library name of what is around it, if any."""
+
+    version: int = 1
+    source: str
+    image: str
+    frame: TableFrame
+    objects: tuple[SceneObject, ...]
+    dropped: tuple[DroppedCandidate, ...] = ()
+    warnings: tuple[str, ...] = ()
+    background: str | None = None
+    relations: tuple[Relation, ...] = ()
+    twin: TwinReport | None = None
+
+    def write(self, file: Path) -> None:
+        """Write ``scene.json`` whole."""
+        write_json(file, self.model_dump(mode="json"))
+
+
+def read_description(file: Path) -> SceneDescription:
+    """Read ``scene.json``.
+
+    Raises:
+        InputError: it cannot be read or does not fit the schema.
+    """
+    try:
+        return SceneDescription.model_validate(read_json(file, "make it with `grs scene`"))
+    except ValidationError as error:
+        raise InputError(f"{file}: {error.errors()[0]['msg']}", "make it again with `grs scene`") from error
+
+
+X = (0.25, 0.75)
+Y = (-0.5, 0.5)
+"""The table's part that tasks use (CLIPort's workspace), metres in the robot frame."""
+NEAREST, FARTHEST = 0.22, 0.85
+"""Distance from the base axis, metres: closer the arm would fold into itself, farther a UR5e does not reach."""
+
+
+def reachable(position: Vec3) -> bool:
+    """Whether something at ``position`` (metres, robot frame) can be picked from above."""
+    x, y, _ = position
+    return X[0] <= x <= X[1] and Y[0] <= y <= Y[1] and NEAREST <= (x * x + y * y) ** 0.5 <= FARTHEST

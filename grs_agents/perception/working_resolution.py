@@ -1,0 +1,91 @@
+"""Large photos: segmented at a working size, then each pixel of the full size chooses between segments around it."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.perception.image_geometry import Labels
+from grs_agents.perception.table import tolerance
+from grs_agents.perception.types import Array, RGBDFrame
+
+WORKING = 640 * 480
+"""Photos of many more pixels than this are reduced."""
+COLOR = 24.0
+"""Colours that differ by this much (of 255) count as much as depths that differ by their tolerance."""
+NEAR = 1.0
+"""And so do neighbours that are this many cells away."""
+
+
+def reduced(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
+    """The frame at its working size, and how many pixels of a row or column one cell of it stands for.
+
+    A cell's depth is measured: the median of at most 3 x 3 pixels, never a mixture of two surfaces.
+    """
+    height, width = frame.depth.shape
+    factor = max(1, round((height * width / WORKING) ** 0.5))
+    if factor == 1:
+        return frame, 1
+    rows, columns = height // factor, width // factor
+    whole = frame.depth[: rows * factor, : columns * factor]
+    offsets = sorted({0, factor // 2, factor - 1})
+    values = np.stack([whole[down::factor, across::factor] for down in offsets for across in offsets], axis=-1)
+    values = np.sort(np.where(values > 0, values, np.float32(np.inf)), axis=-1)
+    count = np.isfinite(values).sum(axis=-1)
+    depth = np.take_along_axis(values, np.maximum(count - 1, 0)[..., None] // 2, axis=-1)[..., 0]
+    depth[3 * count < values.shape[-1]] = 0
+    rgb = cv2.resize(frame.rgb[: rows * factor, : columns * factor], (columns, rows), interpolation=cv2.INTER_AREA)
+    camera = frame.camera
+    small = camera.model_copy(
+        update={
+            "fx": camera.fx / factor,
+            "fy": camera.fy / factor,
+            "cx": (camera.cx + 0.5) / factor - 0.5,
+            "cy": (camera.cy + 0.5) / factor - 0.5,
+            "width": columns,
+            "height": rows,
+        }
+    )
+    return RGBDFrame(rgb.astype(np.uint8), depth, small, frame.source), factor
+
+
+def restored(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int) -> Labels:
+    """(H, W) labels of the full frame from the (h, w) ``labels`` of the reduced one.
+
+    Where the cells around a pixel belong to different segments it takes the one of the cell that is most like it in
+    place, depth and colour.
+    """
+    camera = frame.camera
+    rows = np.minimum(np.arange(camera.height, dtype=np.int64) // factor, labels.shape[0] - 1)
+    columns = np.minimum(np.arange(camera.width, dtype=np.int64) // factor, labels.shape[1] - 1)
+    full = labels[rows[:, None], columns[None]]
+    around, values = np.ones((3, 3), np.uint8), labels.astype(np.float32)
+    spread: Array = np.asarray(cv2.dilate(values, around) - cv2.erode(values, around), np.float64)
+    down, across = np.nonzero(spread[rows[:, None], columns[None]])
+    full[down, across] = _most_like(labels, small, frame, factor, down, across)
+    return full
+
+
+def _most_like(
+    labels: Labels,
+    small: RGBDFrame,
+    frame: RGBDFrame,
+    factor: int,
+    down: npt.NDArray[np.intp],
+    across: npt.NDArray[np.intp],
+) -> Labels:
+    depth, color = frame.depth[down, across], frame.rgb[down, across].astype(np.float32)
+    bound = tolerance(depth.astype(np.float64))
+    best = np.full(len(down), np.inf)
+    taken = np.zeros(len(down), np.int32)
+    for row_step in (-1, 0, 1):
+        for column_step in (-1, 0, 1):
+            row = np.clip(down // factor + row_step, 0, labels.shape[0] - 1)
+            column = np.clip(across // factor + column_step, 0, labels.shape[1] - 1)
+            away = np.hypot((row + 0.5) * factor - down - 0.5, (column + 0.5) * factor - across - 0.5) / factor
+            other = small.depth[row, column]
+            known = (depth > 0) & (other > 0)
+            cost: Array = np.where(known, np.abs(depth - other) / bound, 1.0) + away / NEAR
+            cost += np.linalg.norm(small.rgb[row, column] - color, axis=1) / COLOR
+            closer = cost < best
+            best[closer], taken[closer] = cost[closer], labels[row, column][closer]
+    return taken

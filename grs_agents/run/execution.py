@@ -1,0 +1,246 @@
+"""Run a graph on a scene: checkpoints, resume, and an honest end whatever happens."""
+
+import errno
+import sqlite3
+from collections import Counter
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from grs_agents import interrupts
+from grs_agents.agents import Agents, EarlierReplies
+from grs_agents.config import Config
+from grs_agents.errors import ConfigError, GrsError, InputError
+from grs_agents.files import unwritable
+from grs_agents.nodes import Services
+from grs_agents.policies import load_policy
+from grs_agents.run.checkpoint import FILE, check_checkpoints, check_state
+from grs_agents.run.opening import Order, load_graph, open_run
+from grs_agents.run.record import EXIT_STATUS, RunRecord, counts, seconds_by_stage
+from grs_agents.run.sandbox_setup import open_sandbox
+from grs_agents.sandbox import Sandbox
+from grs_agents.trace import Event, EventLog, Note, RunEnded, RunStarted, read_events
+
+if TYPE_CHECKING:
+    from langgraph.checkpoint.base import BaseCheckpointSaver
+
+INTERRUPTED = 130
+Views = Callable[[Path, EventLog], AbstractContextManager[None]]
+"""Attaches what people look at (recording, progress) to the log of a run, and closes it at the end."""
+State = dict[str, Any]
+
+
+class UnexpectedError(GrsError):
+    """What nobody foresaw; its cause is for those who write GRS."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        folder: the run folder.
+        record: its final record.
+        problem: the error that ended the run if there was one; the record then says ``failed``.
+        state: what the graph reached; empty where an ended run was resumed.
+    """
+
+    folder: Path
+    record: RunRecord
+    problem: GrsError | None = None
+    state: State = field(default_factory=dict[str, Any])
+
+
+def execute(order: Order, views: Views) -> Outcome:
+    """Run the configured graph on ``order.source``.
+
+    Args:
+        order: what to do.
+        views: what follows the log.
+
+    Raises:
+        InputError: the scene does not exist, the run folder cannot be made or resumed or is in use, or the
+            configuration names what does not exist.
+    """
+    with open_run(order) as (folder, record, config):
+        if order.resume and record.status in EXIT_STATUS:
+            return Outcome(folder, record)
+        return _executed(order, views, folder, record.write(folder), config)
+
+
+def _executed(order: Order, views: Views, folder: Path, record: RunRecord, config: Config) -> Outcome:
+    problem: GrsError | None = None
+    state: State = {}
+    try:
+        with EventLog(folder / "events.jsonl") as log, views(folder, log):
+            log.subscribe(_start_nothing_more)
+            record, problem = _follow(order, config, folder, log, record, state)
+    except (Exception, KeyboardInterrupt) as error:  # the log or a view could not be opened or closed
+        if record.status == "running":
+            record, problem = _failed(record, error, folder)
+            record.write(folder)
+        elif problem is None:  # the verdict stands
+            problem = _as_grs_error(error, folder)
+    return Outcome(folder, record, problem, state)
+
+
+def _follow(
+    order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State
+) -> tuple[RunRecord, GrsError | None]:
+    """Run the graph and write the record of how it ended."""
+    problem: GrsError | None = None
+    try:
+        _invoke(order, config, folder, log, record, state)
+        record = _verdict(order, record, state)
+    except (Exception, KeyboardInterrupt) as error:
+        record, problem = _failed(record, error, folder)
+    return _finished(record, log, state).write(folder), problem
+
+
+def _start_nothing_more(event: Event) -> None:
+    """Let no node start once the run was asked to end, though the exception that said so was lost on its way."""
+    if event.kind == "node_started" and interrupts.requested():
+        raise KeyboardInterrupt
+
+
+def _verdict(order: Order, record: RunRecord, state: State) -> RunRecord:
+    """What the graph decided; comprehension alone has nothing to decide."""
+    if order.command == "scene":
+        return _ended(record, "accepted", "the scene was comprehended", EXIT_STATUS["accepted"])
+    status = state.get("status")
+    if status not in EXIT_STATUS:
+        raise ConfigError(
+            f"graph {record.graph!r} ended without a verdict (status {status!r})",
+            f"end it with the node conclude, or set status to {' or '.join(EXIT_STATUS)}",
+        )
+    return _ended(record, status, str(state.get("reason", "")), EXIT_STATUS[status])
+
+
+def _ended(record: RunRecord, status: str, reason: str, exit_status: int) -> RunRecord:
+    return record.model_copy(update={"status": status, "reason": reason, "exit_status": exit_status})
+
+
+def _failed(record: RunRecord, error: Exception | KeyboardInterrupt, folder: Path) -> tuple[RunRecord, GrsError | None]:
+    """The record of a run that was interrupted or broke, and the error in the second case."""
+    if isinstance(error, KeyboardInterrupt):
+        return _ended(record, "interrupted", "interrupted by the user", INTERRUPTED), None
+    problem = _as_grs_error(error, folder)
+    return _ended(record, "failed", str(problem), problem.exit_status), problem
+
+
+def _as_grs_error(error: BaseException, folder: Path) -> GrsError:
+    """The user's errors as they are, a full or read-only disk as one of them, anything else as ours."""
+    if isinstance(error, GrsError):
+        return error
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EROFS, errno.EDQUOT, errno.EACCES):
+        return unwritable(folder, error)
+    if isinstance(error, sqlite3.OperationalError) and "full" in str(error):
+        return unwritable(folder / FILE, OSError(errno.ENOSPC, "disk is full"))
+    problem = UnexpectedError(f"{type(error).__name__}: {error}", f"report it with {folder / 'events.jsonl'}")
+    problem.__cause__ = error
+    return problem
+
+
+def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: RunRecord, state: State) -> None:
+    """Compile the graph and run it, or go on with it; ``state`` takes what it reached."""
+    with open_sandbox(config) as sandbox, _checkpointer(order, folder) as checkpointer:
+        sandbox.warm()  # its imports overlap with comprehension
+        services = _services(config, folder, log, sandbox)
+        graph = load_graph(config.graph).build().compile(checkpointer=checkpointer)
+        drawn = graph.get_graph()
+        log.append(
+            RunStarted(
+                run_id=record.id,
+                graph=config.graph,
+                seed=config.seed,
+                config=record.config,
+                versions=record.versions,
+                nodes=tuple(drawn.nodes),
+                edges=tuple((edge.source, edge.target) for edge in drawn.edges),
+            )
+        )
+        settings: dict[str, Any] = {"recursion_limit": 25 + 4 * config.max_fixes}
+        begin: State = {**order.given, "scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0,
+                        "history": []}  # fmt: skip
+        if order.nested:
+            state.update(graph.invoke(begin, settings, context=services))
+            return
+        settings["configurable"] = {"thread_id": record.id}
+        resumed = order.resume and bool(_state_of(graph, settings, folder))
+        if resumed:
+            log.append(Note(level="info", text=f"resumed, attempt {record.attempts}"))
+        try:
+            graph.invoke(None if resumed else begin, settings, context=services, durability="sync")
+        finally:
+            with suppress(sqlite3.Error):  # a full disk is reported by what it stopped
+                state.update(graph.get_state(settings).values)
+
+
+def _state_of(graph: Any, settings: dict[str, Any], folder: Path) -> State:
+    """The state that an earlier attempt reached.
+
+    Raises:
+        InputError: its checkpoints are damaged.
+    """
+    try:
+        values: State = graph.get_state(settings).values
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError, sqlite3.Error) as error:
+        raise InputError(
+            f"{folder / FILE} holds no readable checkpoint: {type(error).__name__}: {error}",
+            "start the scene again in another folder: --out",
+        ) from error
+    check_state(values, folder)
+    return values
+
+
+@contextmanager
+def _checkpointer(order: Order, folder: Path) -> Generator["BaseCheckpointSaver[str] | bool"]:
+    """Where the graph's checkpoints go; False if the graph that it is part of keeps its own."""
+    from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
+    from langgraph.checkpoint.sqlite import SqliteSaver
+
+    if order.nested:
+        yield False
+        return
+    # Without a list of modules of ours, a tampered checkpoint cannot have anything called when it is read.
+    strict = JsonPlusSerializer(allowed_msgpack_modules=None)
+    check_checkpoints(folder)
+    with closing(sqlite3.connect(folder / FILE, check_same_thread=False)) as connection:
+        yield SqliteSaver(connection, serde=strict)
+
+
+def _services(config: Config, folder: Path, log: EventLog, sandbox: Sandbox) -> Services:
+    """What the nodes work with."""
+    events = read_events(log.path)
+    visits = Counter(event.node for event in events if event.kind == "node_started")
+    return Services(
+        config=config,
+        log=log,
+        agents=Agents(config=config, log=log, folder=folder, earlier=EarlierReplies(events)),
+        policy=load_policy(config.policy),
+        sandbox=sandbox,
+        folder=folder.resolve(),
+        visits=visits,
+    )
+
+
+def _finished(record: RunRecord, log: EventLog, state: State) -> RunRecord:
+    """The record with its figures; a log or state that cannot be read leaves them out, and the end stands."""
+    history: list[Event] = []
+    update: dict[str, Any] = {}
+    with suppress(GrsError):
+        history = read_events(log.path)
+    with suppress(KeyError, TypeError, AttributeError):  # the state of a graph of the user's own
+        update = {
+            "counts": counts(history, state),
+            "rewards": tuple(state.get("audit", {}).get("rewards", ())),
+            "sandbox": str(state.get("report", {}).get("backend", "")),
+        }
+    update["seconds"] = seconds_by_stage(history)
+    try:
+        log.append(RunEnded(status=record.status, reason=record.reason))
+    except (OSError, GrsError) as error:  # a full disk: the record still says how the run ended
+        update["reason"] = f"{record.reason} (the event log could not be closed: {error})"
+    return record.model_copy(update=update)

@@ -1,0 +1,19 @@
+"""The sandbox of a run, as its configuration wants it."""
+
+from grs_agents.config import Config, Limits
+from grs_agents.sandbox import Sandbox
+
+PRELOAD = ("grs_agents.sim", "grs_agents.toolkit", "unittest", "numpy.testing")
+TOOLS = ("run_tests", "instantiate", "rollout", "render")
+"""What the sandbox imports before it sees generated code."""
+
+
+def open_sandbox(config: Config) -> Sandbox:
+    """A sandbox with the simulation imported ahead; close it after use."""
+    return Sandbox(
+        PRELOAD,
+        tools=TOOLS,
+        backend=config.sandbox,
+        workers=config.workers,
+        limits=Limits(**config.limits.model_dump()),
+    )

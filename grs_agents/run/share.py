@@ -1,0 +1,206 @@
+"""A run as one zip file for anybody to replay, without keys and without paths that tell whose machine it is."""
+
+import io
+import json
+import os
+import re
+import struct
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from grs_agents.errors import GrsError, InputError
+from grs_agents.files import unwritable, write_bytes, write_document
+from grs_agents.foreign import read_bytes
+from grs_agents.foreign.arrays import words_in
+from grs_agents.terminal import visible
+
+REMOVED = "[removed]"
+_NAMES = re.compile(r"KEY|TOKEN|SECRET|PASSW|CREDENTIAL", re.IGNORECASE)
+_SHORTEST = 8
+"""Characters; a shorter value of a variable is taken for no key, since it would be found in any text."""
+_KEYS = re.compile(
+    r"\b(?:sk|pk|rk)-[A-Za-z0-9_\-]{16,}"
+    r"|\bAIza[A-Za-z0-9_\-]{30,}"
+    r"|\b(?:gh[pousr]|github_pat|hf|glpat|xox[abprs]|lsv2|ls__)[_\-][A-Za-z0-9_\-]{16,}"
+    r"|\bAKIA[A-Z0-9]{16}\b"
+    r"|\beyJ[A-Za-z0-9_\-]{8,}\.[A-Za-z0-9_\-]{8,}\.[A-Za-z0-9_\-]{8,}"
+    r"|(?<=Bearer )[A-Za-z0-9._~+/\-]{16,}=*"
+    r"|(?<=://)[^/\s:@\"']{1,200}:[^/\s@\"']{1,200}(?=@)"
+    r"|-----BEGIN [A-Z ]*PRIVATE KEY-----.*?-----END [A-Z ]*PRIVATE KEY-----",
+    re.DOTALL,
+)
+_HOMES = re.compile(r"(?:/home/|/Users/|[A-Za-z]:(?:\\{1,2}|/)Users(?:\\{1,2}|/))[^/\\\s\"'<>:,;)\]}]+")
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PICTURE_CHUNKS = {b"IHDR", b"PLTE", b"IDAT", b"IEND", b"tRNS", b"gAMA", b"sRGB"}
+
+
+@dataclass(frozen=True)
+class Scrubber:
+    """Replaces what must not leave.
+
+    Attributes:
+        secrets: values that are replaced wherever they are.
+        paths: prefixes of paths and what stands for each, longest first.
+    """
+
+    secrets: tuple[str, ...]
+    paths: tuple[tuple[str, str], ...]
+
+    def clean(self, text: str) -> str:
+        """``text`` without keys and home folders."""
+        for secret in self.secrets:
+            text = text.replace(secret, REMOVED)
+        text = _KEYS.sub(REMOVED, text)
+        for path, stand_in in self.paths:
+            text = re.sub(rf"{re.escape(path)}(?![\w.-])", lambda _, word=stand_in: word, text)
+        return _HOMES.sub("~", text)
+
+    def leaks(self, data: bytes) -> str:
+        """What is still in ``data`` that must not leave, in words that do not repeat it; empty if nothing is."""
+        text = data.decode("utf-8", "replace")
+        if any(secret in text for secret in self.secrets) or _KEYS.search(text):
+            return "a key"
+        if _HOMES.search(text) or any(re.search(rf"{re.escape(path)}(?![\w.-])", text) for path, _ in self.paths):
+            return "the path of a home folder"
+        return ""
+
+
+def scrubber(
+    folder: Path,
+    key_variables: Sequence[str] = (),
+    environment: Mapping[str, str] = os.environ,
+    home: Path | None = None,
+) -> Scrubber:
+    """The scrubber for a run.
+
+    Args:
+        folder: the run; its own path becomes ``.``.
+        key_variables: environment variables that the configuration names as holding keys.
+        environment: where their values are, and those of every variable that is called a key, token or password.
+        home: the home folder, that of the user by default; it becomes ``~``.
+    """
+    names = {*key_variables, *(name for name in environment if _NAMES.search(name))}
+    values = {environment.get(name, "").strip() for name in names}
+    secrets = {value for value in values if len(value) >= _SHORTEST and not Path(value).exists()}
+    known = {str(folder.resolve()): ".", str((home or Path.home()).resolve()): "~", str(home or Path.home()): "~"}
+    spelt = {**known, **{json.dumps(path)[1:-1]: word for path, word in known.items()}}
+    paths = sorted(((path, word) for path, word in spelt.items() if len(path) > 1), key=lambda one: -len(one[0]))
+    spoken = secrets | {json.dumps(value)[1:-1] for value in secrets}
+    return Scrubber(tuple(sorted(spoken, key=len, reverse=True)), tuple(paths))
+
+
+def picture_alone(data: bytes) -> bytes:
+    """A PNG file without all that is no picture: comments, places, cameras, dates.
+
+    Raises:
+        ValueError: it is no PNG file.
+    """
+    if not data.startswith(_PNG):
+        raise ValueError("not a PNG file")
+    kept, at = [_PNG], len(_PNG)
+    while at + 12 <= len(data):
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        end = at + 12 + length
+        if data[at + 4 : at + 8] in _PICTURE_CHUNKS:
+            kept.append(data[at:end])
+        at = end
+    return b"".join(kept)
+
+
+_TEXTS = frozenset({".json", ".jsonl", ".py", ".diff", ".urdf", ".xml", ".obj", ".mtl", ".md", ".txt", ".toml"})
+_KINDS = _TEXTS | {".png", ".npz"}
+"""What can be looked through."""
+_MADE = frozenset({"trace.rrd", "report.html"})
+"""Made anew from what is shared."""
+_STAMP = (1980, 1, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What was packed.
+
+    Attributes:
+        path: the zip file.
+        files: how many files it holds.
+        size: of the zip file, bytes.
+        changed: files from which something was removed.
+        left_out: files that were not packed.
+    """
+
+    path: Path
+    files: int
+    size: int
+    changed: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+def share(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Sequence[Path]]) -> Shared:
+    """Pack a run.
+
+    Args:
+        folder: the run.
+        out: the zip file.
+        scrubber: removes what must not leave.
+        make: makes recording and report in a folder that holds the scrubbed run, and names them.
+
+    Raises:
+        InputError: a file cannot be read, or the zip file cannot be written.
+        GrsError: something that must not leave would still be in it; nothing is written then.
+    """
+    changed: list[str] = []
+    left_out: list[str] = []
+    with tempfile.TemporaryDirectory() as temporary:
+        copy = Path(temporary) / scrubber.clean(folder.resolve().name)
+        for file in sorted(folder.rglob("*")):
+            name = file.relative_to(folder)
+            if not file.is_file() or file.is_symlink() or name.name in _MADE or name.suffix == ".zip":
+                continue
+            hidden = any(part.startswith(".") for part in name.parts) or visible(str(name)) != str(name)
+            before = None if hidden or name.suffix not in _KINDS else read_bytes(file)
+            data = None if before is None else _cleaned(name, before, scrubber)
+            if data is None:
+                left_out.append(str(name))
+                continue
+            if data != before:
+                changed.append(str(name))
+            write_bytes(copy / name, data)
+        make(copy)
+        packed = _zip(copy, scrubber)
+    try:
+        write_document(out, packed.getvalue())
+    except OSError as error:
+        raise unwritable(out, error) from error
+    with zipfile.ZipFile(packed) as archive:
+        return Shared(out, len(archive.namelist()), len(packed.getvalue()), tuple(changed), tuple(left_out))
+
+
+def _cleaned(name: Path, data: bytes, scrubber: Scrubber) -> bytes | None:
+    """The content to share of a file; None if it is of a kind that cannot be looked through."""
+    if name.suffix in _TEXTS:
+        return scrubber.clean(data.decode("utf-8", "replace")).encode()
+    try:
+        if name.suffix == ".png":
+            return picture_alone(data)
+        return None if scrubber.leaks(" ".join(words_in(data, str(name))).encode()) else data
+    except (ValueError, InputError):
+        return None
+
+
+def _zip(copy: Path, scrubber: Scrubber) -> io.BytesIO:
+    """The folder as a zip file whose every member was searched once more."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in sorted(copy.rglob("*")):
+            if file.is_file():
+                name, data = f"{copy.name}/{file.relative_to(copy).as_posix()}", file.read_bytes()
+                for part in (data, name.encode()):
+                    if leak := scrubber.leaks(part):
+                        raise GrsError(f"not shared: {name} would hold {leak}", "report it, naming the file alone")
+                member = zipfile.ZipInfo(name, _STAMP)
+                member.compress_type = zipfile.ZIP_DEFLATED
+                archive.writestr(member, data)
+    packed.seek(0)
+    return packed

@@ -1,0 +1,59 @@
+"""The worker's way to speak to the host: a pipe of its own, so that printing cannot disturb it.
+
+Frames are sealed with a key that the host made for this call and sent along with the request. The key lies in a
+closure, not in a module or in the request that a tool sees, so code that writes to the pipe, or keeps a copy of a
+frame, is found out. It is no secret from code in the same interpreter that looks for it with enough effort, through
+``gc`` or the frames of callers, and such code may call ``progress`` itself. So a result can be forged, and may mislead
+whoever routes by it. What decides whether a task is accepted reads task instances only, in a process that never ran
+generated code.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Mapping
+from itertools import count
+from typing import Any
+
+from grs_agents.errors import GrsError
+from grs_agents.sandbox.protocol import wire
+
+Frame = Mapping[str, Any]
+_sender: list[Callable[[Frame], None]] = []
+
+
+def connect(descriptor: int, key: str | None = None) -> None:
+    """Send every later frame to the pipe ``descriptor``.
+
+    Args:
+        descriptor: an open file.
+        key: of ``wire.new_key``; frames are sealed with it and numbered from 0. None: as they are, which is for what
+            a worker says before it has a request.
+    """
+    secret, numbers = None if key is None else bytes.fromhex(key), count()
+
+    def write(frame: Frame) -> None:
+        # Only what could be encoded is counted: a frame that was not plain JSON leaves no gap.
+        plain = wire.encode(frame)
+        data = memoryview(plain if secret is None else wire.seal(plain, secret, next(numbers)))
+        while data:
+            data = data[os.write(descriptor, data) :]
+
+    _sender[:] = [write]
+
+
+def send(frame: Frame) -> None:
+    """Write one frame whole.
+
+    Raises:
+        ValueError, TypeError: the frame is not plain JSON; nothing was written.
+        GrsError: this process is not a sandbox worker.
+    """
+    if not _sender:
+        raise GrsError("this process is not a sandbox worker", "call the tool through Sandbox.call")
+    _sender[0](frame)
+
+
+def progress(event: Frame) -> None:
+    """Report ``event`` (plain JSON) at once; the host keeps it even if this process dies right after."""
+    sys.stdout.flush()  # what was printed before belongs before
+    send({"kind": "event", "event": event})

@@ -1,0 +1,173 @@
+"""The forked process of one call: takes the request, gives up every right it can, runs the tool, reports."""
+
+import faulthandler
+import fcntl
+import importlib
+import math
+import os
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NoReturn
+
+from grs_agents import content
+from grs_agents.sandbox.harness import channel
+from grs_agents.sandbox.harness.captured_error import CapturedError
+from grs_agents.sandbox.isolation import kernel
+from grs_agents.sandbox.isolation.hardening import HardeningError, file_rules, harden, prepare
+from grs_agents.sandbox.isolation.privileges import Allowance, limit
+from grs_agents.sandbox.protocol.report import Limits
+from grs_agents.sandbox.protocol.settings import Settings
+from grs_agents.sandbox.protocol.wire import FrameReader
+
+_DESCRIPTORS = 128
+_FRAMES, _TRACE = 3, 4
+_PDEATHSIG = 1
+_GRACE_SECONDS = 60
+_PROMISED = ("landlock", "no capabilities", "seccomp")
+
+
+def warm(settings: Settings) -> None:
+    """Before there is an order: import what the settings name, and do what each child would otherwise do again."""
+    for name in settings.preload:
+        importlib.import_module(name)
+    for folder in settings.overlays:
+        content.add_overlay(folder)
+    for name in settings.tools:
+        content.load_module("tools", name)
+    if settings.layers:
+        prepare()
+
+
+def rules(settings: Settings, scratch: Path) -> int | None:
+    """What a process that works in ``scratch`` may do with files, as ``harden`` takes it; forked ones inherit it."""
+    return file_rules(settings.readable, (scratch, Path(os.devnull))) if settings.layers else None
+
+
+def serve(
+    frames: int, trace: int, output: int, scratch: Path, limits: Limits, settings: Settings, rules: int | None
+) -> NoReturn:
+    """Serve one request in this process, which was forked or started for it alone, and end it."""
+    with suppress(BaseException):
+        zygote, before = os.getppid(), time.process_time()
+        rules = _arrange(frames, trace, output, rules)
+        _die_with(zygote, limits)
+        _settle(scratch)
+        frame = _receive()
+        if frame is not None:
+            channel.connect(_FRAMES, frame.pop("key"))
+            _serve(frame, limits, settings, rules, before)
+    os._exit(0)
+
+
+def _serve(frame: dict[str, Any], limits: Limits, settings: Settings, rules: int | None, before: float) -> None:
+    with CapturedError() as caught:
+        for folder in frame["overlays"]:
+            content.add_overlay(Path(folder))
+        inside = _inside(frame)
+        _confine(limits, settings, rules)
+        _explain_death()
+        channel.send({"kind": "ready", "cpu_seconds": before})
+        _answer(inside, frame.pop("request"))
+    if caught.error is not None:
+        channel.send({"kind": "broken", "error": f"{type(caught.error).__name__}: {caught.error}"})
+
+
+def _inside(frame: dict[str, Any]) -> Callable[[dict[str, Any]], object]:
+    if frame["module"] is not None:
+        return importlib.import_module(frame["module"]).inside
+    return content.load_module("tools", frame["tool"]).inside
+
+
+def _arrange(frames: int, trace: int, output: int, rules: int | None) -> int | None:
+    """Keep the descriptors that this process needs, and close everything of the zygote's; the new one of ``rules``."""
+    kept = [os.open(os.devnull, os.O_RDONLY), output, output, frames, trace]
+    if rules is not None:
+        kept.append(rules)
+    high = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, _DESCRIPTORS) for descriptor in kept]
+    for number, descriptor in enumerate(high):
+        os.dup2(descriptor, number)
+    os.closerange(len(high), max(high) + 1 + _DESCRIPTORS)
+    return None if rules is None else len(high) - 1
+
+
+def _die_with(zygote: int, limits: Limits) -> None:
+    """Have the kernel kill this process when the zygote ends."""
+    if sys.platform != "linux":  # no other kernel takes such an order: at least nothing stays for good
+        signal.alarm(math.ceil(limits.wall_seconds) + _GRACE_SECONDS)
+        return
+    kernel.prctl(_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != zygote:  # it ended before the kernel was asked
+        os._exit(0)
+
+
+def _settle(scratch: Path) -> None:
+    """A session, signals, a working folder and an environment of its own."""
+    os.setsid()
+    signal.set_wakeup_fd(-1)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
+        signal.signal(number, signal.SIG_DFL)
+    with suppress(OSError):  # where memory runs out altogether, this process goes first
+        kernel.write("/proc/self/oom_score_adj", b"1000")
+    os.environ["HOME"] = os.environ["TMPDIR"] = str(scratch)
+    tempfile.tempdir = None
+    os.chdir(scratch)
+
+
+def _confine(limits: Limits, settings: Settings, rules: int | None) -> None:
+    """Give up every right that the tool does not need.
+
+    Raises:
+        HardeningError, OSError: a layer that was promised does not hold.
+    """
+    allowance = Allowance(
+        cpu_seconds=limits.cpu_seconds,
+        memory_mib=limits.memory_mib,
+        file_mib=limits.scratch_mib,
+        descriptors=_DESCRIPTORS,
+        threads=limits.threads,
+    )
+    if not settings.layers:
+        limit(allowance, alone=False)
+        return
+    layers = harden(rules, allowance, visible=not settings.scratch_is_sized)
+    if rules is not None:
+        os.close(rules)
+    missing = [name for name in _PROMISED if not any(layer.startswith(name) for layer in layers)]
+    if missing:
+        raise HardeningError(f"this kernel has no {' and no '.join(missing)}", "see `grs doctor`")
+
+
+def _receive() -> dict[str, Any] | None:
+    reader = FrameReader()
+    while data := os.read(_FRAMES, 1 << 16):
+        if frames := reader.feed(data):
+            return frames[0]
+    return None
+
+
+def _explain_death() -> None:
+    """Write the stack to the trace pipe on a crash, at the CPU limit and when the host asks, which is the end too."""
+    faulthandler.enable(file=_TRACE, all_threads=False)
+    faulthandler.register(signal.SIGXCPU, file=_TRACE, all_threads=False, chain=True)
+
+
+def _answer(inside: Callable[[dict[str, Any]], object], request: dict[str, Any]) -> None:
+    with CapturedError() as caught:
+        value = inside(request)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        if not isinstance(value, dict):
+            raise TypeError(f"a tool returns a dict, not {type(value).__name__}")
+        channel.send({"kind": "result", "value": value})
+    if isinstance(caught.error, MemoryError):
+        traceback.clear_frames(caught.error.__traceback__)  # the memory hangs on their local variables
+        channel.send({"kind": "error", "outcome": "memory_limit", "error": ""})
+    elif caught.error is not None:
+        text = "".join(traceback.format_exception(caught.error))
+        channel.send({"kind": "error", "outcome": "error", "error": text[-8000:]})

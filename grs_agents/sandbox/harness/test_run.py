@@ -1,0 +1,357 @@
+"""The child's side of a test run: load the program and its tests, run them one by one.
+
+Each test is reported as it starts and as it ends.
+"""
+
+import ast
+import contextlib
+import importlib
+import inspect
+import io
+import json
+import linecache
+import random
+import sys
+import time
+import traceback
+import unittest
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import CodeType, ModuleType
+from typing import Any, TextIO, cast
+
+from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, counted
+from grs_agents.sandbox.harness.captured_error import CapturedError
+from grs_agents.sandbox.harness.channel import progress
+from grs_agents.sandbox.harness.tampering import Integrity, overridden, shadowed
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe
+
+_KEPT_OUTPUT = 4000
+
+
+@dataclass
+class Session:
+    """What all results of one worker share.
+
+    Attributes:
+        begin: called before each test: seeds, clears.
+        episode: what to keep with each test.
+        limit: says in words which limit a test reached, if any.
+        counter: of the assertions that are reached.
+        integrity: of the machinery.
+        names: ids of the tests by ``id()`` of their test cases.
+        ended: ids of the tests that were reported.
+        spoilt: why nothing that still runs in this process can be trusted, None if all is well.
+    """
+
+    begin: Callable[[], Any]
+    episode: Callable[[], Any]
+    limit: Callable[[], Any]
+    counter: Counter
+    integrity: Integrity
+    names: dict[int, str] = field(default_factory=dict[int, str])
+    ended: set[str] = field(default_factory=set[str])
+    spoilt: BaseException | None = None
+
+
+class TamperedError(RuntimeError):
+    """The machinery that gives the verdicts was tampered with."""
+
+
+def report(item: str, **facts: Any) -> None:
+    """Report the start and the end of a test that did not run."""
+    progress({"item": item, "phase": "start"})
+    progress({"item": item, "phase": "end", **facts})
+
+
+class Result(unittest.TestResult):
+    """Reports each test as it starts and as it ends."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__()
+        self._session = session
+        self._case: dict[str, Any] | None = None
+        self._fixture: dict[str, Any] | None = None
+        self._started = 0.0
+        self._streams = contextlib.ExitStack()
+        self._printed = io.StringIO()
+
+    def startTest(self, test: unittest.TestCase) -> None:
+        name = self._session.names.get(id(test), type(test).__name__)
+        self._case = {"item": name, "phase": "end", "line": _line(test)}
+        self._printed = io.StringIO()
+        self._streams.enter_context(contextlib.redirect_stdout(_Tee(sys.stdout, self._printed)))
+        self._streams.enter_context(contextlib.redirect_stderr(_Tee(sys.stderr, self._printed)))
+        progress({"item": name, "phase": "start"})
+        self._session.begin()
+        self._session.counter.count = 0
+        self._started = time.perf_counter()
+
+    def stopTest(self, test: unittest.TestCase) -> None:
+        case = self._case
+        if case is None:
+            return
+        self._streams.close()
+        if "outcome" not in case:  # an exception that unittest lets through, or no verdict at all
+            self._record("error", sys.exception() or RuntimeError("unittest gave no verdict"), test)
+        seconds, session = time.perf_counter() - self._started, self._session
+        case.update(seconds=seconds, output=self._printed.getvalue(), assertions=session.counter.count)
+        if session.spoilt is None:
+            case["episode"] = _plain_object(session.episode)
+            case.update(self._reached_limit(case))
+            case.update(self._tampering(test))
+        progress(case)
+        session.ended.add(case["item"])
+        self._case = None
+
+    def addSuccess(self, test: unittest.TestCase) -> None:
+        self._set(test, outcome="passed")
+
+    def addError(self, test: Any, err: Any) -> None:
+        self._record("error", err[1], test)
+
+    def addFailure(self, test: unittest.TestCase, err: Any) -> None:
+        self._record("failed", err[1], test)
+
+    def addSubTest(self, test: Any, subtest: Any, err: Any) -> None:
+        if err is not None:
+            self._record("failed" if issubclass(err[0], test.failureException) else "error", err[1], test)
+        del subtest
+
+    def addSkip(self, test: unittest.TestCase, reason: str) -> None:
+        self._set(test, outcome="skipped", message=str(reason)[:1000] or "skipped", raised_in="tests")
+
+    def addExpectedFailure(self, test: unittest.TestCase, err: Any) -> None:
+        del err
+        self._set(test, outcome="expected_failure", message="marked expectedFailure and fails", raised_in="tests")
+
+    def addUnexpectedSuccess(self, test: unittest.TestCase) -> None:
+        self._set(test, outcome="failed", message="marked expectedFailure but it succeeds", raised_in="tests")
+
+    def blame_fixture(self, items: Sequence[str]) -> None:
+        """End ``items``, which could not start because of a class or module fixture."""
+        if self._fixture is not None:
+            for item in items:
+                report(item, **self._fixture)
+
+    def _reached_limit(self, case: dict[str, Any]) -> dict[str, Any]:
+        """What a limit that the test reached makes of its case, however it dealt with the error."""
+        with CapturedError():
+            said = self._session.limit()
+            if isinstance(said, str) and case.get("outcome") != "tampered":
+                return {"outcome": "limit", "message": said[:1000], "raised_in": case.get("raised_in") or "simulation"}
+        return {}
+
+    def _tampering(self, test: unittest.TestCase) -> dict[str, Any]:
+        """What is found out of order now; nothing else may run in this process then."""
+        own = shadowed(test, self)
+        found = (f"{own} was replaced on the test or its result", "tests") if own else self._session.integrity.broken()
+        if found is None:
+            return {}
+        self._session.spoilt, self.shouldStop = TamperedError(found[0]), True
+        return {"outcome": "tampered", "message": found[0], "raised_in": found[1] or "tests"}
+
+    def _record(self, outcome: str, error: BaseException, test: Any) -> None:
+        if isinstance(error, MemoryError):
+            traceback.clear_frames(error.__traceback__)  # the memory hangs on their local variables
+            self._session.spoilt, self.shouldStop = MemoryError(), True
+            outcome = "memory"
+        elif isinstance(error, SystemExit):
+            outcome = "exited"
+        trace = describe(error)
+        facts = {"message": trace.message, "traceback": trace.text, "raised_in": trace.raised_in}
+        self._set(test, outcome=outcome, **facts)
+
+    def _set(self, test: Any, **facts: Any) -> None:
+        if self._case is None:
+            where = str(getattr(test, "description", "")) or "a fixture"
+            self._fixture = {**facts, "message": f"{where}: {facts.get('message', '')}"[:1000]}
+        elif self._case.get("outcome", "passed") == "passed":  # the first of several errors is the one that matters
+            self._case.update(facts)
+
+
+class _Tee(io.TextIOBase):
+    """Passes text on and keeps the beginning."""
+
+    def __init__(self, stream: TextIO, kept: io.StringIO) -> None:
+        self._stream, self._kept = stream, kept
+
+    def write(self, text: str, /) -> int:
+        room = _KEPT_OUTPUT - self._kept.tell()
+        if room > 0:
+            self._kept.write(text[:room])
+        return self._stream.write(text)
+
+    def flush(self) -> None:
+        self._stream.flush()
+
+
+def _plain_object(source: Callable[[], Any]) -> dict[str, Any] | None:
+    """What ``source`` returns if that is a plain JSON object, else None."""
+    with CapturedError():
+        plain = json.loads(json.dumps(source(), allow_nan=False))
+        return cast(dict[str, Any], plain) if isinstance(plain, dict) else None
+    return None
+
+
+def _line(test: unittest.TestCase) -> int | None:
+    """Where the code of a test begins in the test program; None if it is from elsewhere."""
+    with CapturedError():
+        method: Any = getattr(type(test), getattr(test, "_testMethodName", ""), None)
+        code = inspect.unwrap(method).__code__
+        if isinstance(code, CodeType) and code.co_filename == TESTS_FILE:
+            return code.co_firstlineno
+    return None
+
+
+def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
+    """Run the tests ``request["items"]``; each start and end is a progress event of the item.
+
+    Args:
+        request: the fields of ``TestRun``, and ``items``, the ids of the tests to run.
+
+    Returns:
+        ``{"load_error": None, "found": [...]}`` with the ids of the tests that were there once all was loaded, or what
+        went wrong before any test could run.
+
+    Raises:
+        MemoryError, TamperedError: what still runs in this process cannot be trusted; what ran before was reported.
+    """
+    seed = int(request["seed"])
+    seed_everything(seed)
+    counter, tests, found = Counter(), ModuleType("test_task_code"), list[str]()
+    integrity = Integrity(with_numpy="testing" in request["simulation"] + request["tests"])
+    with CapturedError() as caught:
+        load_program(request["simulation"], request["simulation_name"])
+        _check(integrity, "simulation")
+        tests = _load_tests(request["tests"], counter)
+        _check(integrity, "tests")
+        found = _found(tests)
+    if isinstance(caught.error, MemoryError):
+        raise caught.error
+    if caught.error is not None:
+        return {"load_error": _load_error(caught.error)}
+    begin = partial(_begin, seed, _hook(request["clear"]))
+    session = Session(begin, _hook(request["episode"]), _hook(request["limit"]), counter, integrity)
+    _run(tests, list(request["items"]), session)
+    if session.spoilt is not None:
+        raise session.spoilt
+    return {"load_error": None, "found": found}
+
+
+def load_program(source: str, alias: str = "", file: str = SIMULATION_FILE) -> ModuleType:
+    """Execute ``source`` as the module named after ``file``, also known as ``alias`` unless a module has that name.
+
+    The file is written to the working folder, where programs that read their own source find it.
+
+    Raises:
+        BaseException: whatever the program raises.
+    """
+    return _execute(compile(source, file, "exec"), source, alias, file, {})
+
+
+def seed_everything(seed: int) -> None:
+    """Seed the global generators that programs written for CLIPort draw from."""
+    import numpy as np  # here, so that a worker that runs no program starts without it
+
+    random.seed(seed)
+    np.random.seed(seed % 2**32)
+
+
+def _load_tests(source: str, counter: Counter) -> ModuleType:
+    """Execute the test program with its assertions counted."""
+    code = compile(counted(ast.parse(source, TESTS_FILE)), TESTS_FILE, "exec")
+    return _execute(code, source, "", TESTS_FILE, {COUNTER: counter.reached})
+
+
+def _execute(code: CodeType, source: str, alias: str, file: str, given: dict[str, object]) -> ModuleType:
+    name = file.removesuffix(".py")
+    module = ModuleType(name)
+    module.__file__ = file
+    Path(file).write_text(source, "utf-8")
+    linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
+    sys.modules[name] = module
+    if alias:
+        sys.modules.setdefault(alias, module)
+    vars(module).update(given)
+    exec(code, module.__dict__)
+    return module
+
+
+def _check(integrity: Integrity, loaded: RaisedIn) -> None:
+    """See that the program just ``loaded`` left the machinery as it was."""
+    broken = integrity.broken()
+    if broken is not None:
+        message, where = broken
+        raise TamperedError(message, where or loaded)
+
+
+def _load_error(error: BaseException) -> dict[str, Any]:
+    trace = describe(error)
+    kind = "error"
+    if isinstance(error, TamperedError):
+        message, where = error.args
+        return {"kind": "tampered", "message": message, "traceback": "", "raised_in": where}
+    if isinstance(error, SystemExit):
+        kind = "exited"
+    return {"kind": kind, "message": trace.message, "traceback": trace.text, "raised_in": trace.raised_in}
+
+
+def _found(tests: ModuleType) -> list[str]:
+    """The ids of the tests that the loaded module has; a class under several names counts once."""
+    kinds = {
+        name: kind for name, kind in list(vars(tests).items())
+        if isinstance(kind, type) and issubclass(kind, unittest.TestCase) and kind.__name__ == name
+    }  # fmt: skip
+    return [
+        f"{name}.{method}"
+        for name, kind in kinds.items()
+        for method in dir(kind)
+        if method.startswith("test") and callable(getattr(kind, method, None))
+    ][:1000]
+
+
+def _run(tests: ModuleType, pending: list[str], session: Session) -> None:
+    """Run ``pending`` until each has ended or nothing more can."""
+    while pending and session.spoilt is None:
+        result = Result(session)
+        suite = unittest.TestSuite(_cases(tests, pending, session))
+        if suite.countTestCases():
+            with contextlib.suppress(KeyboardInterrupt):  # unittest lets it through; the tests after it still run
+                suite.run(result)
+        left = [item for item in pending if item not in session.ended]
+        if len(left) == len(pending):
+            result.blame_fixture(left)
+            return
+        pending = left
+
+
+def _begin(seed: int, clear: Callable[[], Any]) -> None:
+    seed_everything(seed)
+    clear()
+
+
+def _hook(name: str | None) -> Callable[..., Any]:
+    if not name:
+        return lambda: None
+    module, _, function = name.partition(":")
+    return cast(Callable[..., Any], getattr(importlib.import_module(module), function))
+
+
+def _cases(tests: ModuleType, items: Sequence[str], session: Session) -> Iterator[unittest.TestCase]:
+    """The test cases of ``items`` that the loaded module really has, and that are run as unittest runs tests."""
+    for item in items:
+        owner, _, method = item.partition(".")
+        kind = getattr(tests, owner, None)
+        if isinstance(kind, type) and issubclass(kind, unittest.TestCase) and callable(getattr(kind, method, None)):
+            own = overridden(kind)
+            if own is None:
+                case = kind(method)
+                session.names[id(case)] = item
+                yield case
+            else:
+                message = f"{own} takes the place of unittest's own"
+                report(item, outcome="tampered", message=message, raised_in="tests")
+                session.ended.add(item)

@@ -1,0 +1,281 @@
+"""The process that has a hardened child for each call; it never runs generated code itself.
+
+Started by the host's ``zygote_process.Zygote``, to which it is connected by a socket. Each order arrives with four
+descriptors: the child's frames, trace and output, and a control socket over which this process tells how the child
+ended. When the host closes its end of the control socket, or of the connection, the child is killed. A child is forked
+from a process that has its imports done or, where that cannot be, started ahead and used once.
+"""
+
+import gc
+import json
+import os
+import selectors
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from grs_agents.sandbox.harness import child
+from grs_agents.sandbox.isolation import usage
+from grs_agents.sandbox.protocol import boot, wire
+from grs_agents.sandbox.protocol.report import Limits
+from grs_agents.sandbox.protocol.scratch import empty_folder
+from grs_agents.sandbox.protocol.settings import EXPLAIN, Settings
+from grs_agents.sandbox.protocol.wire import Order
+
+
+class Children(Protocol):
+    """A source of hardened processes; whoever asks for one awaits its end and reaps it."""
+
+    def start(self, order: Order, descriptors: Sequence[int]) -> int:
+        """The number of a process that serves ``order`` with its ``descriptors``: frames, trace and output.
+
+        Raises:
+            OSError: the system refused the process.
+        """
+        ...
+
+    def end(self) -> None:
+        """End those that still wait for an order."""
+        ...
+
+
+class Forked:
+    """Children of this process, which imports here and now what all of them need."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        child.warm(settings)
+        self._scratch = [settings.scratch / str(slot) for slot in range(settings.slots)]
+        self._rules = [child.rules(settings, folder) for folder in self._scratch]
+        gc.collect()
+        gc.freeze()  # the children share these pages for as long as no collector touches them
+
+    def start(self, order: Order, descriptors: Sequence[int]) -> int:
+        pid = os.fork()
+        if pid == 0:
+            frames, trace, output = descriptors
+            scratch, rules = self._scratch[order.slot], self._rules[order.slot]
+            child.serve(frames, trace, output, scratch, order.limits, self._settings, rules)
+        return pid
+
+    def end(self) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class _Idle:
+    process: "subprocess.Popen[bytes]"
+    channel: socket.socket
+
+
+class Spawned:
+    """Processes that were started ahead, each in the system's sandbox; one waits for each slot.
+
+    Raises:
+        ChildProcessError: one did not get ready; its standard error says why.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._idle: list[_Idle | None] = [self._spawn(slot) for slot in range(len(settings.single_use))]
+        for idle in self._idle:
+            if idle is not None and idle.channel.recv(len(wire.READY)) != wire.READY:
+                self.end()
+                raise ChildProcessError("a worker did not start")
+
+    def start(self, order: Order, descriptors: Sequence[int]) -> int:
+        idle, self._idle[order.slot] = self._idle[order.slot], None
+        if idle is None or idle.process.poll() is not None:
+            idle = self._spawn(order.slot)
+        with suppress(OSError):  # where it has just ended, its frames end too, and tell the host
+            wire.send(idle.channel, order, descriptors)
+        idle.channel.close()
+        idle.process.returncode = 0  # it is reaped by its number from now on
+        with suppress(OSError):  # then the next call has to wait for its process
+            self._idle[order.slot] = self._spawn(order.slot)
+        return idle.process.pid
+
+    def end(self) -> None:
+        for idle in self._idle:
+            if idle is not None:
+                idle.process.kill()
+                idle.process.wait()
+                idle.channel.close()
+
+    def _spawn(self, slot: int) -> _Idle:
+        ours, theirs = socket.socketpair()
+        command = boot.command("worker", theirs.fileno(), self._settings)
+        try:
+            process = subprocess.Popen(
+                [*self._settings.single_use[slot], *command], stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),)
+            )
+        except OSError:
+            ours.close()
+            raise
+        finally:
+            theirs.close()
+        return _Idle(process, ours)
+
+
+WATCH_SECONDS = 0.05
+_REST = 3
+"""Times as long as a look took until the next one: a quarter of one processor, and few folders more than the limit."""
+
+
+def main() -> None:
+    """Get ready, say so, and serve until the host goes away."""
+    host, settings = boot.begin()
+    try:
+        children: Children = Spawned(settings) if settings.single_use else Forked(settings)
+    except ChildProcessError:  # it has said why
+        os._exit(1)
+    with suppress(OSError):
+        host.send(wire.READY)
+        _Zygote(host, settings, children).serve()
+    os._exit(0)
+
+
+@dataclass(eq=False)
+class _Running:
+    """One call.
+
+    Attributes:
+        pid: the child.
+        control: the socket that the host holds the other end of.
+        scratch: the child's folder.
+        limits: what it may hold.
+        memory: what it held to begin with, in bytes, where the kernel keeps no limit on it.
+        stopped: the limit it broke, as far as this process saw.
+    """
+
+    pid: int
+    control: socket.socket
+    scratch: Path
+    limits: Limits
+    memory: int
+    stopped: str = ""
+
+
+class _Zygote:
+    def __init__(self, host: socket.socket, settings: Settings, children: Children) -> None:
+        self._host = host
+        self._settings = settings
+        self._children = children
+        self._running: list[_Running] = []
+        self._due = 0.0
+        self._ended, told = socket.socketpair()
+        self._selector = selectors.DefaultSelector()
+        for one in (host, self._ended):
+            self._selector.register(one, selectors.EVENT_READ)
+        for one in (self._ended, told):
+            one.setblocking(False)
+        signal.set_wakeup_fd(told.detach(), warn_on_full_buffer=False)
+        signal.signal(signal.SIGCHLD, lambda number, frame: None)  # only what is handled is written to the socket
+
+    def serve(self) -> None:
+        """Start, watch and reap children until the host's end of the connection closes."""
+        try:
+            while self._serve_once():
+                self._watch()
+        finally:
+            self._end_all()
+
+    def _serve_once(self) -> bool:
+        """Wait until something happens and do what it asks for; False once the host is gone."""
+        left = max(self._due - time.monotonic(), 0.0) if self._running else None
+        for key, _ in self._selector.select(left):
+            if key.fileobj is self._host:
+                if not self._accept():
+                    return False
+            elif key.fileobj is self._ended:
+                with suppress(BlockingIOError):
+                    self._ended.recv(1 << 12)
+            elif isinstance(running := key.data, _Running):
+                self._hear(running)
+        for running in list(self._running):
+            self._reap(running)
+        return True
+
+    def _accept(self) -> bool:
+        """Take one order and start its child; False once the host is gone."""
+        received = wire.receive(self._host, 4)
+        if received is None:
+            return False
+        order, (frames, trace, output, control) = received
+        if not self._running:
+            self._due = time.monotonic() + WATCH_SECONDS
+        pid = self._children.start(order, (frames, trace, output))
+        for descriptor in (frames, trace, output):
+            os.close(descriptor)
+        scratch = self._settings.scratch / str(order.slot)
+        running = _Running(pid, socket.socket(fileno=control), scratch, order.limits, usage.memory(pid))
+        self._running.append(running)
+        self._selector.register(running.control, selectors.EVENT_READ, running)
+        return True
+
+    def _hear(self, running: _Running) -> None:
+        """The host wants to know where the child is, or wants no more of it, or is gone."""
+        with suppress(OSError):
+            if running.control.recv(64) == EXPLAIN:
+                os.kill(running.pid, signal.SIGXCPU)  # not reaped yet, so the number cannot belong to anybody else
+                return
+        self._selector.unregister(running.control)
+        os.kill(running.pid, signal.SIGKILL)
+
+    def _reap(self, running: _Running) -> None:
+        """If the child has ended, tell the host how, and empty its scratch folder."""
+        pid, status, used = os.wait4(running.pid, os.WNOHANG)
+        if pid == 0:
+            return
+        stopped = running.stopped or ("scratch_limit" if self._holds_too_much(running) else "")
+        self._running.remove(running)
+        with suppress(KeyError):
+            self._selector.unregister(running.control)
+        report = {"status": status, "cpu_seconds": used.ru_utime + used.ru_stime, "stopped": stopped}
+        with suppress(OSError):
+            running.control.send(json.dumps(report).encode())
+        running.control.close()
+        empty_folder(running.scratch)  # before the next order, since this process does one thing at a time
+        with os.scandir(running.scratch) as left:
+            if any(left):
+                raise OSError(f"{running.scratch} cannot be emptied, so nothing may work in it again")
+
+    def _watch(self) -> None:
+        """When it is time, kill what holds more than it may; look less often where looking takes long."""
+        begin = time.monotonic()
+        if begin < self._due:
+            return
+        for running in self._running:
+            if not running.stopped:
+                if usage.threads(running.pid) > running.limits.threads:
+                    running.stopped = "thread_limit"
+                elif usage.memory(running.pid) - running.memory > running.limits.memory_mib << 20:
+                    running.stopped = "memory_limit"
+                elif self._holds_too_much(running):
+                    running.stopped = "scratch_limit"
+                if running.stopped:
+                    os.kill(running.pid, signal.SIGKILL)
+        end = time.monotonic()
+        self._due = end + max(WATCH_SECONDS, _REST * (end - begin))
+
+    def _holds_too_much(self, running: _Running) -> bool:
+        most = running.limits.scratch_mib << 20
+        if self._settings.scratch_is_sized:
+            return usage.file_system_bytes(running.scratch) >= min(most, self._settings.scratch_bytes)
+        unlinked = usage.unlinked_bytes(running.pid)
+        return unlinked + usage.scratch_bytes(running.scratch, most) >= most
+
+    def _end_all(self) -> None:
+        self._children.end()
+        for running in self._running:
+            os.kill(running.pid, signal.SIGKILL)
+        for running in self._running:
+            os.waitpid(running.pid, 0)
+            with suppress(OSError):
+                empty_folder(running.scratch)

@@ -1,0 +1,104 @@
+"""Work through many items in as few calls as their failures allow: a crash costs one item, not the rest."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.protocol.report import CallResult, Limits
+
+
+@dataclass(frozen=True)
+class BatchResult:
+    """What became of each item.
+
+    Attributes:
+        ended: item -> the event that the tool reported at its end.
+        stopped: item -> the call that ended while the item ran.
+        repeated: items that started or ended a second time.
+        strange: events for an item that was not asked for.
+        untimely: items whose end was reported while they were not running.
+        calls: every call, in order; the last one's value is the tool's own result, if it got that far.
+    """
+
+    ended: dict[str, dict[str, Any]]
+    stopped: dict[str, CallResult]
+    repeated: frozenset[str]
+    strange: tuple[str, ...]
+    untimely: frozenset[str]
+    calls: tuple[CallResult, ...]
+
+    @property
+    def last(self) -> CallResult:
+        """The last call."""
+        return self.calls[-1]
+
+
+def call_batch(
+    sandbox: Sandbox,
+    tool: str,
+    request: dict[str, Any],
+    items: Sequence[str],
+    limits: Limits,
+    hopeless: Callable[[CallResult], bool],
+    readable: Sequence[Path] = (),
+) -> BatchResult:
+    """Call ``tool`` with ``{**request, "items": [...]}`` until each item has ended or been stopped.
+
+    The tool reports ``{"item": ..., "phase": "start"}`` and ``{"item": ..., "phase": "end", ...}``. When a call
+    ends in the middle of an item, the items after it go to a fresh worker. All calls share one wall limit; after
+    a first timeout the rest gets one more, unless ``hopeless(call)`` says that it would hang alike.
+    """
+    found, calls = _Found(tuple(items)), list[CallResult]()
+    pending: list[str] = list(items)
+    left, second_chance = limits.wall_seconds, True
+    while pending:
+        share = limits.model_copy(update={"wall_seconds": left})
+        call = sandbox.call(tool, {**request, "items": pending}, share, readable)
+        calls.append(call)
+        before = len(found.ended)
+        running = found.collect(call)
+        pending = [item for item in items if item not in found.ended and item not in found.stopped]
+        if call.outcome == "ok" or (running is None and len(found.ended) == before):
+            break
+        left -= call.seconds
+        if left < 0.05 * limits.wall_seconds or call.outcome in ("timeout", "cpu_limit"):
+            if not second_chance or hopeless(call):
+                break
+            left, second_chance = limits.wall_seconds, False
+    strange = tuple(dict.fromkeys(found.strange))
+    repeated, untimely = frozenset(found.repeated), frozenset(found.untimely)
+    return BatchResult(found.ended, found.stopped, repeated, strange, untimely, tuple(calls))
+
+
+@dataclass
+class _Found:
+    """What the events of all calls so far say."""
+
+    items: tuple[str, ...]
+    ended: dict[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
+    stopped: dict[str, CallResult] = field(default_factory=dict[str, CallResult])
+    repeated: set[str] = field(default_factory=set[str])
+    strange: list[str] = field(default_factory=list[str])
+    untimely: set[str] = field(default_factory=set[str])
+
+    def collect(self, call: CallResult) -> str | None:
+        """Sort the events of ``call``; the item that was running at its end."""
+        running: str | None = None
+        for event in call.events:
+            item, phase = event.get("item"), event.get("phase")
+            if not isinstance(item, str) or item not in self.items or phase not in ("start", "end"):
+                self.strange.append(str(item)[:200])
+            elif item in self.ended or item in self.stopped or (phase == "start" and item == running):
+                self.repeated.add(item)
+            elif phase == "start" and running is None:
+                running = item
+            elif phase == "end" and item == running:
+                self.ended[item] = event
+                running = None
+            else:
+                self.untimely.add(item)
+        if running is not None:
+            self.stopped[running] = call
+        return running

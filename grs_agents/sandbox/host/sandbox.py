@@ -1,0 +1,196 @@
+"""The host's door: call a tool in a worker and get a value back, whatever the code in it does."""
+
+import queue
+import threading
+import weakref
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from grs_agents import content
+from grs_agents.sandbox.host import probe
+from grs_agents.sandbox.host.streams import exchange
+from grs_agents.sandbox.host.zygote_process import DOCTOR, Plan, SandboxError, Zygote
+from grs_agents.sandbox.isolation import allowlist
+from grs_agents.sandbox.isolation.backends import LAYERS, REMEDIES, Backend, Choice, absent, candidates
+from grs_agents.sandbox.protocol import wire
+from grs_agents.sandbox.protocol.report import CallResult, Limits
+from grs_agents.sandbox.protocol.scratch import sweep
+
+
+class Sandbox:
+    """Runs each call in a hardened process forked from one that has its imports done.
+
+    Args:
+        preload: modules that are imported before the first call, e.g. ``("mujoco",)``.
+        tools: tool files that are imported before the first call.
+        backend: what separates workers from this process. ``auto`` takes the strongest that holds against the probe's
+            attacks; ``none`` is no separation at all.
+        workers: how many calls may run at once; more wait for their turn.
+        limits: what a call may cost unless it says otherwise. The size of scratch folders is fixed by these.
+        readable: files and folders that workers may read, beside what they need to run.
+
+    Safe to share between threads. Use it as a context manager, or ``close`` it.
+    """
+
+    def __init__(
+        self,
+        preload: Sequence[str] = (),
+        *,
+        tools: Sequence[str] = (),
+        backend: Choice = "auto",
+        workers: int = 1,
+        limits: Limits | None = None,
+        readable: Sequence[Path] = (),
+    ) -> None:
+        self._preload, self._tools = tuple(preload), tuple(tools)
+        self._limits = limits or Limits()
+        self._workers = workers
+        self._readable = tuple(readable)
+        self._choice: Choice = backend
+        self._candidates = list(candidates(backend))
+        self._failures: dict[Backend, SandboxError] = {}
+        self._proven: Backend | None = None
+        self._zygote: Zygote | None = None
+        self._lock = threading.Lock()
+        self._slots: queue.SimpleQueue[int] = queue.SimpleQueue()
+        for slot in range(workers):
+            self._slots.put(slot)
+        sweep()
+
+    @property
+    def backend(self) -> str:
+        """What separates workers from this process, as results record it."""
+        return LAYERS[self._proven] if self._proven else self._choice
+
+    def warm(self) -> None:
+        """Begin the imports now, so that the first call finds them done."""
+        with self._lock, suppress(SandboxError):  # what is missing matters to a call, and not every run makes one
+            if self._zygote is None:
+                self._zygote = self._launch()
+
+    def call(
+        self, tool: str, request: dict[str, Any], limits: Limits | None = None, readable: Sequence[Path] = ()
+    ) -> CallResult:
+        """Run ``inside(request)`` of the tool file ``tool`` in a worker.
+
+        Args:
+            tool: a name in ``tools/``.
+            request: plain JSON.
+            limits: what the call may cost; those of the sandbox otherwise.
+            readable: files and folders that this call reads; later ones may read them too.
+
+        Raises:
+            UnknownNameError: no such tool.
+            SandboxError: no worker can be started.
+            ValueError: the request is not plain JSON (NaN, infinity).
+        """
+        content.path("tools", tool)
+        overlays = allowlist.overlays()
+        frame = {"tool": tool, "module": None, "request": request, "overlays": [str(root) for root in overlays]}
+        wire.encode(frame)
+        limits = limits or self._limits
+        slot = self._slots.get()
+        try:
+            for retried in (False, True):
+                with self._borrowed(slot, (*readable, *allowlist.content_paths(overlays))) as zygote:
+                    result = exchange(zygote, slot, frame, limits)
+                    zygote.lost |= result is None
+                if result is not None:
+                    return result.model_copy(update={"retried": retried})
+        finally:
+            self._slots.put(slot)
+        error = "the process that forks the workers ended twice during this call"
+        return CallResult(outcome="crashed", error=error, backend=self.backend, retried=True)
+
+    def close(self) -> None:
+        """End every process and delete every file. A later call starts anew."""
+        with self._lock:
+            self._discard()
+
+    def __enter__(self) -> "Sandbox":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    @contextmanager
+    def _borrowed(self, slot: int, readable: Sequence[Path]) -> Generator[Zygote]:
+        """A zygote whose children may read ``readable``; one that was lost or is no longer wanted ends afterwards."""
+        with self._lock:
+            zygote = self._usable(slot, readable)
+            zygote.calls += 1
+        try:
+            yield zygote
+        finally:
+            with self._lock:
+                zygote.calls -= 1
+                if zygote.lost and zygote is self._zygote:
+                    self._zygote = None
+                if zygote.calls == 0 and zygote is not self._zygote:
+                    zygote.close()
+
+    def _usable(self, slot: int, readable: Sequence[Path]) -> Zygote:
+        """The running zygote if it serves, else a new one."""
+        wanted = allowlist.outermost(readable)
+        if self._zygote is not None and not all(allowlist.covered(path, self._zygote.readable) for path in wanted):
+            self._discard()
+        self._readable = (*self._readable, *wanted)
+        while True:
+            zygote = self._zygote = self._zygote or self._launch()
+            try:
+                zygote.await_ready()
+                if self._proven is None:
+                    probe.attack(zygote, slot)
+            except SandboxError as error:
+                self._discard()
+                self._give_up(zygote.backend, error)
+                continue
+            self._proven = zygote.backend
+            return zygote
+
+    def _launch(self) -> Zygote:
+        """Start a zygote with the strongest backend that is left.
+
+        Raises:
+            SandboxError: none is left.
+        """
+        for backend in list(self._candidates):
+            if reasons := absent(backend):
+                why, remedies = zip(*reasons, strict=True)
+                self._give_up(backend, SandboxError("; ".join(why), ", and ".join(dict.fromkeys(remedies))))
+                continue
+            plan = Plan(self._preload, self._tools, self._limits, self._workers, self._readable)
+            zygote = Zygote(backend, plan)
+            weakref.finalize(self, zygote.close)
+            return zygote
+        raise self._refusal()
+
+    def _give_up(self, backend: Backend, error: SandboxError) -> None:
+        """Do not try ``backend`` again; one that once held is never followed by a weaker one.
+
+        Raises:
+            SandboxError: it once held, so this is no matter of what the machine offers.
+        """
+        if self._proven is not None:
+            raise error
+        self._failures[backend] = error
+        self._candidates.remove(backend)
+
+    def _refusal(self) -> SandboxError:
+        """Why each candidate is out, and how to get what is missing."""
+        found = "; ".join(f"{backend}: {error.message}" for backend, error in self._failures.items())
+        remedies = [
+            REMEDIES.get(backend, "") if error.remedy == DOCTOR else error.remedy
+            for backend, error in self._failures.items()
+        ]
+        self._candidates = list(candidates(self._choice))  # what is missing may be installed meanwhile
+        remedy = ", or ".join([*filter(None, dict.fromkeys(remedies)), "accept the risk with --unsafe-no-sandbox"])
+        return SandboxError(f"nothing separates generated code from this machine ({found})", remedy)
+
+    def _discard(self) -> None:
+        """Part with the running zygote; it ends with its last call."""
+        zygote, self._zygote = self._zygote, None
+        if zygote is not None and zygote.calls == 0:
+            zygote.close()

@@ -1,0 +1,296 @@
+"""The host's end of one call: send the request, read all that the worker writes up to a bound, leave nothing of it."""
+
+import json
+import os
+import select
+import selectors
+import signal
+import socket
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, cast
+
+from grs_agents.sandbox.host.zygote_process import DOCTOR, END_SECONDS, START_SECONDS, SandboxError, Zygote
+from grs_agents.sandbox.isolation.backends import LAYERS
+from grs_agents.sandbox.isolation.usage import ENTRY_BYTES
+from grs_agents.sandbox.protocol import wire
+from grs_agents.sandbox.protocol.report import CallOutcome, CallResult, Limits
+from grs_agents.sandbox.protocol.settings import EXPLAIN
+
+_KEPT_OUTPUT = 64 << 10
+_KEPT_ERROR = 8000
+EXPLAIN_SECONDS = 1.0
+
+Ending = tuple[CallOutcome, dict[str, Any] | None, str]
+"""Outcome, value and error of a call, as far as the pipes tell."""
+
+
+@dataclass(frozen=True)
+class Exit:
+    """How a child ended, as the zygote tells.
+
+    Attributes:
+        status: its wait status.
+        cpu_seconds: the processor time of its call, without that of its imports.
+        stopped: the limit that the zygote saw broken, or the empty string.
+    """
+
+    status: int
+    cpu_seconds: float
+    stopped: str
+
+
+class Streams:
+    """What comes from a worker; everything given is closed with it.
+
+    Args:
+        frames: the socket of its frames.
+        trace: the pipe that ``faulthandler`` writes to.
+        output: the pipe of its standard output and standard error.
+        control: the socket on which the zygote tells how the worker ended.
+    """
+
+    def __init__(self, frames: socket.socket, trace: int, output: int, control: socket.socket) -> None:
+        self.events: list[dict[str, Any]] = []
+        self.exit: Exit | None = None
+        self._reader = wire.FrameReader()
+        self._frames, self._control = frames, control
+        self._kept = {"output": bytearray(), "trace": bytearray()}
+        self._total = 0
+        self._cpu_before = 0.0
+        self._names = {"frames": frames.fileno(), "trace": trace, "output": output, "control": control.fileno()}
+        self._selector = selectors.DefaultSelector()
+        for name, descriptor in self._names.items():
+            self._selector.register(descriptor, selectors.EVENT_READ, name)
+        for descriptor in (trace, output):
+            os.set_blocking(descriptor, False)
+
+    def keyed(self, request: dict[str, Any]) -> dict[str, Any]:
+        """``request`` with the ``key`` that every frame from now on must be sealed with; send it at once."""
+        key = wire.new_key()
+        self._reader.require(bytes.fromhex(key))
+        return {**request, "key": key}
+
+    def listen(self, deadline: float, most: int, until_ready: bool = False) -> Ending | None:
+        """Read until the answer, the deadline (monotonic) or ``most`` bytes; None if the worker ended by itself."""
+        if (early := self._next(until_ready)) is not None:
+            return early
+        while (left := deadline - time.monotonic()) > 0:
+            ready = {cast(str, key.data) for key, _ in self._selector.select(left)}
+            for name in ("output", "trace", "frames", "control"):  # the answer last: what was printed is kept
+                if name not in ready:
+                    continue
+                ending = self._take(name, until_ready)
+                if ending is not None or (name == "control" or (name == "frames" and not self._open("frames"))):
+                    return ending
+            if self._total > most:
+                return "output_limit", None, ""
+        return "timeout", None, ""
+
+    def _take(self, name: str, until_ready: bool) -> Ending | None:
+        if name == "control":
+            self._take_exit()
+        data = self._read("frames" if name == "control" else name)
+        if name in self._kept:
+            self._kept[name] = (self._kept[name] + data)[-_KEPT_OUTPUT:]
+            return None
+        return self._next(until_ready, data)
+
+    def _next(self, until_ready: bool, data: bytes = b"") -> Ending | None:
+        """Interpret the frames that have come, up to one that ends the listening; those after it wait."""
+        try:
+            for frame in self._reader.frames(data):
+                ending = self._interpret(frame, until_ready)
+                if ending is not None:
+                    self._take("output", False)
+                    return ending
+        except wire.ForgedFrameError as error:
+            return "forged", None, f"something other than the harness wrote to its pipe: {error}"
+        except wire.FrameError as error:
+            return "error", None, f"the worker sent a malformed frame: {error}"
+        return None
+
+    def _interpret(self, frame: dict[str, Any], until_ready: bool) -> Ending | None:
+        kind, value = frame.get("kind"), frame.get("value", frame.get("event"))
+        if until_ready:
+            self._cpu_before = float(frame.get("cpu_seconds", 0.0))
+            return ("ok", None, "") if kind == "ready" else ("error", None, str(frame.get("error", frame))[:1000])
+        if kind == "event" and isinstance(value, dict):
+            self.events.append(cast(dict[str, Any], value))
+            self._take("output", False)
+            self._kept["output"].clear()
+            return None
+        if kind == "result" and isinstance(value, dict):
+            return "ok", cast(dict[str, Any], value), ""
+        if kind == "error" and frame.get("outcome") in ("error", "memory_limit"):
+            return cast(CallOutcome, frame["outcome"]), None, str(frame.get("error", ""))[-_KEPT_ERROR:]
+        return "error", None, f"the worker sent an unknown frame: {str(frame)[:200]}"
+
+    def _take_exit(self) -> None:
+        data = b""
+        with suppress(OSError):
+            data = self._control.recv(1 << 16)
+        self._selector.unregister(self._names["control"])
+        if data:
+            told = json.loads(data)
+            self.exit = Exit(**{**told, "cpu_seconds": told["cpu_seconds"] - self._cpu_before})
+
+    def _read(self, name: str) -> bytes:
+        if not self._open(name):
+            return b""
+        try:
+            data = os.read(self._names[name], 1 << 20)
+        except BlockingIOError:
+            return b""
+        except ConnectionResetError:  # it ended with our request half read
+            data = b""
+        self._total += len(data)
+        if not data:
+            self._selector.unregister(self._names[name])
+        return data
+
+    def _open(self, name: str) -> bool:
+        return self._names[name] in self._selector.get_map()
+
+    def end(self, seconds: float, explained: bool = False) -> Exit | None:
+        """Have the worker killed, if it still runs; how it ended, or None if the zygote does not tell in time.
+
+        Args:
+            seconds: how long to wait for the zygote.
+            explained: let the worker write its stack first; one that blocks signals is given a second.
+        """
+        if explained and self.exit is None and self._open("control"):
+            with suppress(OSError):
+                self._control.send(EXPLAIN)
+                select.select([self._control], [], [], EXPLAIN_SECONDS)
+        if self.exit is None and self._open("control"):
+            with suppress(OSError):
+                self._control.shutdown(socket.SHUT_WR)
+                self._control.settimeout(seconds)
+            self._take_exit()
+        for name in ("output", "trace"):
+            self._take(name, False)
+        return self.exit
+
+    def text(self, name: str) -> str:
+        """What was written to ``output`` or ``trace``."""
+        return self._kept[name].decode("utf-8", "replace")
+
+    def close(self) -> None:
+        self._selector.close()
+        self._frames.close()
+        self._control.close()
+        for name in ("output", "trace"):
+            os.close(self._names[name])
+
+
+def exchange(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -> CallResult | None:
+    """Run one call in a child of ``zygote``.
+
+    Returns:
+        None if the zygote ended before the call did.
+
+    Raises:
+        SandboxError: the child could not be made ready; no generated code has run.
+    """
+    frames, frames_end = socket.socketpair()
+    trace, trace_end = os.pipe()
+    output, output_end = os.pipe()
+    control, control_end = socket.socketpair()
+    streams = Streams(frames, trace, output, control)
+    try:
+        try:
+            ordered = zygote.order(slot, limits, (frames_end.fileno(), trace_end, output_end, control_end.fileno()))
+        finally:
+            frames_end.close()
+            control_end.close()
+            os.close(trace_end)
+            os.close(output_end)
+        if not ordered or not _send(frames, wire.encode(streams.keyed(frame))):
+            return None
+        if not _await_ready(streams):
+            return None
+        started = time.monotonic()
+        ending = streams.listen(started + limits.wall_seconds, limits.output_mib << 20)
+        seconds = time.monotonic() - started
+        ended = streams.end(END_SECONDS, explained=ending is not None and ending[0] == "timeout")
+        if ended is None:
+            zygote.kill()
+            return None
+        return _result(ending, ended, streams, limits, seconds, LAYERS[zygote.backend])
+    finally:
+        streams.close()
+
+
+def _send(frames: socket.socket, data: bytes) -> bool:
+    frames.settimeout(START_SECONDS)
+    try:
+        frames.sendall(data)
+    except OSError:
+        return False
+    return True
+
+
+def _await_ready(streams: Streams) -> bool:
+    """Wait until the child has given up its rights; False if the zygote ended meanwhile."""
+    ready = streams.listen(time.monotonic() + START_SECONDS, 8 << 20, until_ready=True)
+    if ready is not None and ready[0] == "ok":
+        return True
+    ended = streams.end(END_SECONDS)
+    if ended is None:
+        return False
+    why = ready[2] if ready else f"it ended with wait status {ended.status}"
+    raise SandboxError(f"the worker could not be made ready: {why}", DOCTOR)
+
+
+def _result(
+    ending: Ending | None, ended: Exit, streams: Streams, limits: Limits, seconds: float, backend: str
+) -> CallResult:
+    outcome, value, error = ending or (None, None, "")
+    if ended.stopped:  # also where a result came first: whether one does is a matter of who is quicker
+        outcome, value, error = ended.stopped, None, ""
+    elif outcome is None:
+        outcome, value, error = _explain(ended, limits)
+    return CallResult.model_validate(
+        {
+            "outcome": outcome,
+            "value": value,
+            "error": error or ("" if outcome == "ok" else _broken_limit(outcome, limits)),
+            "output": streams.text("output"),
+            "stack": streams.text("trace"),
+            "events": tuple(streams.events),
+            "seconds": seconds,
+            "cpu_seconds": ended.cpu_seconds,
+            "backend": backend,
+        }
+    )
+
+
+def _explain(ended: Exit, limits: Limits) -> Ending:
+    """Why a worker ended without an answer."""
+    code = os.waitstatus_to_exitcode(ended.status)
+    if code == -signal.SIGXCPU or (code == -signal.SIGKILL and ended.cpu_seconds >= limits.cpu_seconds):
+        return "cpu_limit", None, ""
+    if code < 0:
+        return "crashed", None, f"the process was killed by {_signal_name(-code)}"
+    return "crashed", None, f"the process ended itself with exit status {code}"
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
+def _broken_limit(outcome: str, limits: Limits) -> str:
+    return {
+        "timeout": f"no result within the wall limit of {limits.wall_seconds:g} s",
+        "cpu_limit": f"the CPU limit of {limits.cpu_seconds:g} s was reached",
+        "memory_limit": f"the memory limit of {limits.memory_mib} MiB was reached",
+        "output_limit": f"more than {limits.output_mib} MiB of output",
+        "scratch_limit": f"the scratch folder held more than {limits.scratch_mib} MiB "
+        f"(each entry counts {ENTRY_BYTES >> 10} KiB)",
+        "thread_limit": f"more than {limits.threads} threads",
+    }.get(outcome, "the tool failed")

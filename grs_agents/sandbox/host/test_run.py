@@ -1,0 +1,272 @@
+"""The host's side of a test run: which tests there must be, what became of each, and the verdict."""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+from pydantic import Field
+
+from grs_agents.base import Frozen
+from grs_agents.sandbox.host.batch_calls import BatchResult, call_batch
+from grs_agents.sandbox.host.sandbox import Sandbox
+from grs_agents.sandbox.host.test_discovery import ExpectedTests, expected_tests, parse
+from grs_agents.sandbox.protocol.report import (
+    EXITED,
+    CallResult,
+    CaseOutcome,
+    Limits,
+    ReportOutcome,
+    TestCase,
+    TestReport,
+)
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe, from_stack
+
+_STOPPED: dict[str, CaseOutcome] = {
+    "timeout": "timeout", "cpu_limit": "timeout", "memory_limit": "memory", "output_limit": "output_limit",
+    "scratch_limit": "scratch_limit", "thread_limit": "thread_limit", "forged": "forged",
+}  # fmt: skip
+_WORST: tuple[tuple[frozenset[CaseOutcome], ReportOutcome], ...] = (
+    (frozenset({"forged"}), "forged"),
+    (frozenset({"tampered", "replaced"}), "tampered"),
+    (frozenset({"timeout"}), "timeout"),
+    (frozenset({"crashed", "memory", "output_limit", "scratch_limit", "thread_limit"}), "crashed"),
+    (frozenset({"exited"}), "exited"),
+)
+"""What a report is called after, first come first served; other failures make it ``failed``."""
+_TRACES: dict[CaseOutcome, re.Pattern[str]] = {
+    "exited": re.compile(r"\b(_exit|exit|quit|abort)\s*\("),
+    "forged": re.compile(r"\b(channel|wire|progress|write)\b"),
+}
+_BOUNDS = {"message": 1000, "traceback": 8000, "output": 4000}
+_MAX_EPISODE = 256 << 10
+"""Characters of an episode as JSON: ten times what one with 200 objects takes."""
+
+
+class TestRun(Frozen):
+    """Two programs and how to run the one against the other.
+
+    Attributes:
+        simulation: source of the program under test, imported as ``task_code``.
+        tests: source of its ``unittest`` cases.
+        simulation_name: another name under which the tests may import the program.
+        seed: seeds ``random`` and ``numpy.random`` before each test.
+        clear: ``module:function`` called before each test, or None.
+        episode: ``module:function`` called after each test; a JSON object it returns is kept with the case.
+        limit: ``module:function`` called after each test, or None; a string it returns says which limit of its own
+            the test reached, and is the message of a failure.
+        extra: plain JSON for the tool's own ``inside``.
+    """
+
+    __test__ = False
+
+    simulation: str
+    tests: str
+    simulation_name: str = "task_code"
+    seed: int = Field(default=0, ge=0, lt=2**32)
+    clear: str | None = None
+    episode: str | None = None
+    limit: str | None = None
+    extra: dict[str, Any] = Field(default_factory=dict[str, Any])
+
+
+def run_tests(
+    sandbox: Sandbox, tool: str, programs: TestRun, limits: Limits, readable: Sequence[Path] = ()
+) -> TestReport:
+    """Run the tests in workers; whatever they do is a report.
+
+    Args:
+        tool: the tool file whose ``inside`` calls ``run_tests_inside``.
+        readable: files and folders that the tests read.
+
+    Raises:
+        SandboxError: no worker can be started.
+    """
+    try:
+        parse(programs.simulation, SIMULATION_FILE)
+        expected = expected_tests(parse(programs.tests, TESTS_FILE))
+    except SyntaxError as error:
+        trace = describe(error)
+        where: RaisedIn = "tests" if TESTS_FILE in (error.filename or trace.message) else "simulation"
+        return TestReport(outcome="error", message=trace.message, traceback=trace.text, raised_in=where)
+    if not expected.ids:
+        return TestReport(
+            outcome="no_tests",
+            message="no class that derives from unittest.TestCase has a test method",
+            raised_in="tests",
+        )
+    if expected.chooses:
+        message = "the test program has a load_tests of its own"
+        return TestReport(outcome="load_tests", message=message, raised_in="tests")
+    sources = {SIMULATION_FILE: programs.simulation, TESTS_FILE: programs.tests}
+
+    def hopeless(call: CallResult) -> bool:
+        trace = from_stack(call.stack, sources, call.error)
+        return trace is None or bool({"setUp", "setUpClass", "reset"} & set(trace.functions))
+
+    each = call_batch(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
+    return _assemble(expected, each, sources)
+
+
+def _assemble(expected: ExpectedTests, each: BatchResult, sources: dict[str, str]) -> TestReport:
+    cases = tuple(_case(item, expected, each, sources) for item in expected.ids) + _extra(expected, each)
+    report = _load_failure(each, sources) or _judge(cases, each)
+    totals = {
+        "seconds": sum(call.seconds for call in each.calls),
+        "cpu_seconds": sum(call.cpu_seconds for call in each.calls),
+        "backend": each.last.backend,
+    }
+    return report.model_copy(update=totals)
+
+
+def _judge(cases: tuple[TestCase, ...], each: BatchResult) -> TestReport:
+    first = next((case for case in cases if case.outcome != "passed"), None)
+    if first is not None:
+        return TestReport(outcome=_verdict(cases), cases=cases, raised_in=first.raised_in)
+    ended = next((call for call in each.calls if call.outcome != "ok"), None)
+    if ended is not None:
+        message = f"after a test: {_last_line(ended.error)}"
+        return TestReport(outcome=_ending(ended), cases=cases, message=message, raised_in="tests")
+    return TestReport(outcome="passed", cases=cases)
+
+
+def _verdict(cases: Sequence[TestCase]) -> ReportOutcome:
+    return _worst({case.outcome for case in cases}, "failed")
+
+
+def _ending(call: CallResult) -> ReportOutcome:
+    """What a call that ended outside of any test makes of the report."""
+    return _worst({_stopped_as(call)}, "crashed")
+
+
+def _worst(outcomes: set[CaseOutcome], otherwise: ReportOutcome) -> ReportOutcome:
+    for group, name in _WORST:
+        if outcomes & group:
+            return name
+    return otherwise
+
+
+def _stopped_as(call: CallResult) -> CaseOutcome:
+    return _STOPPED.get(call.outcome, "exited" if call.error.startswith(EXITED) else "crashed")
+
+
+def _load_failure(each: BatchResult, sources: dict[str, str]) -> TestReport | None:
+    """The report of programs that never got to a test, or None."""
+    call = each.last
+    if call.outcome == "ok":
+        match call.value:
+            case {"load_error": None}:
+                return None
+            case {
+                "load_error": {"message": str(), "traceback": str(), "raised_in": str(where), "kind": str(kind)} as what
+            }:
+                return TestReport(
+                    outcome="tampered" if kind == "tampered" else "exited" if kind == "exited" else "error",
+                    message=what["message"][:1000],
+                    traceback=what["traceback"][:8000],
+                    raised_in="tests" if where == "tests" else "simulation",
+                )
+            case _:
+                return TestReport(outcome="crashed", message="the worker's result was malformed")
+    if call.events:
+        return None
+    at = from_stack(call.stack, sources, call.error)
+    return TestReport(
+        outcome=_ending(call),
+        message=f"before any test: {_last_line(call.error)}",
+        traceback=at.text if at else call.error[-8000:],
+        raised_in=at.raised_in if at else _culprit(call, sources),
+    )
+
+
+def _case(item: str, expected: ExpectedTests, each: BatchResult, sources: dict[str, str]) -> TestCase:
+    if item in each.stopped:
+        call = each.stopped[item]
+        trace = from_stack(call.stack, sources, call.error)
+        return TestCase(
+            id=item,
+            outcome=_stopped_as(call),
+            seconds=call.seconds,
+            message=_last_line(call.error),
+            traceback=trace.text if trace else "",
+            output=call.output[-4000:],
+            raised_in=trace.raised_in if trace else _culprit(call, sources),
+        )
+    if item in each.untimely:
+        message = "a result was reported for it while it was not running"
+        return TestCase(id=item, outcome="forged", message=message, raised_in="tests")
+    if item in each.ended:
+        return _ended(item, expected, each)
+    if each.last.outcome == "ok":
+        message = "it is in the source but was not there, or did not run, when its module was loaded"
+        return TestCase(id=item, outcome="missing", message=message, raised_in="tests")
+    return TestCase(id=item, outcome="not_run", message=f"not run: {_last_line(each.last.error)}")
+
+
+def _ended(item: str, expected: ExpectedTests, each: BatchResult) -> TestCase:
+    fields: dict[str, Any] = {
+        key: value[: _BOUNDS[key]] if key in _BOUNDS and isinstance(value, str) else value
+        for key, value in each.ended[item].items()
+        if key not in ("item", "phase", "line")
+    }
+    try:
+        case = TestCase(id=item, **fields)
+        if len(json.dumps(case.episode)) > _MAX_EPISODE:
+            raise ValueError("the episode is too long")
+    except (ValueError, TypeError):  # pydantic's are ValueErrors
+        return TestCase(id=item, outcome="forged", message="its result was malformed", raised_in="tests")
+    line = each.ended[item].get("line")
+    if case.outcome == "tampered":
+        return case
+    if item in each.repeated or item in expected.duplicates:
+        why = "its result was reported twice" if item in each.repeated else "the source has two tests of this name"
+        return _instead(case, "duplicate", why)
+    wrong = item in expected.lines and line != expected.lines[item]
+    if wrong and (line is not None or case.outcome == "passed"):  # what a fixture ended has no line
+        return _instead(case, "replaced", f"the code that ran is not that of line {expected.lines[item]}")
+    if case.outcome == "passed" and (item in expected.without_assertion or not case.assertions):
+        silent = item in expected.without_assertion
+        return _instead(case, "no_assertion", "it asserts nothing" if silent else "it came to none of its assertions")
+    return case
+
+
+def _instead(case: TestCase, outcome: CaseOutcome, message: str) -> TestCase:
+    return case.model_copy(update={"outcome": outcome, "message": message, "raised_in": "tests"})
+
+
+def _extra(expected: ExpectedTests, each: BatchResult) -> tuple[TestCase, ...]:
+    """Tests that turned up though the source does not have them, and results that nobody asked for."""
+    added = "it is no method in the source, so it did not run"
+    made_up = "a result was reported for a test there is not"
+    cases = [
+        TestCase(id=item[:200], outcome="extra", message=added, raised_in="tests")
+        for item in _found(each.last)
+        if item not in expected.ids
+    ]
+    cases += [TestCase(id=item, outcome="forged", message=made_up, raised_in="tests") for item in each.strange]
+    return tuple(cases[:100])
+
+
+def _found(call: CallResult) -> list[str]:
+    """The tests that the worker says there are."""
+    match call.value:
+        case {"found": [*items]}:
+            return [item for item in cast(list[object], items) if isinstance(item, str)]
+        case _:
+            return []
+
+
+def _culprit(call: CallResult, sources: dict[str, str]) -> RaisedIn | None:
+    """Which program ended the process or wrote to the pipe, as far as their sources tell: that leaves no traceback."""
+    pattern = _TRACES.get(_stopped_as(call))
+    if pattern is not None:
+        if pattern.search(sources[TESTS_FILE]):
+            return "tests"
+        if pattern.search(sources[SIMULATION_FILE]):
+            return "simulation"
+    return None
+
+
+def _last_line(text: str) -> str:
+    return (text.strip().splitlines() or [""])[-1][:1000]

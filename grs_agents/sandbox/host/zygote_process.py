@@ -1,0 +1,175 @@
+"""The host's end of a zygote: start it, have it serve calls, end it."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from grs_agents.errors import GrsError
+from grs_agents.sandbox.isolation import allowlist, backends, bubblewrap, seatbelt
+from grs_agents.sandbox.isolation.backends import Backend
+from grs_agents.sandbox.protocol import boot, wire
+from grs_agents.sandbox.protocol.report import Limits
+from grs_agents.sandbox.protocol.scratch import Scratch
+from grs_agents.sandbox.protocol.settings import ENVIRONMENT, Settings
+
+START_SECONDS = 60.0
+END_SECONDS = 15.0
+DOCTOR = "see `grs doctor`"
+"""The remedy where only a look at the whole machine can tell more."""
+
+
+class SandboxError(GrsError):
+    """No worker could be started: our own failure, never that of generated code."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a zygote is for.
+
+    Attributes:
+        preload, tools: what it imports before the first call.
+        limits: what a call may hold; scratch folders have this size.
+        slots: how many calls may run at once.
+        readable: files and folders that workers may read beside those they need to run.
+    """
+
+    preload: tuple[str, ...]
+    tools: tuple[str, ...]
+    limits: Limits
+    slots: int
+    readable: tuple[Path, ...]
+
+
+class Zygote:
+    """A process that has a child, forked or started ahead, for each call.
+
+    Args:
+        backend: what separates children from this process.
+        plan: what it is for.
+
+    Attributes:
+        calls: how many calls it is serving.
+        lost: whether it ended in the middle of one.
+
+    Raises:
+        SandboxError: the system refused the process.
+    """
+
+    def __init__(self, backend: Backend, plan: Plan) -> None:
+        self.backend: Backend = backend
+        self.calls, self.lost = 0, False
+        self.readable = allowlist.outermost((*allowlist.runtime_paths(), *plan.readable))
+        self._ready = False
+        self._scratch = Scratch()
+        self._host, theirs = socket.socketpair()
+        try:
+            self._process = self._start(plan, theirs.fileno())
+        except OSError as error:
+            self._host.close()
+            self._scratch.remove()
+            raise SandboxError(f"cannot start {sys.executable}: {error}", "free processes or memory") from error
+        finally:
+            theirs.close()
+
+    @property
+    def pid(self) -> int:
+        """The process that was started, which is bubblewrap's where there is one."""
+        return self._process.pid
+
+    @property
+    def _log(self) -> Path:
+        return self._scratch.path / "log"
+
+    def _start(self, plan: Plan, channel: int) -> "subprocess.Popen[bytes]":
+        settings = self._settings(plan)
+        with self._log.open("wb") as log:
+            return subprocess.Popen(
+                [*self._wrapping(plan, settings), *boot.command("zygote", channel, settings)],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                cwd="/",
+                env=ENVIRONMENT,
+                pass_fds=(channel,),
+                start_new_session=True,
+            )
+
+    def _settings(self, plan: Plan) -> Settings:
+        sized = self.backend == "bubblewrap"
+        folders = [self._scratch.path / str(slot) for slot in range(plan.slots)]
+        for folder in folders:
+            folder.mkdir(mode=0o700)
+        single_use: list[tuple[str, ...]] = []
+        if backends.is_single_use(self.backend):
+            confined = self.backend == "sandbox-exec"
+            single_use = [tuple(seatbelt.wrap(self.readable, folder)) if confined else () for folder in folders]
+        return Settings(
+            preload=plan.preload,
+            overlays=tuple(allowlist.overlays()),
+            tools=plan.tools,
+            layers=backends.has_inner_layers(self.backend),
+            readable=(*allowlist.system_paths(), *allowlist.kernel_paths(), *self.readable),
+            scratch=backends.SCRATCH if sized else self._scratch.path,
+            slots=plan.slots,
+            scratch_is_sized=sized,
+            scratch_bytes=plan.limits.scratch_mib << 20,
+            single_use=tuple(single_use),
+        )
+
+    def _wrapping(self, plan: Plan, settings: Settings) -> list[str]:
+        """What to put before the zygote's command."""
+        if self.backend != "bubblewrap":
+            return []
+        scratch = [settings.scratch / str(slot) for slot in range(plan.slots)]
+        return bubblewrap.wrap(self.readable, scratch, settings.scratch_bytes)
+
+    def await_ready(self) -> None:
+        """Wait until its imports are done.
+
+        Raises:
+            SandboxError: they failed, or took longer than a minute.
+        """
+        if self._ready:
+            return
+        with suppress(OSError):
+            self._host.settimeout(START_SECONDS)
+            self._ready = self._host.recv(len(wire.READY)) == wire.READY
+        if not self._ready:
+            log = self._log.read_text("utf-8", "replace").strip()
+            why = (log.splitlines() or ["it does not say why"])[-1]
+            raise SandboxError(f"the sandbox did not start: {why}", DOCTOR)
+
+    def order(self, slot: int, limits: Limits, descriptors: Sequence[int]) -> bool:
+        """Have a call served with ``descriptors`` (frames, trace, output, control); False if the zygote is dead."""
+        try:
+            wire.send(self._host, wire.Order(slot=slot, limits=limits), descriptors)
+        except OSError:
+            return False
+        return True
+
+    def kill(self) -> None:
+        """End it at once, whatever state it is in. Safe to repeat."""
+        if self._process.returncode is None:
+            for kill in (os.killpg, os.kill):
+                try:
+                    kill(self._process.pid, signal.SIGKILL)
+                except (ProcessLookupError, PermissionError):
+                    continue
+
+    def close(self) -> None:
+        """Let it end its children and itself; nothing of it is left afterwards. Safe to repeat."""
+        if self._host.fileno() == -1:
+            return
+        self._host.close()
+        try:
+            self._process.wait(END_SECONDS)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            self._process.wait()
+        self._scratch.remove()

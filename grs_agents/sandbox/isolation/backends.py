@@ -1,0 +1,61 @@
+"""What can separate a worker from the host, and what each of them needs."""
+
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Literal
+
+Backend = Literal["bubblewrap", "landlock", "sandbox-exec", "none"]
+Choice = Literal["auto", "bubblewrap", "landlock", "sandbox-exec", "none"]
+LAYERS: dict[Backend, str] = {
+    "bubblewrap": "bubblewrap+landlock+seccomp",
+    "landlock": "landlock+seccomp",
+    "sandbox-exec": "sandbox-exec",
+    "none": "none",
+}
+"""The name under which results record each."""
+REMEDIES: dict[str, str] = {
+    "bubblewrap": "install bubblewrap 0.8 or later (Debian: apt-get install bubblewrap)",
+    "landlock": "use Linux 5.13 or later with Landlock enabled (lsm=landlock,... on the kernel's command line)",
+    "sandbox-exec": "use macOS, which comes with sandbox-exec",
+}
+PROGRAMS: dict[str, str] = {"bubblewrap": "bwrap", "sandbox-exec": "sandbox-exec"}
+"""What must be on the PATH."""
+SCRATCH = Path("/scratch")
+"""Where scratch folders lie in a file system of their own."""
+
+
+def candidates(choice: Choice) -> tuple[Backend, ...]:
+    """The backends to try for ``choice``, the strongest first."""
+    if choice != "auto":
+        return (choice,)
+    return ("sandbox-exec",) if sys.platform == "darwin" else ("bubblewrap", "landlock")
+
+
+def absent(backend: Backend) -> list[tuple[str, str]]:
+    """Why ``backend`` cannot even be tried, each reason with its remedy; empty if it can."""
+    if os.name != "posix":
+        return [(f"it needs Linux or macOS, this is {sys.platform}", "use Linux, or a container of it")]
+    reasons: list[tuple[str, str]] = []
+    if (program := PROGRAMS.get(backend)) and shutil.which(program) is None:
+        reasons.append((f"there is no {program} on the PATH", REMEDIES[backend]))
+    if backend in ("bubblewrap", "landlock"):
+        if sys.platform != "linux":
+            return [(f"it needs Linux, this is {sys.platform}", "use Linux")]
+        from grs_agents.sandbox.isolation import hardening  # here, since Windows lacks modules that it imports
+
+        lacks = hardening.missing()
+        found = [f"no {layer}: {lacks[layer]}" for layer in ("landlock", "seccomp") if layer in lacks]
+        reasons += [(reason, REMEDIES["landlock"]) for reason in found]
+    return reasons
+
+
+def is_single_use(backend: Backend) -> bool:
+    """Whether each call has a process started for it alone: macOS's sandbox and its libraries do not bear forks."""
+    return backend == "sandbox-exec" or sys.platform == "darwin"
+
+
+def has_inner_layers(backend: Backend) -> bool:
+    """Whether workers harden themselves besides."""
+    return backend != "none" and sys.platform == "linux"

@@ -1,0 +1,169 @@
+"""What a process gives up for good (capabilities, gaining any, being looked into), and its resource limits."""
+
+import _thread
+import ctypes
+import errno
+import math
+import os
+import resource
+import struct
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from grs_agents.sandbox.isolation import kernel
+
+_SET_DUMPABLE, _SET_NO_NEW_PRIVS = 4, 38
+_READ_BOUNDING, _DROP_BOUNDING = 23, 24
+_AMBIENT, _CLEAR_AMBIENT = 47, 4
+_VERSION_3 = 0x2008_0522
+"""Of the capability interface: 64 bits in two halves, each of three words."""
+_OWN = ctypes.create_string_buffer(struct.pack("=Ii", _VERSION_3, 0))
+_NOTHING = ctypes.create_string_buffer(24)
+
+_ACCOUNTS = 0x7000_0000
+"""User ids from here on are given to nobody, containers and dynamic users included."""
+
+
+def gain_no_more() -> None:
+    """No program started from here may hold more rights than this process: Landlock and seccomp ask for it."""
+    kernel.prctl(_SET_NO_NEW_PRIVS, 1)
+
+
+def drop_capabilities() -> None:
+    """Empty all five sets of this thread; what it may still do is decided by the owner of a file."""
+    drop_bounding_set()
+    with suppress(OSError):  # the ambient set came with Linux 4.3
+        kernel.prctl(_AMBIENT, _CLEAR_AMBIENT)
+    kernel.call("capset", ctypes.addressof(_OWN), ctypes.addressof(_NOTHING))
+
+
+@cache
+def drop_bounding_set() -> None:
+    """Let no program started from here gain capabilities. Without CAP_SETPCAP the set stays as it is.
+
+    Once is enough: the set never grows again, and forked processes inherit it.
+    """
+    capability = 0
+    with suppress(PermissionError):
+        while (bounded := _in_bounding_set(capability)) is not None:
+            if bounded:
+                kernel.prctl(_DROP_BOUNDING, capability)
+            capability += 1
+
+
+def hide(hidden: bool = True) -> None:
+    """Let no process of the same user trace this one, read its memory or see its open files; or let them again."""
+    kernel.prctl(_SET_DUMPABLE, int(not hidden))
+
+
+def leave_roots_count() -> bool:
+    """Be counted as a user of its own, since the kernel keeps no limit on the number of root's threads.
+
+    Only the *real* user id changes, by which the kernel counts; files are opened as before. Call it while the process
+    still holds its capabilities.
+
+    Returns:
+        Whether it is; without CAP_SETUID or in a name space of few user ids everything stays as it was.
+    """
+    try:
+        os.setresuid(_ACCOUNTS + int.from_bytes(os.urandom(3), "little"), -1, -1)
+    except OSError as error:
+        if error.errno in {errno.EPERM, errno.EINVAL}:
+            return False
+        raise
+    return True
+
+
+def _in_bounding_set(capability: int) -> bool | None:
+    try:
+        return bool(kernel.prctl(_READ_BOUNDING, capability))
+    except OSError:  # there is no capability of this number
+        return None
+
+
+@dataclass(frozen=True)
+class Allowance:
+    """What may be used from now on.
+
+    Attributes:
+        cpu_seconds: processor time of the whole process, rounded up to whole seconds. ``SIGXCPU`` tells it, and
+            ``SIGKILL`` ends it a second later.
+        memory_mib: address space on top of what is held. Each thread's stack takes 8 MiB of it.
+        file_mib: the largest file that can be written.
+        descriptors: the lowest number that no descriptor can have.
+        threads: how many may be started. The kernel counts all threads of a *user*, other processes' too, so that
+            those of today are added, root's included (a process which hides itself looks like root's): a bound on
+            damage, no exact number. It is exact for a process alone in its count.
+    """
+
+    cpu_seconds: float = 50
+    memory_mib: int = 1024
+    file_mib: int = 64
+    descriptors: int = 128
+    threads: int = 64
+
+
+def limit(allowance: Allowance, alone: bool) -> bool:
+    """Set all limits, soft and hard, for ever; none is raised above what already holds. The stack's is kept.
+
+    Args:
+        allowance: what may be used.
+        alone: whether no other process counts as this user's (``privileges.leave_roots_count``).
+
+    Returns:
+        Whether the limit on threads binds: it does not bind root.
+    """
+    cpu = math.ceil(time.process_time() + allowance.cpu_seconds)
+    _lower("CPU", cpu, cpu + 1)
+    _lower("FSIZE", allowance.file_mib << 20)
+    _lower("NOFILE", allowance.descriptors)
+    _lower("CORE", 0)
+    _lower("MEMLOCK", 0)
+    _lower("MSGQUEUE", 0)
+    _lower("SIGPENDING", 256)
+    tasks = allowance.threads + (1 if alone else _tasks(os.getuid()))
+    _lower("NPROC", 0, tasks)
+    binds = not _starts_a_thread()
+    _lower("NPROC", tasks)
+    with suppress(FileNotFoundError):  # elsewhere the kernel does not keep a limit on address space
+        pages = int(kernel.read("/proc/self/statm").split()[0])
+        _lower("AS", pages * resource.getpagesize() + (allowance.memory_mib << 20))
+    return binds
+
+
+def _lower(name: str, soft: int, hard: int | None = None) -> None:
+    kind = getattr(resource, f"RLIMIT_{name}", None)
+    if kind is None:  # not every system has all of them
+        return
+    highest = resource.getrlimit(kind)[1]
+    wanted = (soft, soft if hard is None else hard)
+    if highest != resource.RLIM_INFINITY:
+        wanted = (min(wanted[0], highest), min(wanted[1], highest))
+    resource.setrlimit(kind, wanted)
+
+
+def _tasks(user: int) -> int:
+    """How many threads a user has, root's included: a process that cannot be traced looks like root's."""
+    total = 0
+    with suppress(FileNotFoundError), os.scandir("/proc") as entries:
+        for entry in entries:
+            if entry.name.isdecimal():
+                with suppress(OSError):  # it has ended
+                    tasks = Path(entry.path, "task").stat()
+                    total += max(tasks.st_nlink - 2, 0) if tasks.st_uid in {user, 0} else 0
+    return total
+
+
+def _starts_a_thread() -> bool:
+    ended = threading.Lock()
+    ended.acquire()
+    try:
+        _thread.start_new_thread(ended.release, ())
+    except RuntimeError:
+        return False
+    ended.acquire()
+    return True

@@ -1,0 +1,296 @@
+"""Which system calls a process may make, kept by the kernel's seccomp filter.
+
+An allow-list: what CPython, numpy and MuJoCo with software rendering ask for. Known dangerous calls fail with EPERM,
+so that Python raises ``PermissionError``; all others fail with ENOSYS, as on a kernel that is older than they are.
+Calls made for another machine (32-bit, x32) kill the process. The kernel works out ahead of time which calls pass
+whatever their arguments, and does not run the filter for these.
+
+Classic BPF, the language of seccomp filters, written as a tree of decisions.
+
+A filter reads one 32-bit word of ``struct seccomp_data`` at a time, compares it, and ends in an answer. Every
+branch of the tree ends in an answer of its own, so that branches are laid out one after the other and no jump needs
+a label.
+"""
+
+import ctypes
+import errno
+import os
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, reduce
+
+from grs_agents.sandbox.isolation import kernel
+from grs_agents.sandbox.isolation.kernel import NUMBERS
+
+_LOAD, _GO, _RETURN = 0x20, 0x05, 0x06
+_EQUAL, _AT_LEAST, _ANY_BIT = 0x15, 0x35, 0x45
+_INSTRUCTION, _OPERAND = struct.Struct("=HBBI"), 4
+_FARTHEST = 255
+"""How far a comparison can jump: its offsets are bytes."""
+
+NUMBER, ARCHITECTURE = 0, 4
+"""Where the number of the call and the machine it is made for lie in ``struct seccomp_data``."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The end of a branch: what becomes of the call."""
+
+    action: int
+
+
+@dataclass(frozen=True)
+class Load:
+    """Read the word at a byte offset, then go on."""
+
+    offset: int
+    then: "Node"
+
+
+@dataclass(frozen=True)
+class Branch:
+    """Compare the word that was read last, and go one of two ways."""
+
+    comparison: int
+    value: int
+    then: "Node"
+    otherwise: "Node"
+
+
+Node = Answer | Load | Branch
+Instruction = tuple[int, int, int, int]
+"""Operation, jump if true, jump if false, operand."""
+
+
+def argument(index: int, then: Node) -> Load:
+    """Read the lower half of an argument (little endian): all of it, where the kernel takes an ``int``."""
+    return Load(16 + 8 * index, then)
+
+
+def upper_half(index: int, then: Node) -> Load:
+    """Read the upper half of an argument."""
+    return Load(20 + 8 * index, then)
+
+
+def equal(value: int, then: Node, otherwise: Node) -> Branch:
+    """Whether the word is ``value``."""
+    return Branch(_EQUAL, value, then, otherwise)
+
+
+def at_least(value: int, then: Node, otherwise: Node) -> Branch:
+    """Whether the word, unsigned, is ``value`` or more."""
+    return Branch(_AT_LEAST, value, then, otherwise)
+
+
+def any_bit(mask: int, then: Node, otherwise: Node) -> Branch:
+    """Whether any bit of ``mask`` is set."""
+    return Branch(_ANY_BIT, mask, then, otherwise)
+
+
+def among(values: Iterable[int], then: Node, otherwise: Node) -> Node:
+    """Whether the word is one of ``values``."""
+    return reduce(lambda rest, value: equal(value, then, rest), sorted(values, reverse=True), otherwise)
+
+
+def ranges(starts: Sequence[tuple[int, Node]]) -> Node:
+    """Find the last start, in rising order, that the word reaches, by halving: 200 starts cost 8 comparisons."""
+    if len(starts) == 1:
+        return starts[0][1]
+    middle = len(starts) // 2
+    return at_least(starts[middle][0], ranges(starts[middle:]), ranges(starts[:middle]))
+
+
+def assemble(node: Node) -> list[Instruction]:
+    """Lay the tree out as instructions."""
+    if isinstance(node, Answer):
+        return [(_RETURN, 0, 0, node.action)]
+    if isinstance(node, Load):
+        return [(_LOAD, 0, 0, node.offset), *assemble(node.then)]
+    then, otherwise = assemble(node.then), assemble(node.otherwise)
+    if len(then) <= _FARTHEST:
+        return [(node.comparison, 0, len(then), node.value), *then, *otherwise]
+    return [(node.comparison, 1, 0, node.value), (_GO, 0, 0, len(then)), *then, *otherwise]
+
+
+def encode(program: Iterable[Instruction]) -> bytes:
+    """The program as the kernel reads it: an array of ``struct sock_filter``."""
+    return b"".join(_INSTRUCTION.pack(*instruction) for instruction in program)
+
+
+def places(program: Iterable[Instruction], operand: int) -> tuple[int, ...]:
+    """Where ``operand`` lies in the encoded program, in bytes: it can be replaced there (``struct``'s ``=I``)."""
+    return tuple(
+        number * _INSTRUCTION.size + _OPERAND
+        for number, instruction in enumerate(program)
+        if instruction[-1] == operand
+    )
+
+
+ALLOW = Answer(0x7FFF_0000)
+DENY = Answer(0x0005_0000 | errno.EPERM)
+UNKNOWN = Answer(0x0005_0000 | errno.ENOSYS)
+KILL = Answer(0x8000_0000)
+
+_ARCHITECTURES = {"x86_64": 0xC000_003E, "aarch64": 0xC000_00B7}
+_X32 = 0x4000_0000
+"""Numbers from here on belong to x32, which shares its architecture with x86-64."""
+
+ALLOWED = """
+read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 sendfile copy_file_range
+open openat creat close close_range lseek dup dup2 dup3 pipe pipe2 flock fsync fdatasync fadvise64 readahead
+stat fstat lstat newfstatat statx statfs fstatfs access faccessat faccessat2 readlink readlinkat
+getdents getdents64 getcwd chdir fchdir umask ftruncate truncate
+mkdir mkdirat rmdir unlink unlinkat rename renameat renameat2 link linkat symlink symlinkat
+poll ppoll select pselect6 epoll_create epoll_create1 epoll_ctl epoll_wait epoll_pwait epoll_pwait2
+eventfd eventfd2
+brk mmap munmap mprotect mremap madvise msync membarrier
+futex set_robust_list set_tid_address rseq arch_prctl exit exit_group restart_syscall
+rt_sigaction rt_sigprocmask rt_sigreturn rt_sigpending rt_sigsuspend rt_sigtimedwait sigaltstack pause
+alarm getitimer setitimer nanosleep clock_nanosleep clock_gettime clock_getres gettimeofday time times
+getpid gettid getppid getpgrp getpgid getsid getuid geteuid getgid getegid getresuid getresgid getgroups capget
+getpriority getrlimit getrusage sysinfo uname getcpu getrandom wait4 waitid
+sched_yield sched_getaffinity sched_getparam sched_getscheduler sched_getattr sched_rr_get_interval
+sched_get_priority_max sched_get_priority_min
+landlock_create_ruleset landlock_add_rule landlock_restrict_self
+"""
+
+DENIED = """
+fork vfork execve execveat unshare setns setsid setpgid ptrace process_vm_readv process_vm_writev process_madvise
+process_mrelease kcmp pidfd_open pidfd_getfd pidfd_send_signal
+socket socketpair connect bind listen accept accept4 shutdown getsockname getpeername setsockopt getsockopt
+sendto recvfrom sendmsg recvmsg sendmmsg recvmmsg
+memfd_create memfd_secret shmget shmat shmctl shmdt msgget msgsnd msgrcv msgctl semget semop semctl semtimedop
+mq_open mq_unlink mq_timedsend mq_timedreceive mq_notify mq_getsetattr
+io_setup io_submit io_uring_setup io_uring_enter io_uring_register
+bpf perf_event_open userfaultfd seccomp personality modify_ldt iopl ioperm
+mount umount2 pivot_root chroot open_tree open_tree_attr move_mount fsopen fsconfig fsmount fspick mount_setattr
+add_key request_key keyctl init_module finit_module delete_module create_module kexec_load kexec_file_load reboot
+swapon swapoff acct quotactl quotactl_fd syslog vhangup
+settimeofday clock_settime clock_adjtime adjtimex sethostname setdomainname
+mknod mknodat name_to_handle_at open_by_handle_at fanotify_init fanotify_mark
+chmod fchmod fchmodat fchmodat2 chown fchown lchown fchownat utime utimes utimensat futimesat file_setattr
+setxattr lsetxattr fsetxattr setxattrat getxattr lgetxattr fgetxattr getxattrat listxattr llistxattr flistxattr
+listxattrat removexattr lremovexattr fremovexattr removexattrat
+setuid setgid setreuid setregid setresuid setresgid setfsuid setfsgid setgroups capset
+setrlimit setpriority sched_setaffinity sched_setparam sched_setscheduler sched_setattr ioprio_set
+mlock mlock2 mlockall move_pages migrate_pages
+"""
+
+_CLONE_THREAD = 0x0001_0000
+_NEW_NAMESPACES = 0x7E02_0000
+_CONTROLS = {0x5401, 0x802C_542A, 0x540F, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451}
+"""What ioctl may be asked: TCGETS, TCGETS2, TIOCGPGRP, TIOCGWINSZ, FIONREAD, FIONBIO, FIONCLEX, FIOCLEX."""
+_FILE_COMMANDS = {0, 1, 2, 3, 4, 5, 6, 7, 9, 11, 36, 37, 38, 1025, 1027, 1030, 1032, 1034}
+"""What fcntl may be asked: duplicate, flags, locks, and reading owner, signal, lease, pipe size and seals."""
+_SET_PIPE_SIZE, _PIPE_SIZE = 1031, 1 << 16
+_PROPERTIES = {2, 3, 7, 15, 16, 21, 23, 25, 27, 30, 39, 42, 51, 52, 64, 0x4155_5856, 0x5356_4D41}
+"""What prctl may be asked: to name a thread or a mapping, and to read what does no harm."""
+_TRUNCATE = 0x200
+_NAMELESS = 0o20000000
+"""``O_TMPFILE`` without the bit that it shares with ``O_DIRECTORY``."""
+_ANY_PID = 0xFFFF_FFFF
+"""Stands for the process's id until that is known; no process has it."""
+_SET_FILTER, _GET_ACTION_AVAILABLE, _ALL_THREADS = 1, 2, 1
+
+
+def why_not() -> str:
+    """Why this kernel takes no filter; empty if it does."""
+    kill = ctypes.c_uint32(KILL.action)
+    try:
+        kernel.call("seccomp", _GET_ACTION_AVAILABLE, 0, ctypes.addressof(kill))
+    except OSError as error:
+        return f"the kernel takes no filter which kills a process, it came with Linux 4.14: {error.strerror}"
+    return ""
+
+
+def install(landlock_abi: int) -> None:
+    """Filter the system calls of this process, all its threads included, for ever.
+
+    Args:
+        landlock_abi: what Landlock covers; below 3 it leaves truncation free, which is denied here then.
+
+    Raises:
+        OSError: the kernel took no filter, or the process may still gain privileges.
+    """
+    machine = kernel.machine()
+    if machine is None:
+        raise OSError(errno.ENOSYS, "the system calls of this machine are not known")
+    program, places_of_pid = prepare(machine, landlock_abi)
+    instructions = ctypes.create_string_buffer(program, len(program))
+    for place in places_of_pid:
+        struct.pack_into("=I", instructions, place, os.getpid())
+    header = ctypes.create_string_buffer(struct.pack("HxxxxxxQ", len(program) // 8, ctypes.addressof(instructions)))
+    if thread := kernel.call("seccomp", _SET_FILTER, _ALL_THREADS, ctypes.addressof(header)):
+        raise OSError(errno.EBUSY, f"thread {thread} has a filter of its own")
+
+
+@cache
+def prepare(machine: kernel.Machine, landlock_abi: int) -> tuple[bytes, tuple[int, ...]]:
+    """The filter, and where in it the process's id belongs: worth doing before a fork, as it takes a millisecond."""
+    program = assemble(policy(machine, _ANY_PID, landlock_abi))
+    return encode(program), places(program, _ANY_PID)
+
+
+def policy(machine: kernel.Machine, pid: int, landlock_abi: int) -> Node:
+    """The answer to every call that process ``pid`` could make, as a tree of decisions."""
+    answers: dict[str, Node] = dict.fromkeys(ALLOWED.split(), ALLOW)
+    answers |= dict.fromkeys(DENIED.split(), DENY)
+    answers |= _by_arguments(pid)
+    answers |= _opening(truncation=landlock_abi >= 3)
+    return Load(ARCHITECTURE, equal(_ARCHITECTURES[machine], Load(NUMBER, _by_number(machine, answers)), KILL))
+
+
+def _by_number(machine: kernel.Machine, answers: Mapping[str, Node]) -> Node:
+    numbered = {number: answers.get(name, UNKNOWN) for name, number in NUMBERS[machine].items()}
+    starts: list[tuple[int, Node]] = []
+    for number in range(max(numbered) + 2):
+        answer = numbered.get(number, UNKNOWN)
+        if not starts or starts[-1][1] != answer:
+            starts.append((number, answer))
+    return ranges([*starts, (_X32, KILL)])
+
+
+def _by_arguments(pid: int) -> dict[str, Node]:
+    """The calls whose answer depends on their arguments.
+
+    The kernel takes these as ``int``, so that the lower half is all of them, but for pointers and a pipe's size.
+    """
+    oneself = argument(0, equal(pid, ALLOW, DENY))
+    own_or_caller = argument(0, among((0, pid), _null(2), DENY))
+    thread = any_bit(_CLONE_THREAD, any_bit(_NEW_NAMESPACES, DENY, ALLOW), DENY)
+    no_larger = upper_half(2, equal(0, argument(2, at_least(_PIPE_SIZE + 1, DENY, ALLOW)), DENY))
+    return {
+        "clone": argument(0, thread),
+        "clone3": UNKNOWN,  # its flags lie in memory, out of a filter's sight; the C library falls back to clone
+        "kill": oneself,
+        "tkill": oneself,
+        "tgkill": oneself,
+        "rt_sigqueueinfo": oneself,
+        "rt_tgsigqueueinfo": oneself,
+        "prlimit64": own_or_caller,
+        "fallocate": argument(1, equal(0, ALLOW, DENY)),  # its modes reserve space beyond the limit on file size
+        "ioctl": argument(1, among(_CONTROLS, ALLOW, DENY)),
+        "fcntl": argument(1, among(_FILE_COMMANDS, ALLOW, equal(_SET_PIPE_SIZE, no_larger, DENY))),
+        "prctl": argument(0, among(_PROPERTIES, ALLOW, DENY)),
+    }
+
+
+def _null(index: int) -> Node:
+    return argument(index, equal(0, upper_half(index, equal(0, ALLOW, DENY)), DENY))
+
+
+def _opening(truncation: bool) -> dict[str, Node]:
+    """Deny files without a name, which nothing outside can count.
+
+    Args:
+        truncation: whether Landlock guards it; if not, deny what shortens a file that is open for reading alone
+            (access mode 0, or 3: neither).
+    """
+    flags: Node = ALLOW
+    if not truncation:
+        reading = any_bit(_TRUNCATE, DENY, ALLOW)
+        flags = any_bit(1, any_bit(2, reading, ALLOW), any_bit(2, ALLOW, reading))
+    flags = any_bit(_NAMELESS, DENY, flags)
+    answers: dict[str, Node] = {"open": argument(1, flags), "openat": argument(2, flags)}
+    return answers if truncation else {**answers, "truncate": DENY}

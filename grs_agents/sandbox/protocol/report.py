@@ -1,0 +1,183 @@
+"""The results of a call, what it may cost, and the report of a test run: one case for each test of the source.
+
+Routers and fixers read the report as text.
+"""
+
+import json
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from grs_agents.base import Frozen
+from grs_agents.config import Limits
+from grs_agents.sandbox.protocol.tracebacks import RaisedIn
+
+CaseOutcome = Literal[
+    "passed", "failed", "error", "skipped", "expected_failure", "no_assertion", "timeout", "crashed", "exited",
+    "memory", "output_limit", "scratch_limit", "thread_limit", "limit", "not_run", "missing", "extra", "duplicate",
+    "replaced", "tampered", "forged",
+]  # fmt: skip
+ReportOutcome = Literal[
+    "passed", "failed", "error", "no_tests", "load_tests", "timeout", "crashed", "exited", "tampered", "forged"
+]
+MEANING: dict[str, str] = {
+    "skipped": "a skipped test shows nothing; it has to run",
+    "expected_failure": "a test marked expectedFailure shows nothing; it has to pass without the mark",
+    "no_assertion": "a test counts only if it comes to at least one assertion",
+    "exited": "the process was ended from within (os._exit, sys.exit); a program returns, it does not exit",
+    "output_limit": "more was printed than the limit of a call allows",
+    "scratch_limit": "more was written to files than the limit of a call allows",
+    "thread_limit": "more threads were started than the limit of a call allows",
+    "limit": "the simulation was asked for more than a call allows, though the error may have been caught",
+    "not_run": "an earlier test used up the limit, or ended the run",
+    "missing": "the test is in the source, but it was not there, or did not run, once its module was loaded",
+    "extra": "a test that is no method in the source of the test program was not run",
+    "duplicate": "two tests have this id, or its result was reported twice; each test has a name of its own",
+    "replaced": "what was there under the name of the test is not the code in the source",
+    "load_tests": "every test of the file runs, so load_tests, which would choose among them, has to go",
+    "tampered": "the machinery that gives verdicts (unittest, numpy.testing, builtins) was changed; leave it as it is",
+    "forged": "something other than the harness reported results, so none of them counts",
+}
+"""What outcomes mean that a name alone does not explain."""
+
+
+class TestCase(Frozen):
+    """One test.
+
+    Attributes:
+        id: ``Class.method``.
+        outcome: only ``passed`` counts; what others mean is in ``MEANING``.
+        seconds: how long it ran.
+        message: one line.
+        traceback: without the frames of unittest.
+        output: the first 4,000 characters it printed.
+        raised_in: which file the failure came from.
+        assertions: how many it came to.
+        episode: the last oracle episode it ran, opaque JSON here.
+    """
+
+    __test__ = False  # pytest: not a test of ours
+
+    id: str
+    outcome: CaseOutcome
+    seconds: float = 0.0
+    message: str = ""
+    traceback: str = ""
+    output: str = ""
+    raised_in: RaisedIn | None = None
+    assertions: Annotated[int, Field(ge=0)] = 0
+    episode: dict[str, Any] | None = None
+
+
+class TestReport(Frozen):
+    """All tests of a file.
+
+    Attributes:
+        outcome: ``error`` if a program does not parse or import, ``timeout``, ``crashed`` or ``exited`` if a test (or
+            the import) did, ``no_tests`` for an empty suite, ``load_tests`` for one that chooses by itself,
+            ``tampered`` and ``forged`` if the verdicts cannot be trusted.
+        cases: one for each test of the source, in its order; then those that are not in it (``extra``).
+        message: why there is no better outcome, where it is not one test's affair.
+        traceback: of the import, if that failed.
+        raised_in: which file the first failure came from.
+        seconds: wall time of all calls.
+        cpu_seconds: processor time of all workers, their start included.
+        backend: what separated the tests from the host.
+    """
+
+    __test__ = False
+
+    outcome: ReportOutcome
+    cases: tuple[TestCase, ...] = ()
+    message: str = ""
+    traceback: str = ""
+    raised_in: RaisedIn | None = None
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    backend: str = "process"
+
+    @property
+    def ok(self) -> bool:
+        """Whether there were tests and every one passed."""
+        return self.outcome == "passed"
+
+    def text(self) -> str:
+        """The report for a reader that decides what to mend: failures with their last lines, then one line a pass."""
+        passed = sum(case.outcome == "passed" for case in self.cases)
+        head = f"{self.outcome}: {passed} of {len(self.cases)} tests passed"
+        lines = [head + (f"; {self.message}" if self.message else "")]
+        if self.raised_in:
+            lines.append(f"raised in: {self.raised_in}")
+        lines.extend(_tail(self.traceback))
+        for case in sorted(self.cases, key=lambda case: case.outcome == "passed"):
+            lines.extend(_case_lines(case))
+        shown = dict.fromkeys([self.outcome, *(case.outcome for case in self.cases)])
+        lines.extend(f"({outcome}: {MEANING[outcome]})" for outcome in shown if outcome in MEANING)
+        return "\n".join(lines)
+
+
+def _case_lines(case: TestCase) -> list[str]:
+    where = f" (raised in {case.raised_in})" if case.raised_in else ""
+    lines = [f"{case.id}: {case.outcome}{where}" + (f": {case.message}" if case.message else "")]
+    if case.outcome != "passed":
+        lines.extend(_tail(case.traceback))
+        if case.output.strip():
+            lines.append("  printed: " + " | ".join(case.output.strip().splitlines()[-5:])[-500:])
+    if case.episode is not None:
+        lines.append("  oracle: " + _episode_line(case.episode))
+    return lines
+
+
+def _tail(traceback: str) -> list[str]:
+    return [f"  {line[:300]}" for line in traceback.splitlines()[-15:]]
+
+
+def _episode_line(episode: dict[str, Any]) -> str:
+    reward = episode.get("reward")
+    steps = f"{episode.get('steps')}/{episode.get('max_steps')}"
+    return (
+        f"outcome={episode.get('outcome')} reward={f'{reward:.2f}' if isinstance(reward, float) else reward} "
+        f"steps={steps} detail={episode.get('detail')} objects={json.dumps(episode.get('objects'))}"
+    )[:1500]
+
+
+CallOutcome = Literal[
+    "ok", "timeout", "cpu_limit", "memory_limit", "output_limit", "scratch_limit", "thread_limit",
+    "crashed", "forged", "error",
+]  # fmt: skip
+"""``error`` is an exception that left the tool, or a result that is not plain JSON; ``forged`` is a frame that does not
+come from the harness."""
+
+EXITED = "the process ended itself"
+"""How the error of a ``crashed`` call begins whose process was not killed but exited without an answer."""
+
+
+class CallResult(Frozen):
+    """How one call ended.
+
+    Attributes:
+        outcome: ``ok``, or what stopped it.
+        value: what the tool returned; None unless the outcome is ``ok``.
+        error: why there is no value, with the traceback if there is one.
+        output: the last 64 KiB written to standard output and standard error since the last event.
+        stack: where the code was when it crashed or ran out of time, as ``faulthandler`` writes it.
+        events: what the tool reported while it ran, in order.
+        seconds: wall time of the call.
+        cpu_seconds: processor time of the worker.
+        backend: what separated the worker from the host.
+        retried: the process that forks the workers was killed during a first try.
+    """
+
+    outcome: CallOutcome
+    value: dict[str, Any] | None = None
+    error: str = ""
+    output: str = ""
+    stack: str = ""
+    events: tuple[dict[str, Any], ...] = ()
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    backend: str = "none"
+    retried: bool = False
+
+
+__all__ = ["EXITED", "CallOutcome", "CallResult", "Limits"]

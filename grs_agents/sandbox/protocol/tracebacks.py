@@ -1,0 +1,91 @@
+"""Tracebacks of generated programs: only the frames that help, and in which file the error was raised."""
+
+import re
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeVar
+
+SIMULATION_FILE = "task_code.py"
+TESTS_FILE = "test_task_code.py"
+"""The names generated programs have in tracebacks; the module names are the paper's."""
+
+_PROGRAMS = (SIMULATION_FILE, TESTS_FILE)
+
+RaisedIn = Literal["simulation", "tests", "library"]
+_MACHINERY = (str(Path(__file__).parent.parent), str(Path(traceback.__file__).parent / "unittest"))
+_Frame = TypeVar("_Frame")
+_FRAME = re.compile(r'^ {2}File "(?P<file>[^"]*)", line (?P<line>[0-9]{1,9}) in (?P<function>.{0,200})$')
+"""The program can write to the pipe of the dump too: what is not within these bounds is no frame."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A traceback as text.
+
+    Attributes:
+        message: the exception's type and text, one line.
+        text: the traceback, innermost frame last, without the frames of unittest and the sandbox.
+        raised_in: the file of the innermost frame that belongs to a generated program, else ``library``.
+        functions: the functions that were running, innermost last.
+    """
+
+    message: str
+    text: str
+    raised_in: RaisedIn
+    functions: tuple[str, ...] = ()
+
+
+def describe(error: BaseException) -> Trace:
+    """The traceback of ``error``, causes included."""
+    whole = traceback.TracebackException.from_exception(error, limit=-40)
+    one: traceback.TracebackException | None = whole
+    while one is not None:
+        one.stack[:] = _relevant(list(one.stack), [frame.filename for frame in one.stack])
+        one = one.__cause__ or one.__context__
+    lines = "".join(whole.format_exception_only()).rstrip().splitlines() or [type(error).__name__]
+    message = next(
+        (line for line in lines if not line.startswith(" ")), lines[-1]
+    )  # a syntax error shows its line first
+    files = [frame.filename for frame in whole.stack]
+    if isinstance(error, SyntaxError) and error.filename in _PROGRAMS:
+        files.append(error.filename)
+    functions = tuple(frame.name for frame in whole.stack)
+    return Trace(message[:1000], "".join(whole.format())[-8000:].strip(), _innermost(files), functions)
+
+
+def from_stack(stack: str, sources: Mapping[str, str], message: str) -> Trace | None:
+    """A ``faulthandler`` dump as a traceback with its source lines; None if no generated code was running."""
+    code = {file: source.splitlines() for file, source in sources.items()}
+    for section in re.split(r"\n\s*\n", stack):
+        frames = [match for line in section.splitlines() if (match := _FRAME.match(line))]
+        frames.reverse()
+        frames = _relevant(frames, [frame["file"] for frame in frames])
+        if not frames or frames[0]["file"] not in _PROGRAMS:
+            continue
+        lines = ["Traceback (most recent call last):"]
+        for frame in frames:
+            lines.append(f'  File "{frame["file"]}", line {frame["line"]}, in {frame["function"]}')
+            number = int(frame["line"])
+            lines.extend(f"    {line.strip()}" for line in code.get(frame["file"], [])[max(number - 1, 0) : number])
+        files = [frame["file"] for frame in frames]
+        functions = tuple(frame["function"] for frame in frames)
+        return Trace(message, "\n".join([*lines, message])[-8000:], _innermost(files), functions)
+    return None
+
+
+def _relevant(frames: list[_Frame], files: list[str]) -> list[_Frame]:
+    """The frames from the first generated program on, without those of unittest and the sandbox."""
+    first = next((index for index, file in enumerate(files) if file in _PROGRAMS), 0)
+    both = zip(frames[first:], files[first:], strict=True)
+    return [frame for frame, file in both if not file.startswith((*_MACHINERY, "<"))]
+
+
+def _innermost(files: list[str]) -> RaisedIn:
+    for file in reversed(files):
+        if file == SIMULATION_FILE:
+            return "simulation"
+        if file == TESTS_FILE:
+            return "tests"
+    return "library"

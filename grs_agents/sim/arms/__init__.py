@@ -1,0 +1,1 @@
+"""The robots: kinematics, limits, tools, and the paths of their joints."""

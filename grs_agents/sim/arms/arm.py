@@ -1,0 +1,154 @@
+"""What a robot arm can do: bring the suction cup to poses within its joints' limits, and keep clear of itself.
+
+``Arm`` serves any serial arm of hinges and slides by numbers (damped least squares on MuJoCo's Jacobian); an arm
+whose kinematics have a closed form overrides ``solve``, ``solve_poses`` and ``reachable``.
+"""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Vec3
+from grs_agents.errors import InputError
+from grs_agents.sim.arms.arm_model import Gap, Posture, arm_model
+from grs_agents.sim.arms.joint_paths import blend, evenly, knots, turns_about_z
+from grs_agents.sim.arms.reach_table import ReachTable, tabulate
+from grs_agents.sim.arms.robot import DOWN
+
+FloatArray = npt.NDArray[np.float64]
+HOME: Final[Vec3] = (0.35, 0.0, 0.42)
+"""Where the tip waits if the arm can bring it there, metres."""
+_HOMES: Final = (HOME, (0.4, 0.0, 0.3), (0.5, 0.0, 0.3), (0.3, 0.0, 0.3), (0.5, 0.0, 0.2), (0.3, 0.0, 0.15))
+_NEAR: Final = 0.2
+
+
+class Arm:
+    """A serial arm whose base is at the origin of the robot frame, with the suction cup at its end.
+
+    Args:
+        name: as the configuration names it.
+        add: adds the arm's bodies, joints, one position actuator a joint, the body ``cup`` and the site ``tip`` to a
+            world; the joints in their order from the base on.
+        guess: joint angles (dof,) near which it works.
+
+    Attributes:
+        nearest, farthest: from the base axis to where the tip can be brought, tool down, metres; for words only.
+    """
+
+    nearest: float
+    farthest: float
+
+    def __init__(self, name: str, add: Callable[[Any], None], guess: FloatArray) -> None:
+        self.name, self.add = name, add
+        self._guess = guess
+
+    def __getattr__(self, name: str) -> float:
+        """``nearest`` and ``farthest``, from the table of reach, when they are first asked for."""
+        if name not in ("nearest", "farthest"):
+            raise AttributeError(name)
+        self.nearest, self.farthest = self._table.span
+        return self.nearest if name == "nearest" else self.farthest
+
+    @cached_property
+    def _model(self) -> Posture:
+        return arm_model(self.add, self.home)
+
+    @cached_property
+    def _table(self) -> ReachTable:
+        return tabulate(self._model, self.home)
+
+    @cached_property
+    def home(self) -> FloatArray:
+        """Joint positions (dof,) of the waiting arm: radians, or metres of a slide."""
+        posture = Posture(self.add)
+        starts = [self._guess, posture.middle, *posture.low + (posture.high - posture.low) * _spread(posture.dof)]
+        for point in _HOMES:
+            for start in starts:
+                joints = posture.solve(np.array(point), DOWN, start, start, 200)
+                if joints is not None:
+                    return joints
+        raise InputError(
+            f"robot {self.name}: it cannot point its tool straight down anywhere between (0.3, 0, 0.15) and "
+            "(0.5, 0, 0.42) m",
+            "its base must be at the origin, x forward, the table top at z = 0, and z of its tip's site point outwards",
+        )
+
+    @property
+    def dof(self) -> int:
+        """How many joints it has."""
+        return len(self.home)
+
+    @property
+    def low(self) -> FloatArray:
+        """Lowest joint positions (dof,)."""
+        return self._model.low
+
+    @property
+    def high(self) -> FloatArray:
+        """Highest joint positions (dof,)."""
+        return self._model.high
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of its bodies, the cup last."""
+        return self._model.links
+
+    def tip_pose(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where joint positions (dof,) bring the tip (3,), and its rotation (3, 3) from the tool straight down."""
+        return self._model.tip(joints)
+
+    def solve(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
+        """Joint positions (N, dof) along a path of the tip with the tool straight down.
+
+        Args:
+            tips: (N, 3), metres.
+            yaws: (N,) of the tool, radians; not wrapped, so that a path may turn on and on.
+            seed: joint positions (dof,) at which the path begins, None for home.
+
+        Returns:
+            Continuous rows; NaN where the arm cannot or its limits forbid.
+        """
+        return self.solve_poses(tips, turns_about_z(yaws), seed)
+
+    def solve_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
+        """As ``solve``, with the tool turned by ``rotations`` (N, 3, 3) from straight down: they may tilt it."""
+        joints = self.home if seed is None else seed
+        rows, found = knots(tips, rotations), list[FloatArray]()
+        for index, row in enumerate(rows):
+            ahead = joints if index < 2 else 2 * found[-1] - found[-2]
+            solved = self._model.solve(tips[row], rotations[row] @ DOWN, ahead, self.home, 60 if index else 200)
+            if solved is None or (index and float(np.abs(solved - joints).max()) > 1.0):
+                return np.full((len(tips), self.dof), np.nan)
+            found.append(solved)
+            joints = solved
+        return blend(np.array(found), rows, len(tips))
+
+    def reachable(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which of the points (N, 3) the tip can be brought to, tool down, clear of the table and of itself."""
+        return self._table(tips)
+
+    def can_reach(self, tip: Vec3) -> bool:
+        """Whether the arm can bring the tip to one point, tool down."""
+        return bool(self.reachable(np.array([tip], dtype=np.float64))[0])
+
+    def within_limits(self, path: FloatArray) -> bool:
+        """Whether joint positions (N, dof) are all finite and within the limits."""
+        return bool(np.isfinite(path).all() and ((path >= self.low - 1e-6) & (path <= self.high + 1e-6)).all())
+
+    def gap(self, path: FloatArray) -> Gap | None:
+        """Where along joint positions (N, dof) the arm first meets the table or itself; None: it keeps clear.
+
+        Samples are at most ``_NEAR`` radians of any joint apart.
+        """
+        travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).max(axis=1))])
+        count = max(2, int(np.ceil(travel[-1] / _NEAR)) + 1)
+        rows = evenly(travel, count)
+        return self._model.first_gap(path[rows])
+
+
+def _spread(dof: int) -> FloatArray:
+    """A few dozen points (K, dof) spread over the unit cube, always the same."""
+    return np.random.default_rng(0).random((60, dof))

@@ -1,0 +1,149 @@
+"""An arm on its own in MuJoCo: where its joints bring the tip, and whether it meets the table or itself."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.engine import mujoco
+from grs_agents.sim.arms.robot import DOWN
+
+FloatArray = npt.NDArray[np.float64]
+_TOLERANCE: Final = 1e-4
+"""Metres and radians: nearer than this to a pose is there."""
+_DAMPING: Final = 1e-4
+_HOMEWARD: Final = 0.05
+_STALLED: Final = 1e-6
+"""Radians or metres: where every joint moves less in an iteration, more of them bring nothing."""
+_LONGEST: Final = 0.35
+"""Radians that a joint moves at most in one iteration."""
+_FLOOR: Final = "world"
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Two parts that meet: their names, and by how much they overlap (m)."""
+
+    first: str
+    second: str
+    depth: float
+
+    def __str__(self) -> str:
+        other = "the table" if self.first == _FLOOR else f"its own {self.first.replace('_', ' ')}"
+        return f"its {self.second.replace('_', ' ')} would reach {self.depth:.3f} m into {other}"
+
+
+class Posture:
+    """A compiled arm with nothing but the table.
+
+    Args:
+        add: adds the arm to a world.
+        apart: pairs of bodies that touch by design.
+    """
+
+    def __init__(self, add: Callable[[Any], None], apart: Sequence[tuple[str, str]] = ()) -> None:
+        spec = mujoco.MjSpec()
+        spec.compiler.degree = False
+        table = spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(2, 2, 0.1))
+        add(spec)
+        for geom in spec.geoms:
+            solid = geom is not table and (geom.contype or geom.conaffinity)
+            geom.contype, geom.conaffinity, geom.margin, geom.gap = (1, 1, 0.0, 0.0) if solid else (0, 0, 0.0, 0.0)
+        table.contype = table.conaffinity = 1
+        for first, second in (("world", "cup"), *apart):
+            spec.add_exclude(bodyname1=first, bodyname2=second)
+        self._model: Any = spec.compile()
+        self._data: Any = mujoco.MjData(self._model)
+        self._site = int(self._model.site("tip").id)
+        self.dof = int(self._model.nq)
+        self.low, self.high = np.array(self._model.jnt_range[:, 0]), np.array(self._model.jnt_range[:, 1])
+        self.links = tuple(str(self._model.body(number).name) for number in range(1, self._model.nbody))
+        self._jacobian = np.zeros((6, self.dof))
+
+    @property
+    def middle(self) -> FloatArray:
+        """Half-way between the limits (dof,)."""
+        return (self.low + self.high) / 2
+
+    def turns_about_base(self) -> bool:
+        """Whether the first joint turns the whole arm about the vertical through the origin."""
+        model, data = self._model, self._data
+        mujoco.mj_kinematics(model, data)
+        upright = abs(float(data.xaxis[0, 2])) > 0.9999 and float(np.hypot(*data.xanchor[0, :2])) < 1e-6
+        return upright and int(model.jnt_type[0]) == int(mujoco.mjtJoint.mjJNT_HINGE)
+
+    def tip(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Position (3,) of the tip and its rotation (3, 3) from the tool straight down."""
+        self._data.qpos[:] = joints
+        mujoco.mj_kinematics(self._model, self._data)
+        tool = np.array(self._data.site_xmat[self._site]).reshape(3, 3)
+        return np.array(self._data.site_xpos[self._site]), tool @ DOWN
+
+    def solve(
+        self, tip: FloatArray, tool: FloatArray, start: FloatArray, rest: FloatArray, iterations: int
+    ) -> FloatArray | None:
+        """Joint positions (dof,) within limits that bring the tip to a pose, or None.
+
+        Damped least squares from ``start``; what freedom the pose leaves draws the joints towards ``rest``.
+
+        Args:
+            tip: (3,) metres.
+            tool: rotation (3, 3) of the tip; its z axis points out of the cup.
+            start, rest: (dof,).
+            iterations: after so many it gives up.
+        """
+        model, data, jacobian = self._model, self._data, self._jacobian
+        joints = np.clip(start, self.low, self.high)
+        wanted, present, turn, error = np.empty(4), np.empty(4), np.empty(4), np.empty(6)
+        mujoco.mju_mat2Quat(wanted, np.ascontiguousarray(tool).ravel())
+        for _ in range(iterations):
+            data.qpos[:] = joints
+            mujoco.mj_kinematics(model, data)
+            error[:3] = tip - data.site_xpos[self._site]
+            mujoco.mju_mat2Quat(present, data.site_xmat[self._site])
+            present[1:] *= -1
+            mujoco.mju_mulQuat(turn, wanted, present)
+            mujoco.mju_quat2Vel(error[3:], turn, 1.0)
+            if float(np.abs(error).max()) < _TOLERANCE:
+                return joints
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._site)
+            homeward = _HOMEWARD * (rest - joints)
+            square = jacobian @ jacobian.T
+            square[np.diag_indices(6)] += _DAMPING
+            change = homeward + jacobian.T @ np.linalg.solve(square, error - jacobian @ homeward)
+            change *= min(1.0, _LONGEST / max(float(np.abs(change).max()), 1e-9))
+            before, joints = joints, np.clip(joints + change, self.low, self.high)
+            if float(np.abs(joints - before).max()) < _STALLED:  # as near as it comes from this start
+                return None
+        return None
+
+    def first_gap(self, path: FloatArray) -> Gap | None:
+        """The first row of joint positions (N, dof) at which the arm meets the table or itself, as a ``Gap``."""
+        model, data = self._model, self._data
+        for row in path:
+            data.qpos[:] = row
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_collision(model, data)
+            if data.ncon:
+                return self._gaps()[0]
+        return None
+
+    def touching(self, joints: FloatArray) -> list[tuple[str, str]]:
+        """Pairs of bodies that meet at joint positions (dof,)."""
+        return [] if self.first_gap(joints[None]) is None else [(gap.first, gap.second) for gap in self._gaps()]
+
+    def _gaps(self) -> list[Gap]:
+        found: list[Gap] = []
+        for pair, distance in zip(self._data.contact.geom, self._data.contact.dist, strict=True):
+            first, second = sorted(int(self._model.geom_bodyid[geom]) for geom in pair)
+            names = [str(self._model.body(body).name) for body in (first, second)]
+            found.append(Gap(names[0], names[1], max(0.0, -float(distance))))
+        return found
+
+
+def arm_model(add: Callable[[Any], None], home: FloatArray) -> Posture:
+    """The arm on its own; parts that touch while it waits at ``home`` (dof,) touch by design and do not count."""
+    return Posture(add, Posture(add).touching(home))

@@ -1,0 +1,178 @@
+"""A user's own arm: an MJCF file with a serial chain of hinges and slides, to whose end the suction cup is fixed."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.engine import mujoco
+from grs_agents.errors import InputError
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.robot import ROBOT_CONTYPE, add_actuator, add_tool
+
+FloatArray = npt.NDArray[np.float64]
+TIPS: Final = ("tip", "tool0", "attachment_site", "ee", "end_effector", "flange", "tcp")
+"""Names of the site that the suction cup is fixed to, the first that is there; without any, the last body's frame."""
+LARGEST: Final = 4_000_000
+"""Of the MJCF file, bytes; meshes count on their own."""
+_MOST_JOINTS: Final = 12
+_PREFIX: Final = "arm_"
+_STIFFNESS, _TORQUE = 3000.0, 200.0
+_QUARTERS: Final = (0.0, np.pi / 2, np.pi, -np.pi / 2)
+"""How the cup may be fixed, radians about its own axis: it is round, so any turn serves."""
+_ROOM: Final = np.pi / 2
+"""Radians that the last joint should have to both of its limits while the arm waits: then no other turn is tried."""
+
+
+def load_arm(path: Path) -> Arm:
+    """The arm in an MJCF file.
+
+    Raises:
+        InputError: it cannot be read, has no serial arm, or cannot point its tool down over the table.
+    """
+    spec = _parse(path)
+    chain = _chain(spec, path)
+    guess = _home(spec, chain, path)
+
+    best: Arm | None = None
+    refusal: InputError | None = None
+    for turn in _QUARTERS:
+        arm = Arm(str(path), _adder(path, turn), guess)
+        try:
+            arm.home.setflags(write=False)  # looked for now, so that an arm of no use is refused before it is used
+        except InputError as error:
+            refusal = refusal or error
+            continue
+        if best is None or _room(arm) > _room(best) + 1e-3:
+            best = arm
+        if _room(best) >= _ROOM:
+            break
+    if best is None:
+        assert refusal is not None, "an arm was neither found nor refused"
+        raise refusal
+    return best
+
+
+def _adder(path: Path, turn: float) -> Callable[[Any], None]:
+    return lambda world: _attach(world, _parse(path), path, turn)
+
+
+def _room(arm: Arm) -> float:
+    """How far the last joint of the waiting arm is from the nearer of its limits, radians or metres."""
+    return float(min(arm.home[-1] - arm.low[-1], arm.high[-1] - arm.home[-1]))
+
+
+def _parse(path: Path) -> Any:
+    try:
+        if path.stat().st_size > LARGEST:
+            raise InputError(f"robot {path}: {path.stat().st_size} bytes, at most {LARGEST}", "give the arm alone")
+        return mujoco.MjSpec.from_file(str(path.resolve()))
+    except OSError as error:
+        raise InputError(f"robot {path}: cannot be read: {error}", "give the path of an MJCF file") from error
+    except ValueError as error:
+        raise InputError(f"robot {path}: is no MJCF: {str(error)[:300]}", "mend what it names") from error
+
+
+def _tip(spec: Any, path: Path) -> tuple[Any, Any | None]:
+    """The body that carries the cup, and the site it is fixed to (None: the body's own frame)."""
+    sites = {str(site.name): site for site in spec.sites}
+    for name in TIPS:
+        if name in sites:
+            return sites[name].parent, sites[name]
+    bodies: list[Any] = list(spec.bodies)
+    if len(bodies) < 2:
+        raise InputError(f"robot {path}: there is no body", "give an arm: bodies one inside the other, with joints")
+    return max(bodies, key=lambda body: len(_up(body))), None
+
+
+def _up(body: Any) -> list[Any]:
+    """A body and those that carry it, without the world."""
+    found: list[Any] = []
+    while body is not None and str(body.name) != "world":
+        found.append(body)
+        body = body.parent
+    return found
+
+
+def _chain(spec: Any, path: Path) -> list[Any]:
+    """The joints from the base to the tip."""
+    carrier, site = _tip(spec, path)
+    joints = [joint for body in reversed(_up(carrier)) for joint in body.joints]
+    where = f"site {site.name!r}" if site is not None else f"body {carrier.name!r}"
+    if not joints:
+        raise InputError(
+            f"robot {path}: no joint moves the {where}",
+            f"put hinge or slide joints on the bodies that carry it; the tip is a site named {', '.join(TIPS[:3])}",
+        )
+    serves = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    for joint in joints:
+        if joint.type not in serves:
+            raise InputError(f"robot {path}: joint {joint.name!r} is neither hinge nor slide", "use hinges and slides")
+        if not joint.name:
+            raise InputError(f"robot {path}: a joint of body {joint.parent.name!r} has no name", "name every joint")
+    if len(joints) > _MOST_JOINTS:
+        raise InputError(f"robot {path}: {len(joints)} joints, at most {_MOST_JOINTS}", "give a serial arm")
+    return joints
+
+
+def _home(spec: Any, chain: list[Any], path: Path) -> FloatArray:
+    """Joint positions of the file's first keyframe, else of the joints' references."""
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise InputError(f"robot {path}: does not compile: {str(error)[:300]}", "mend what it names") from error
+    positions = model.key_qpos[0] if model.nkey else model.qpos0
+    return np.array([float(positions[model.joint(joint.name).qposadr[0]]) for joint in chain])
+
+
+def _attach(world: Any, spec: Any, path: Path, turn: float) -> None:
+    """Add the arm to a world: limits, no weight, position actuators, the cup; what is off the chain stands still.
+
+    The cup is turned by ``turn`` (radians) about its own axis.
+    """
+    chain = _chain(spec, path)
+    carrier, site = _tip(spec, path)
+    names = [str(joint.name) for joint in chain]
+    torques = [_strongest(spec, name) for name in names]
+    place = (tuple(site.pos), tuple(site.quat)) if site is not None else ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    quaternion = np.empty(4)
+    mujoco.mju_mulQuat(quaternion, np.array(place[1]), np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)]))
+    carrier.name = carrier.name or "carrier"
+    for elements in (spec.keys, spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.lights, spec.cameras):
+        for element in list(elements):
+            spec.delete(element)
+    for joint in list(spec.joints):
+        if str(joint.name) not in names:
+            spec.delete(joint)
+    for joint in chain:
+        _limit(joint, 360.0 if spec.compiler.degree else 2 * np.pi)
+    for body in spec.bodies:
+        body.gravcomp = 1.0
+    for geom in spec.geoms:
+        solid = bool(geom.contype or geom.conaffinity)
+        geom.group, geom.contype, geom.conaffinity = 1, ROBOT_CONTYPE if solid else 0, 0
+    end = f"{_PREFIX}{carrier.name}"
+    world.attach(spec, prefix=_PREFIX, frame=world.worldbody.add_frame())
+    add_tool(world.body(end), place[0], tuple(quaternion))
+    for name, torque in zip(names, torques, strict=True):
+        add_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torque)
+
+
+def _limit(joint: Any, turn: float) -> None:
+    """Give a joint limits and some inertia of its own where the file gives none."""
+    joint.armature = max(float(joint.armature), 0.05)
+    low, high = (float(bound) for bound in joint.range)
+    if low >= high:
+        joint.range = (-1.0, 1.0) if joint.type == mujoco.mjtJoint.mjJNT_SLIDE else (-turn, turn)
+    joint.limited = True
+
+
+def _strongest(spec: Any, joint: str) -> float:
+    """The greatest force of the file's actuator of a joint, N m or N."""
+    for actuator in spec.actuators:
+        low, high = (float(bound) for bound in actuator.forcerange)
+        if str(actuator.target) == joint and high > max(low, 0.0):
+            return high
+    return _TORQUE

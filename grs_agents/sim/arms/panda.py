@@ -1,0 +1,67 @@
+"""A Franka Emika Panda: published geometry, limits, masses and inertias, our own capsules."""
+
+from typing import Any, Final
+
+import numpy as np
+
+from grs_agents.base import Vec3
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.robot import Capsule, Link, add_chain
+
+# Modified Denavit-Hartenberg parameters (a, d, alpha) of each joint, metres and radians.
+_GEOMETRY: Final = (
+    (0.0, 0.333, 0.0), (0.0, 0.0, -np.pi / 2), (0.0, 0.316, np.pi / 2), (0.0825, 0.0, np.pi / 2),
+    (-0.0825, 0.384, -np.pi / 2), (0.0, 0.0, np.pi / 2), (0.088, 0.0, np.pi / 2),
+)  # fmt: skip
+_FLANGE: Final = (0.0, 0.0, 0.107)
+_LIMITS: Final = ((-2.8973, 2.8973), (-1.7628, 1.7628), (-2.8973, 2.8973), (-3.0718, -0.0698), (-2.8973, 2.8973),
+                  (-0.0175, 3.7525), (-2.8973, 2.8973))  # fmt: skip
+_TORQUES: Final = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)
+_STIFFNESS: Final = (4500.0, 4500.0, 3500.0, 3500.0, 1200.0, 1200.0, 800.0)
+# As identified and published with the maker's description: kg, m, kg m^2 (xx, yy, zz, xy, xz, yz).
+_MASSES: Final = (4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522)
+_CENTERS: Final[tuple[Vec3, ...]] = (
+    (3.875e-3, 2.081e-3, -0.04762), (-3.141e-3, -0.02872, 3.495e-3), (2.7518e-2, 3.9252e-2, -6.6502e-2),
+    (-5.317e-2, 0.104419, 2.7454e-2), (-1.1953e-2, 4.1065e-2, -3.8437e-2), (6.0149e-2, -1.4117e-2, -1.0517e-2),
+    (1.0517e-2, -4.252e-3, 6.1597e-2),
+)  # fmt: skip
+_INERTIAS: Final = (
+    (0.70337, 0.70661, 9.117e-3, -1.39e-4, 6.772e-3, 1.9169e-2),
+    (7.962e-3, 2.811e-2, 2.5995e-2, -3.925e-3, 1.0254e-2, 7.04e-4),
+    (3.7242e-2, 3.6155e-2, 1.083e-2, -4.761e-3, -1.1396e-2, -1.2805e-2),
+    (2.5853e-2, 1.9552e-2, 2.8323e-2, 7.796e-3, -1.332e-3, 8.641e-3),
+    (3.5549e-2, 2.9474e-2, 8.627e-3, -2.117e-3, -4.037e-3, 2.29e-4),
+    (1.964e-3, 4.354e-3, 5.433e-3, 1.09e-4, -1.158e-3, 3.41e-4),
+    (1.2516e-2, 1.0027e-2, 4.815e-3, -4.28e-4, -1.196e-3, -7.41e-4),
+)
+_CAPSULES: Final[tuple[tuple[Capsule, ...], ...]] = (
+    (((0.0, 0.0, -0.25), (0.0, 0.0, 0.0), 0.060),),
+    (((0.0, 0.0, -0.05), (0.0, 0.0, 0.05), 0.060), ((0.0, -0.06, 0.0), (0.0, -0.16, 0.0), 0.055)),
+    (((0.0, 0.0, -0.12), (0.0, 0.0, -0.06), 0.055), ((0.03, 0.0, -0.03), (0.0825, 0.0, 0.0), 0.055)),
+    (((0.0, 0.0, -0.05), (0.0, 0.0, 0.05), 0.055), ((-0.06, 0.07, 0.0), (-0.0825, 0.12, 0.0), 0.055)),
+    (((0.0, 0.0, -0.23), (0.0, 0.01, -0.13), 0.055), ((0.0, 0.07, -0.13), (0.0, 0.06, -0.02), 0.035)),
+    (((0.0, 0.0, -0.04), (0.0, 0.0, 0.02), 0.050), ((0.03, 0.0, 0.0), (0.088, 0.0, 0.0), 0.045)),
+    (((0.0, 0.0, 0.0), (0.0, 0.0, 0.075), 0.044),),
+)
+_GUESS: Final = (0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, 0.0)
+
+
+def _link(index: int) -> Link:
+    a, d, alpha = _GEOMETRY[index]
+    return Link(
+        name=f"link_{index + 1}", position=(a, -float(np.sin(alpha)) * d, float(np.cos(alpha)) * d), roll=alpha,
+        limits=_LIMITS[index], torque=_TORQUES[index], stiffness=_STIFFNESS[index], mass=_MASSES[index],
+        center=_CENTERS[index], inertia=_INERTIAS[index], capsules=_CAPSULES[index], touches=index >= 2,
+    )  # fmt: skip
+
+
+class Panda(Arm):
+    """Franka Emika's Panda, seven joints, with the suction cup in place of its hand."""
+
+    def __init__(self) -> None:
+        links = tuple(_link(index) for index in range(len(_GEOMETRY)))
+
+        def add(spec: Any) -> None:
+            add_chain(spec, links, _FLANGE)
+
+        super().__init__("panda", add, np.array(_GUESS))

@@ -1,0 +1,81 @@
+"""Where an arm can bring its tip with the tool straight down, tabulated once and then looked up."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.sim.arms.arm_model import Posture
+from grs_agents.sim.arms.joint_paths import turns_about_z
+from grs_agents.sim.arms.robot import DOWN
+
+FloatArray = npt.NDArray[np.float64]
+_RADII: Final = np.arange(0.14, 1.2, 0.025)
+_HEIGHTS: Final = np.concatenate([[0.001], np.arange(0.05, 0.71, 0.06)])
+_BEARINGS: Final = np.linspace(-np.pi / 2, np.pi / 2, 13)
+_EXPLORING: Final = 25
+
+
+@dataclass(frozen=True)
+class ReachTable:
+    """Reach on a grid about the base axis.
+
+    Attributes:
+        served: (bearings, radii, heights); a single bearing stands for all.
+        bearings: lowest and highest that a base which turns allows, radians.
+    """
+
+    served: npt.NDArray[np.bool_]
+    bearings: tuple[float, float]
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The least and the greatest radius that is served anywhere, metres."""
+        radii = _RADII[self.served.any(axis=(0, 2))]
+        return (float(radii.min()), float(radii.max())) if len(radii) else (0.0, 0.0)
+
+    def __call__(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which of the points (N, 3) lie in a cell all of whose corners are served."""
+        bearing, radius = np.arctan2(tips[:, 1], tips[:, 0]), np.hypot(tips[:, 0], tips[:, 1])
+        inside = (bearing >= self.bearings[0]) & (bearing <= self.bearings[1])
+        inside &= (radius >= _RADII[0]) & (radius <= _RADII[-1])
+        inside &= (tips[:, 2] >= 0.0) & (tips[:, 2] <= _HEIGHTS[-1])
+        r = (np.searchsorted(_RADII, radius, side="right") - 1).clip(0, len(_RADII) - 2)
+        h = (np.searchsorted(_HEIGHTS, tips[:, 2], side="right") - 1).clip(0, len(_HEIGHTS) - 2)
+        b = (np.searchsorted(_BEARINGS, bearing, side="right") - 1).clip(0, len(_BEARINGS) - 2)
+        if len(self.served) == 1:
+            b = np.zeros_like(b)
+        corners = [(b, r + i, h + j) for i in (0, 1) for j in (0, 1)]
+        if len(self.served) > 1:
+            corners += [(b + 1, r + i, h + j) for i in (0, 1) for j in (0, 1)]
+        for corner in corners:
+            inside &= self.served[corner]
+        return inside
+
+
+def tabulate(posture: Posture, home: FloatArray) -> ReachTable:
+    """Try the arm on the grid, each point from a neighbour that was served."""
+    turning = posture.turns_about_base()
+    bearings = np.zeros(1) if turning else _BEARINGS
+    served = np.zeros((len(bearings), len(_RADII), len(_HEIGHTS)), dtype=bool)
+    for index, bearing in enumerate(bearings):
+        tool = turns_about_z(np.array([bearing]))[0] @ DOWN
+        before: dict[int, FloatArray] = {}
+        for row, radius in enumerate(_RADII):
+            above: FloatArray | None = None
+            known, before = before, dict[int, FloatArray]()
+            for column in reversed(range(len(_HEIGHTS))):
+                point = np.array([radius * np.cos(bearing), radius * np.sin(bearing), _HEIGHTS[column]])
+                near = (above, *(known.get(column + step) for step in (0, 1, -1)))
+                start = next((joints for joints in near if joints is not None), None)
+                if start is None and served[index].any():
+                    continue
+                found = posture.solve(point, tool, home if start is None else start, home, _EXPLORING)
+                if found is not None and posture.first_gap(found[None]) is None:
+                    served[index, row, column] = True
+                    before[column] = above = found
+                else:
+                    above = None
+    low, high = (posture.low[0] - home[0], posture.high[0] - home[0]) if turning else (-np.pi / 2, np.pi / 2)
+    return ReachTable(served, (float(low), float(high)))

@@ -1,0 +1,29 @@
+"""The robots there are, by the name that the configuration gives: ``ur5e``, ``panda``, or a user's MJCF file."""
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+from grs_agents.errors import UnknownNameError
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.mjcf_arm import load_arm
+from grs_agents.sim.arms.panda import Panda
+from grs_agents.sim.arms.ur5e import UR5e
+
+ROBOTS: Final = {"ur5e": UR5e, "panda": Panda}
+DEFAULT: Final = "ur5e"
+
+
+@lru_cache(maxsize=8)
+def get_arm(robot: str = DEFAULT) -> Arm:
+    """The arm of a name, or of a path to an MJCF file; made once in a process.
+
+    Raises:
+        UnknownNameError: no arm has the name, and it is no path to a ``.xml`` file.
+        InputError: the file cannot be used; the message says what is missing.
+    """
+    if robot in ROBOTS:
+        return ROBOTS[robot]()
+    if Path(robot).suffix.lower() not in (".xml", ".mjcf"):
+        raise UnknownNameError("robot", robot, (*ROBOTS, "path/to/arm.xml"))
+    return load_arm(Path(robot))

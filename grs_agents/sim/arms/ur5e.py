@@ -1,0 +1,242 @@
+"""A UR5e: published masses, inertias and limits, our own capsules, joint angles in closed form.
+
+Frames follow the published Denavit-Hartenberg parameters. The base is at the origin of the robot frame and the tip is
+the end of the suction cup. With the tool down the wrist's second joint stays at -90 degrees and the arm moves in a
+vertical plane that lies ``D4`` beside the base's axis: a planar problem with one elbow-up answer. Any other pose of
+the tool has up to eight answers: shoulder left or right, wrist up or down, elbow up or down.
+"""
+
+from itertools import product
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Vec3
+from grs_agents.sim.arms.arm import HOME, Arm
+from grs_agents.sim.arms.robot import DOWN, TOOL_LENGTH, Capsule, Link, add_chain
+
+FloatArray = npt.NDArray[np.float64]
+
+D1: Final = 0.1625
+A2: Final = -0.425
+A3: Final = -0.3922
+D4: Final = 0.1333
+D5: Final = 0.0997
+D6: Final = 0.0996
+TURN: Final = 2 * np.pi
+REACH: Final = 0.85
+"""Nominal reach of the arm from its base axis, metres."""
+NEAREST: Final = 0.22
+"""Closer to the base axis than this the arm would fold into itself, metres."""
+_SHOULDER: Final = 0.105
+"""Radii of the shoulder and the forearm together, with a little room, metres."""
+LINKS: Final = ((0.0, D1, np.pi / 2), (A2, 0.0, 0.0), (A3, 0.0, 0.0), (0.0, D4, np.pi / 2), (0.0, D5, -np.pi / 2),
+                (0.0, D6, 0.0))  # fmt: skip
+"""(a, d, alpha) of each joint."""
+
+
+def joint_frames(joints: FloatArray) -> list[FloatArray]:
+    """The 4 x 4 frames of the six links for joint angles (6,) in radians, robot frame."""
+    frames: list[FloatArray] = []
+    frame = np.eye(4)
+    for angle, (a, d, alpha) in zip(joints, LINKS, strict=True):
+        ct, st, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+        frame = frame @ np.array(
+            [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]]
+        )
+        frames.append(frame)
+    return frames
+
+
+def tip_frame(joints: FloatArray) -> FloatArray:
+    """The 4 x 4 frame of the suction cup's tip; its z axis points out of the cup."""
+    frame = joint_frames(joints)[-1].copy()
+    frame[:3, 3] += TOOL_LENGTH * frame[:3, 2]
+    return frame
+
+
+def solve(tips: FloatArray, yaws: FloatArray) -> FloatArray:
+    """Joint angles (N, 6) that bring the tip to ``tips`` (N, 3), tool down, turned by ``yaws`` (N,) radians.
+
+    Rows that the arm cannot reach are NaN. Successive rows of a continuous path give continuous angles.
+    """
+    x, y = tips[:, 0], tips[:, 1]
+    height = tips[:, 2] + TOOL_LENGTH + D6 - D1
+    radius = np.hypot(x, y)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        base = np.arctan2(y, x) + np.pi - np.arcsin(D4 / radius)
+        forward = np.sqrt(radius**2 - D4**2) - D5
+        cosine = (forward**2 + height**2 - A2**2 - A3**2) / (2 * A2 * A3)
+        elbow = np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
+    # The links have negative lengths in the published table, so the arm extends along minus x of link 1.
+    shoulder = np.arctan2(-height, forward) - np.arctan2(-A3 * np.sin(elbow), -A2 - A3 * np.cos(elbow))
+    wrist = -np.pi / 2 - shoulder - elbow
+    half = np.full_like(elbow, -np.pi / 2)
+    turn = base + np.pi / 2 - yaws
+    turn = np.where(np.isfinite(turn), turn, 0.0)
+    if len(turn) > 1 and float(np.abs(turn[1:] - turn[:-1]).max()) > np.pi:
+        turn = np.unwrap(turn)
+    turn -= 2 * np.pi * np.round(turn[:1] / (2 * np.pi))
+    return np.stack([base, shoulder, elbow, wrist, half, turn], axis=1)
+
+
+def reachable(tips: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which of the points (N, 3) the tip can be brought to, tool down, within the nominal reach."""
+    radius = np.hypot(tips[:, 0], tips[:, 1])
+    inside = (radius >= NEAREST) & (radius <= REACH)
+    # Low and near the base the forearm's end would meet the shoulder: it must stay beside it or above it.
+    beside = np.sqrt(np.maximum(radius**2 - D4**2, 0.0)) - D5 >= _SHOULDER
+    inside &= beside | (tips[:, 2] + TOOL_LENGTH + D6 >= D1 + _SHOULDER)
+    return inside & np.isfinite(solve(tips, np.zeros(len(tips)))).all(axis=1)
+
+
+def can_reach(tip: Vec3) -> bool:
+    """Whether the arm can bring the tip to one point, tool down."""
+    return bool(reachable(np.array([tip], dtype=np.float64))[0])
+
+
+def solve_poses(tips: FloatArray, rotations: FloatArray, seed: FloatArray) -> FloatArray:
+    """Joint angles (N, 6) that bring the tip to ``tips`` (N, 3), the tool turned by ``rotations`` (N, 3, 3) from down.
+
+    All rows are on one of the eight branches, that nearest ``seed`` (6,); they are NaN if none serves the whole path.
+    """
+    tool = rotations @ DOWN
+    flange = tips - TOOL_LENGTH * tool[:, :, 2]
+    best, nearest = np.full((len(tips), 6), np.nan), np.inf
+    for signs in product((1.0, -1.0), repeat=3):
+        angles = _branch(flange, tool, signs)
+        if not np.isfinite(angles).all():
+            continue
+        joints = angles + _whole_turns(seed - angles[0])
+        joints[1:] -= np.cumsum(_whole_turns(np.diff(angles, axis=0)), axis=0)
+        joints[:, 2] -= _whole_turns(joints[:1, 2])
+        limits = np.array([TURN, TURN, np.pi, TURN, TURN, TURN])
+        distance = float(np.abs(joints[0] - seed).max())
+        if distance < nearest and (np.abs(joints) <= limits).all():
+            best, nearest = joints, distance
+    return best
+
+
+def _whole_turns(angles: FloatArray) -> FloatArray:
+    """The multiples of a whole turn nearest to angles."""
+    return TURN * np.rint(angles / TURN)
+
+
+def _branch(flange: FloatArray, tool: FloatArray, signs: tuple[float, ...]) -> FloatArray:
+    """One of the eight answers for flange positions (N, 3) and tool rotations (N, 3, 3); NaN where there is none."""
+    shoulder, flip, elbow = signs
+    wrist = flange - D6 * tool[:, :, 2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        q1 = np.arctan2(wrist[:, 1], wrist[:, 0]) + np.pi / 2
+        q1 += shoulder * np.arccos(D4 / np.hypot(wrist[:, 0], wrist[:, 1]))
+        sin, cos = np.sin(q1), np.cos(q1)
+        across = tool[:, 0] * sin[:, None] - tool[:, 1] * cos[:, None]  # the tool's axes along that of joint 2
+        q5 = flip * np.arccos(np.clip(across[:, 2], -1.0, 1.0))
+        side = np.sign(np.sin(q5))
+        q6 = np.arctan2(-across[:, 1] * side, across[:, 0] * side)
+        back = _link_frames(np.column_stack([q5, q6]), 4)
+        pose = np.zeros((len(flange), 4, 4))
+        pose[:, :3, :3], pose[:, :3, 3], pose[:, 3, 3] = tool, flange, 1.0
+        arm = np.linalg.inv(_link_frames(q1[:, None], 0)) @ pose @ np.linalg.inv(back)
+        reach = arm[:, :3, 3] - D4 * arm[:, :3, 1]
+        length = np.hypot(reach[:, 0], reach[:, 1])
+        q3 = elbow * np.arccos((length**2 - A2**2 - A3**2) / (2 * A2 * A3))
+        q2 = np.arctan2(-reach[:, 1], -reach[:, 0]) - np.arcsin(-A3 * np.sin(q3) / length)
+        ahead = np.linalg.inv(_link_frames(np.column_stack([q2, q3]), 1)) @ arm
+        q4 = np.arctan2(ahead[:, 1, 0], ahead[:, 0, 0])
+    return np.column_stack([q1, q2, q3, q4, q5, q6])
+
+
+def _link_frames(angles: FloatArray, first: int) -> FloatArray:
+    """The frames (N, 4, 4) of a chain of joints (N, K), the first of them number ``first``."""
+    frame = np.broadcast_to(np.eye(4), (len(angles), 4, 4))
+    for column in range(angles.shape[1]):
+        a, d, alpha = LINKS[first + column]
+        ct, st = np.cos(angles[:, column]), np.sin(angles[:, column])
+        ca, sa = float(np.cos(alpha)), float(np.sin(alpha))
+        link = np.zeros((len(angles), 4, 4))
+        link[:, 0] = np.stack([ct, -st * ca, st * sa, a * ct], axis=1)
+        link[:, 1] = np.stack([st, ct * ca, -ct * sa, a * st], axis=1)
+        link[:, 2], link[:, 3] = (0.0, sa, ca, d), (0.0, 0.0, 0.0, 1.0)
+        frame = frame @ link
+    return frame
+
+
+_NAMES: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+_CAPSULES: Final[tuple[Capsule, ...]] = (
+    ((0.0, 0.0, 0.02), (0.0, 0.0, D1), 0.060),
+    ((0.0, 0.0, 0.138), (A2, 0.0, 0.138), 0.054),
+    ((0.0, 0.0, 0.007), (A3, 0.0, 0.007), 0.042),
+    ((0.0, 0.0, 0.02), (0.0, 0.0, D4 - 0.02), 0.037),
+    ((0.0, 0.0, 0.0), (0.0, 0.0, D5), 0.037),
+    ((0.0, 0.0, 0.0), (0.0, 0.0, D6 - 0.02), 0.034),
+)
+# The maker's figures: kg; centre of mass and inertia in the Denavit-Hartenberg frame of each link; N m.
+_MASSES: Final = (3.761, 8.058, 2.846, 1.37, 1.3, 0.365)
+_CENTERS: Final[tuple[Vec3, ...]] = (
+    (0.0, -0.02561, 0.00193), (0.2125, 0.0, 0.11336), (0.15, 0.0, 0.0265), (0.0, -0.0018, 0.01634),
+    (0.0, 0.0018, 0.01634), (0.0, 0.0, -0.001159),
+)  # fmt: skip
+_INERTIAS: Final = (
+    (7.00210e-3, 6.48091e-3, 6.57286e-3, 7.3e-7, -1.053e-5, 4.9994e-4),
+    (1.505885e-2, 3.3388086e-1, 3.3247207e-1, -5.4e-5, 5.63e-6, -1.81e-6),
+    (3.99632e-3, 7.879254e-2, 7.848510e-2, -1.365e-5, 1.37272e-3, -6.6e-6),
+    (1.65491e-3, 1.35962e-3, 1.26279e-3, -2.82e-6, -4.38e-6, 1.0157e-4),
+    (1.35617e-3, 1.27827e-3, 9.6614e-4, -2.74e-6, 4.44e-6, -5.048e-5),
+    (1.8694e-4, 1.8908e-4, 2.5756e-4, 6e-8, -1.7e-7, -9.2e-7),
+)
+_TORQUES: Final = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
+_STIFFNESS: Final = (6000.0, 6000.0, 4000.0, 2000.0, 2000.0, 1000.0)
+
+
+def _links() -> tuple[Link, ...]:
+    found: list[Link] = []
+    position, roll = (0.0, 0.0, 0.0), 0.0
+    for index, (a, d, alpha) in enumerate(LINKS):
+        cos, sin = float(np.cos(alpha)), float(np.sin(alpha))
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+        x, y, z = np.array([a, 0.0, d]) + turn @ np.asarray(_CENTERS[index])
+        xx, yy, zz, xy, xz, yz = _INERTIAS[index]
+        tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+        half = np.pi if index == 2 else TURN
+        found.append(
+            Link(
+                name=_NAMES[index], position=position, roll=roll, limits=(-half, half), torque=_TORQUES[index],
+                stiffness=_STIFFNESS[index], mass=_MASSES[index], center=(float(x), float(y), float(z)),
+                inertia=(*np.diag(tensor).tolist(), float(tensor[0, 1]), float(tensor[0, 2]), float(tensor[1, 2])),
+                capsules=(_CAPSULES[index],), touches=index >= 2,
+            )
+        )  # fmt: skip
+        position, roll = (a, 0.0, d), alpha
+    return tuple(found)
+
+
+class UR5e(Arm):
+    """Universal Robots' UR5e."""
+
+    nearest, farthest = NEAREST, REACH
+
+    def __init__(self) -> None:
+        links = _links()
+
+        def add(spec: Any) -> None:
+            add_chain(spec, links, (0.0, 0.0, D6))
+
+        super().__init__("ur5e", add, solve(np.array([HOME]), np.zeros(1))[0])
+
+    def solve(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
+        """As ``Arm.solve``, in closed form."""
+        joints = solve(tips, yaws)
+        if seed is not None:
+            joints[:, 5] += TURN * np.round((seed[5] - joints[0, 5]) / TURN)
+        joints[~(np.abs(joints).max(axis=1) <= TURN)] = np.nan
+        return joints
+
+    def solve_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
+        """As ``Arm.solve_poses``, in closed form."""
+        return solve_poses(tips, rotations, self.home if seed is None else seed)
+
+    def reachable(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
+        """As ``Arm.reachable``, in closed form."""
+        return reachable(tips)

@@ -1,0 +1,1 @@
+"""What generated programs import: CLIPort's Task, Environment, utilities and PyBullet's calls."""

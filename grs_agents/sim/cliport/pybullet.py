@@ -1,0 +1,274 @@
+"""A few of PyBullet's calls and constants, on the most recent environment; ``from grs_agents.sim import p``.
+
+A body that is made from plain shapes becomes an object from a template of the library.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from grs_agents.base import Quat, Vec3
+from grs_agents.geometry import transforms
+from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
+from grs_agents.sim.instance.instance import InstanceTie
+from grs_agents.sim.world import templates
+from grs_agents.sim.world.tabletop import Tabletop
+
+GEOM_SPHERE, GEOM_BOX, GEOM_CYLINDER, GEOM_MESH = 2, 3, 4, 5
+_TEMPLATES: Final = {
+    GEOM_SPHERE: "sphere/sphere-template.urdf",
+    GEOM_BOX: "box/box-template.urdf",
+    GEOM_CYLINDER: "cylinder/cylinder-template.urdf",
+}
+_MARK: Final = "zone/zone-template.urdf"
+
+
+@dataclass(frozen=True)
+class PlainShape:
+    """A shape that a program described: its kind ``GEOM_*``, full extents (m), and colour."""
+
+    kind: int
+    size: Vec3
+    color: tuple[float, ...] | None = None
+
+
+_shapes: list[PlainShape] = []
+
+
+def forget() -> None:
+    """Forget every shape, as a new environment begins without any."""
+    _shapes.clear()
+
+
+def add_shape(kind: int, radius: float, half_extents: Sequence[float], length: float, color: Any = None) -> int:
+    """Note a shape; returns its number.
+
+    Raises:
+        UnsupportedError: it is no box, sphere or cylinder.
+    """
+    if kind not in _TEMPLATES:
+        raise UnsupportedError(
+            f"p: a shape of type {kind} is not there", "use p.GEOM_BOX, GEOM_SPHERE or GEOM_CYLINDER"
+        )
+    extents = {
+        GEOM_SPHERE: (2 * radius,) * 3,
+        GEOM_BOX: tuple(2 * float(half) for half in half_extents),
+        GEOM_CYLINDER: (2 * radius, 2 * radius, length),
+    }
+    _shapes.append(
+        PlainShape(kind, transforms.vec3(extents[kind]), None if color is None else tuple(map(float, color)))
+    )
+    return len(_shapes) - 1
+
+
+def add_body(env: Tabletop, mass: float, collision: int, visual: int, position: Any, rotation: Any) -> int:
+    """Add a body of one noted shape to an environment; returns its id.
+
+    What has no mass cannot move; what has no collision shape is a mark on the table. The mass is the template's.
+
+    Raises:
+        SimulationError: there is no such shape.
+    """
+    for number in (collision, visual):
+        if not -1 <= number < len(_shapes):
+            raise SimulationError(
+                f"p.createMultiBody: there is no shape {number}", "use what createCollisionShape returned"
+            )
+    if collision < 0 and visual < 0:
+        raise SimulationError("p.createMultiBody: a body without any shape", "give a collision shape")
+    shape, seen = _shapes[collision if collision >= 0 else visual], _shapes[visual if visual >= 0 else collision]
+    template = _TEMPLATES[shape.kind] if collision >= 0 else _MARK
+    urdf = templates.fill(env.library, template, {"DIM": shape.size})
+    pose = ((0.0, 0.0, 0.0) if position is None else transforms.vec3(position), transforms.quat(rotation))
+    category = "rigid" if mass > 0 and collision >= 0 else "fixed"
+    return env.add_object(urdf, pose, category, color=None if seen.color is None else list(np.asarray(seen.color)))
+
+
+JOINT_PRISMATIC, JOINT_FIXED, JOINT_POINT2POINT = 1, 4, 5
+_JOINTS: Final[dict[int, Literal["point", "fixed"]]] = {JOINT_POINT2POINT: "point", JOINT_FIXED: "fixed"}
+_GEOMS: Final = {"sphere": GEOM_SPHERE, "box": GEOM_BOX, "cylinder": GEOM_CYLINDER, "mesh": GEOM_MESH}
+
+_current: list[Tabletop] = []
+
+
+def attach(env: Tabletop) -> None:
+    """Make ``env`` the environment that the calls below read."""
+    _current[:] = [env]
+    forget()
+
+
+def _environment() -> Tabletop:
+    if not _current:
+        raise SimulationError("p.* was called before any Environment was made", "make an Environment first")
+    return _current[-1]
+
+
+def getBasePositionAndOrientation(bodyUniqueId: int, *_: Any, **__: Any) -> tuple[Vec3, Quat]:
+    """Position (m) of an object's centre and its rotation (xyzw)."""
+    return _environment().get_object_pose(bodyUniqueId)
+
+
+def getAABB(bodyUniqueId: int, *_: Any, **__: Any) -> tuple[Vec3, Vec3]:
+    """Lowest and highest corner of an object as it stands, metres."""
+    prism = _environment().outline(bodyUniqueId)
+    x0, y0, x1, y1 = prism.box
+    return (x0, y0, prism.low), (x1, y1, prism.high)
+
+
+def changeVisualShape(objectUniqueId: int, linkIndex: int = -1, rgbaColor: Any = None, **_: Any) -> None:
+    """Recolour an object."""
+    del linkIndex
+    if rgbaColor is not None:
+        _environment().set_color(objectUniqueId, rgbaColor)
+
+
+def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[Any, ...], ...]:
+    """One entry for each visual shape of an object, in PyBullet's order.
+
+    ``(id, link, GEOM_*, dimensions, mesh file, position, rotation, rgba)``: dimensions (m) are the full extents of a
+    box, (length, radius, 0) of a cylinder, the radius three times of a sphere, the scale of a mesh.
+    """
+    env = _environment()
+    own = env.object(objectUniqueId).color
+    found: list[tuple[Any, ...]] = []
+    for shape in env.shapes(objectUniqueId).visuals:
+        dimensions = shape.size
+        if shape.kind == "cylinder":
+            dimensions = (shape.size[1], shape.size[0], 0.0)
+        elif shape.kind == "sphere":
+            dimensions = shape.size * 3
+        color = own or shape.color or (1.0, 1.0, 1.0, 1.0)
+        entry = (dimensions, (shape.mesh or "").encode(), shape.position, shape.quaternion, color)
+        found.append((objectUniqueId, -1, _GEOMS[shape.kind], *entry))
+    return tuple(found)
+
+
+def resetBasePositionAndOrientation(bodyUniqueId: int, posObj: Any, ornObj: Any, *_: Any, **__: Any) -> None:
+    """Set an object down at a pose at once."""
+    _environment().place_object(bodyUniqueId, (transforms.vec3(posObj), transforms.quat(ornObj)))
+
+
+def getNumBodies(*_: Any, **__: Any) -> int:
+    """How many objects there are."""
+    return len(_environment().objects)
+
+
+def multiplyTransforms(
+    positionA: Any, orientationA: Any, positionB: Any, orientationB: Any, *_: Any, **__: Any
+) -> tuple[Vec3, Quat]:
+    """Transform B, given in the frame of A, in the frame that A is given in."""
+    return transforms.multiply((positionA, orientationA), (positionB, orientationB))
+
+
+def invertTransform(position: Any, orientation: Any, *_: Any, **__: Any) -> tuple[Vec3, Quat]:
+    """The inverse of a transform."""
+    return transforms.invert((position, orientation))
+
+
+def createConstraint(
+    parentBodyUniqueId: int,
+    parentLinkIndex: int,
+    childBodyUniqueId: int,
+    childLinkIndex: int,
+    jointType: int,
+    jointAxis: Any,
+    parentFramePosition: Any,
+    childFramePosition: Any,
+    parentFrameOrientation: Any = transforms.IDENTITY,
+    childFrameOrientation: Any = transforms.IDENTITY,
+    *_: Any,
+    **__: Any,
+) -> int:
+    """Tie two objects together at a point of either's frame (m): a ball joint, or fixed; returns its number.
+
+    Raises:
+        UnsupportedError: a joint of another kind, or to the world (a child of -1).
+    """
+    del parentLinkIndex, childLinkIndex, jointAxis
+    if jointType not in _JOINTS or childBodyUniqueId < 0:
+        raise UnsupportedError(
+            f"p.createConstraint: joint type {jointType} between {parentBodyUniqueId} and {childBodyUniqueId}",
+            "use p.JOINT_POINT2POINT or p.JOINT_FIXED between two objects; category='fixed' holds one in place",
+        )
+    return _environment().tie(
+        InstanceTie(
+            kind=_JOINTS[jointType],
+            parent=parentBodyUniqueId,
+            child=childBodyUniqueId,
+            parent_frame=(transforms.vec3(parentFramePosition), transforms.quat(parentFrameOrientation)),
+            child_frame=(transforms.vec3(childFramePosition), transforms.quat(childFrameOrientation)),
+        )
+    )
+
+
+def createCollisionShape(
+    shapeType: int, radius: float = 0.5, halfExtents: Any = (1, 1, 1), height: float = 1.0, *_: Any, **__: Any
+) -> int:
+    """Describe a box, a sphere or a cylinder (m) for ``createMultiBody``; returns its number."""
+    return add_shape(shapeType, radius, halfExtents, height)
+
+
+def createVisualShape(
+    shapeType: int,
+    radius: float = 0.5,
+    halfExtents: Any = (1, 1, 1),
+    length: float = 1.0,
+    fileName: str = "",
+    meshScale: Any = None,
+    planeNormal: Any = None,
+    rgbaColor: Any = None,
+    *_: Any,
+    **__: Any,
+) -> int:
+    """As ``createCollisionShape``; only its colour shows on a body that has a collision shape too."""
+    del fileName, meshScale, planeNormal
+    return add_shape(shapeType, radius, halfExtents, length, rgbaColor)
+
+
+def createMultiBody(
+    baseMass: float = 0,
+    baseCollisionShapeIndex: int = -1,
+    baseVisualShapeIndex: int = -1,
+    basePosition: Any = None,
+    baseOrientation: Any = transforms.IDENTITY,
+    *_: Any,
+    **__: Any,
+) -> int:
+    """Add a body of one shape; returns its id. Without mass it is fixed, without a collision shape a mark."""
+    shapes = (baseCollisionShapeIndex, baseVisualShapeIndex)
+    return add_body(_environment(), baseMass, *shapes, basePosition, baseOrientation)
+
+
+def changeDynamics(bodyUniqueId: int, *_: Any, **__: Any) -> None:
+    """Accepted with a warning: masses and friction are the library's."""
+    _environment().object(bodyUniqueId)
+    _environment().warn("p.changeDynamics: masses and friction are the library's, it changes nothing")
+
+
+def changeConstraint(userConstraintUniqueId: int, *_: Any, **__: Any) -> None:
+    """Accepted: a tie is as strong as the physics allows."""
+    del userConstraintUniqueId
+
+
+def __getattr__(name: str) -> Any:
+    if name.startswith("_"):
+        raise AttributeError(name)
+    known = ", ".join(sorted(known for known in globals() if known[0] in "gcimrs" and not known.startswith("_")))
+    raise AttributeError(f"p.{name} is not there; there are {known}")
+
+
+def getEulerFromQuaternion(quaternion: Quat) -> Vec3:
+    """(x, y, z, w) to roll, pitch, yaw in radians."""
+    return transforms.quatXYZW_to_eulerXYZ(quaternion)
+
+
+def getQuaternionFromEuler(eulerAngles: Vec3) -> Quat:
+    """Roll, pitch, yaw in radians to (x, y, z, w)."""
+    return transforms.eulerXYZ_to_quatXYZW(eulerAngles)
+
+
+def stepSimulation(*_: Any) -> None:
+    """Simulate one time step."""
+    _environment().step_simulation()

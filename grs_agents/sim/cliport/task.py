@@ -1,0 +1,293 @@
+"""The class that simulation programs derive from, and how it is found in a program."""
+
+import ast
+from collections.abc import Mapping, Sequence
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Quat
+from grs_agents.sim.cliport import end_effectors
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.cliport.goal_arguments import doubts, make_goal
+from grs_agents.sim.cliport.task_helpers import TaskKit, kitting_objects
+from grs_agents.sim.expert.oracle import Oracle
+from grs_agents.sim.expert.push_oracle import PushOracle
+from grs_agents.sim.goals import task_accounting
+from grs_agents.sim.goals.task_accounting import TaskAccounting
+from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
+from grs_agents.sim.instance.goal import Goal, named
+from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
+from grs_agents.sim.motion import placement
+from grs_agents.sim.world import templates
+from grs_agents.sim.world.footprints import Prism, prisms
+
+FloatArray = npt.NDArray[np.float64]
+_PATIENCE = 200
+_ORIGIN: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+_LENIENT = 0.05
+"""A goal is met when at most 0.01 of reward is missing, and at most this share of the goal."""
+
+
+class Task(TaskKit):
+    """A robot task: derive from it, set the scene up in ``reset`` and state the goals.
+
+    Attributes:
+        max_steps: pick-and-place actions allowed; give at least one for each object, better twice as many.
+        lang_template: what a person would say, e.g. ``"pack the {} in the box"``.
+        task_completed_desc: said at the end.
+        sixdof: kept for CLIPort programs.
+        pos_eps, rot_eps: tolerance of ``pose`` goals, metres and radians.
+        bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
+        goals: what ``add_goal`` gathered.
+        grs: the runtime's own accounts; every other name is the program's to use.
+
+    Example::
+
+        class StackBlocks(Task):
+            def __init__(self):
+                super().__init__()
+                self.max_steps = 4
+                self.lang_template = "put the red block on the blue block"
+                self.task_completed_desc = "done stacking."
+                self.additional_reset()
+
+            def reset(self, env):
+                super().reset(env)
+                base = ((0.5, 0.1, 0.02), (0, 0, 0, 1))
+                env.add_object("block/blue_block.urdf", base)
+                red = env.add_object("block/red_block.urdf", ((0.45, -0.2, 0.02), (0, 0, 0, 1)))
+                target = ((0.5, 0.1, 0.06), (0, 0, 0, 1))
+                self.add_goal(objs=[red], matches=np.ones((1, 1)), targ_poses=[target], replace=False,
+                              rotations=False, metric='pose', params=None, step_max_reward=1.0,
+                              symmetries=[np.pi / 2], language_goal=self.lang_template)
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.grs = TaskAccounting(self)
+        self.max_steps = 10
+        self.lang_template = ""
+        self.task_completed_desc = "task completed."
+        self.sixdof = False
+        self.pos_eps = POSITION_TOLERANCE
+        self.rot_eps = ROTATION_TOLERANCE
+        self.zone_bounds: FloatArray = np.copy(self.bounds)
+        self.ee: Any = end_effectors.Suction
+        self.primitive: Any = end_effectors.PickPlace()
+        self.goals: list[Goal] = []
+        self.lang_goals: list[str] = []
+        self.progress = 0.0
+
+    # --- set-up -----------------------------------------------------------------------------------------
+
+    def additional_reset(self) -> None:
+        """What GenSim derives from the words of ``lang_template``.
+
+        "bowl" widens ``pos_eps`` to 5 cm, "rope" to 2 cm; "piles" makes pushing with a spatula the way to act.
+        """
+        if "bowl" in self.lang_template:
+            self.pos_eps = 0.05
+        if "rope" in self.lang_template:
+            self.pos_eps = 0.02
+        if "piles" in self.lang_template:
+            self.ee, self.primitive = end_effectors.Spatula, end_effectors.push
+
+    def reset(self, env: Environment) -> None:
+        """Clear the goals. A program's own ``reset`` calls ``super().reset(env)``, then adds objects and goals."""
+        self.grs.begin(env)
+        self.goals, self.lang_goals, self.progress = [], [], 0.0
+
+    def add_goal(
+        self, objs: Any, matches: Any = None, targ_poses: Any = None, replace: bool = False, rotations: bool = True,
+        metric: str = "pose", params: Any = None, step_max_reward: float = 1.0, symmetries: Any = None,
+        language_goal: str = "", **_: Any,
+    ) -> None:  # fmt: skip
+        """State a goal. Goals are met one after the other; their ``step_max_reward`` should add up to 1.
+
+        Args:
+            objs: ids that ``env.add_object`` returned; or a typed goal, e.g. ``inside(cans, box)``, which says all.
+            matches: ``np.ones((objects, targets))``: 1 where a target will do for an object.
+            targ_poses: target poses ``((x, y, z), (qx, qy, qz, qw))`` of objects' centres.
+            replace: whether several objects may share one target.
+            rotations: whether the yaw of the target is asked for.
+            metric: ``'pose'`` (xy within 1 cm, yaw within 15 degrees) or ``'zone'`` (share of the object's volume
+                above the zone, seen from above).
+            params: for ``'zone'``: ``[(zone_pose, (size_x, size_y, size_z))]``, metres.
+            step_max_reward: reward when all of this goal is met.
+            symmetries: for each object the angle (rad) after which it looks the same: 0 = any yaw (default),
+                ``np.pi`` for a rectangle, ``np.pi / 2`` for a square, ``2 * np.pi`` for none.
+            language_goal: what a person would say.
+
+        Examples::
+
+            self.add_goal(inside(cans, box), step_max_reward=1 / 2, language_goal="...")
+            self.add_goal(objs=[can], matches=np.ones((1, 1)), targ_poses=[pose], replace=False, rotations=True,
+                          metric='pose', params=None, step_max_reward=1 / 2, symmetries=[0], language_goal="...")
+            self.add_goal(objs=cans, matches=np.ones((len(cans), 1)), targ_poses=[box_pose], replace=True,
+                          rotations=False, metric='zone', params=[(box_pose, box_size)], step_max_reward=1 / 2,
+                          language_goal="...")
+
+        Raises:
+            SimulationError: an argument does not fit; the message says which, and what would.
+        """
+        goal = make_goal(objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries)
+        env = self.grs.reset_in
+        if env is not None:
+            for number in named(goal):
+                env.object(number)
+            for doubt in doubts(objs, matches, targ_poses, metric, params, symmetries):
+                env.warn(doubt)
+        self.goals.append(goal)
+        if language_goal:
+            self.lang_goals.append(str(language_goal))
+
+    def fill_template(self, template: str, replace: Mapping[str, Any]) -> str:
+        """Fill in a template's sizes and colour; the result goes to ``env.add_object``.
+
+        Args:
+            template: e.g. ``"container/container-template.urdf"``.
+            replace: ``{'DIM': (x, y, z), 'HALF': (x / 2, y / 2, z / 2), 'COLOR': (r, g, b)}``, metres; what is
+                left out takes the template's default, with a warning. A colour may be a name, ``FNAME`` and
+                ``SCALE`` choose a kitting shape.
+        """
+        env = self.grs.reset_in
+        library = env.library if env is not None else templates.default_library()
+        name, doubts = templates.fill_noting(library, template, replace)
+        if env is not None:
+            for doubt in doubts:
+                env.warn(f"fill_template({template!r}): {doubt}")
+        return name
+
+    def get_random_pose(
+        self, env: Environment, obj_size: Sequence[float]
+    ) -> tuple[list[float], Quat] | tuple[None, None]:
+        """A free pose on the table, in reach of the arm, for an object of ``obj_size`` (x, y, z) metres.
+
+        Returns:
+            ``([x, y, z], rotation xyzw)``, or ``(None, None)`` when there is no room. The position is a list, since
+            programs change it in place.
+
+        Raises:
+            NoFreeSpaceError: it was asked again and again although there is no room.
+        """
+        if any(extent < 0 for extent in obj_size):
+            env.warn("get_random_pose: a size with negative lengths was taken without their sign")
+        found = placement.random_pose(obj_size, self.bounds, _standing(env), env.rng, env.arm)
+        if found is not None:
+            env.failed_placements = 0
+            return list(found[0]), found[1]
+        env.failed_placements += 1
+        if env.failed_placements >= _PATIENCE:
+            raise NoFreeSpaceError(
+                f"no free place of {obj_size[0]:.2f} x {obj_size[1]:.2f} m among {len(env.objects)} objects, asked "
+                f"{_PATIENCE} times",
+                "add fewer or smaller objects",
+            )
+        return None, None
+
+    def make_kitting_objects(
+        self, env: Environment, targets: Sequence[Any], obj_shapes: Sequence[int], n_objects: int, colors: Any
+    ) -> tuple[list[tuple[int, tuple[float, None]]], list[npt.NDArray[np.float64]]]:
+        """Put ``n_objects`` kitting shapes at free places: ``(objects, matches)`` for ``add_goal``.
+
+        Args:
+            env: the environment.
+            targets: target poses, one for each shape.
+            obj_shapes: numbers 0..19, as ``get_kitting_shapes`` draws them.
+            n_objects: how many of them.
+            colors: one for each, (r, g, b) or a name.
+        """
+        shapes = [int(shape) for shape in obj_shapes[:n_objects]]
+        return kitting_objects(env, lambda size: self.get_random_pose(env, size), targets, shapes, colors)
+
+    # --- scoring ----------------------------------------------------------------------------------------
+
+    def reward(self) -> tuple[float, dict[str, Any]]:
+        """What was gained since the last call; goals that are met leave ``goals``."""
+        partial = 0.0
+        while self.goals:
+            goal = self.goals[0]
+            share = float(np.mean(self.grs.scores(goal)))
+            partial = goal.step_max_reward * share
+            if 1 - share > min(0.01 / max(goal.step_max_reward, 1e-9), _LENIENT):
+                break
+            self.progress += goal.step_max_reward
+            partial = 0.0
+            self.goals.pop(0)
+            if self.lang_goals:
+                self.lang_goals.pop(0)
+        before, self.grs.total = self.grs.total, min(1.0, self.progress + partial)
+        return self.grs.total - before, {}
+
+    def done(self) -> bool:
+        """Whether every goal is met."""
+        return not self.goals and bool(self.grs.stated)
+
+    def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
+        """Whether two poses agree within ``pos_eps`` and ``rot_eps``."""
+        return task_accounting.pose_matches(pose0, pose1, symmetry, self.pos_eps, self.rot_eps)
+
+    def get_lang_goal(self) -> str:
+        """The current goal in words, or ``task_completed_desc``."""
+        return self.lang_goals[0] if self.lang_goals else self.task_completed_desc
+
+    def oracle(self, env: Environment) -> Oracle:
+        """An agent that solves the task: ``agent.act(obs, info)`` gives the next action, or None when it stops."""
+        return PushOracle(self, env) if end_effectors.pushes(self.ee, self.primitive) else Oracle(self, env)
+
+
+def _standing(env: Environment) -> list[Prism]:
+    """One outline for each object, marks on the table included, since nothing should start on a target; and what is
+    around the robot."""
+    around = [] if env.background is None else prisms(env.library.model(env.background), _ORIGIN)
+    return [*(env.outline(item.id) for item in env.objects), *around]
+
+
+def task_class(module: ModuleType) -> type[Task]:
+    """The last ``Task`` subclass that a program defines.
+
+    Raises:
+        SimulationError: it defines none.
+    """
+    found = [
+        value for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, Task) and value.__module__ == module.__name__
+    ]  # fmt: skip
+    if not found:
+        raise SimulationError(
+            f"module {module.__name__} defines no subclass of Task", "define a class that derives from Task"
+        )
+    return found[-1]
+
+
+def names_task(tree: ast.Module) -> bool:
+    """Whether the source of a program has a class that derives from ``Task``, directly or through others in it.
+
+    This reads the source alone, so that the program cannot change the answer. The class may stand under ``if``,
+    ``try`` or ``with``, and ``Task`` may be imported under another name.
+    """
+    nodes = list(ast.walk(tree))
+    imported = {
+        alias.asname or alias.name
+        for node in nodes
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.name == "Task"
+    }
+    bases = {node.name: node.bases for node in nodes if isinstance(node, ast.ClassDef)}
+    known = imported | ({"Task"} - bases.keys())
+    grown = True
+    while grown:
+        derived = {name for name, parents in bases.items() if any(_is_task(base, known) for base in parents)}
+        grown = not derived <= known
+        known |= derived
+    return bool(known & bases.keys())
+
+
+def _is_task(base: ast.expr, known: set[str]) -> bool:
+    if isinstance(base, ast.Attribute):
+        return base.attr == "Task"
+    return isinstance(base, ast.Name) and base.id in known

@@ -1,0 +1,319 @@
+"""Helpers of CLIPort's and GenSim's ``Task`` that programs call while they set a scene up.
+
+They make ropes (beads in a row, each tied to the next at a point, laid on the table in a gentle curve) and kitting
+shapes (as GenSim's ``make_kitting_objects`` puts them there).
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import PurePosixPath
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Quat
+from grs_agents.geometry import transforms
+from grs_agents.sim.cliport import cameras
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.goals.task_accounting import TaskAccounting
+from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
+from grs_agents.sim.instance.instance import InstanceTie
+from grs_agents.sim.motion import placement
+from grs_agents.sim.world import templates
+from grs_agents.sim.world.colors import COLORS
+from grs_agents.sim.world.footprints import turn
+from grs_agents.sim.world.tabletop import Tabletop, as_pose
+
+FloatArray = npt.NDArray[np.float64]
+_BEAD: Final = "sphere/sphere_rope.urdf"
+_BEAD_RADIUS: Final = 0.005
+_BENDS: Final = (1.0, 1.0, 1.6, 2.4, 3.2, 4.2)
+"""How far a rope may turn from end to end, radians: gentle first, more where there is little room."""
+_TRIES: Final = 12
+
+
+def make(
+    env: Tabletop, bounds: FloatArray, corners: Any, radius: float, n_parts: int, color_name: str
+) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], FloatArray]:
+    """Add a rope; see ``Task.make_ropes``.
+
+    Raises:
+        SimulationError: fewer than two beads, or beads that would not fit side by side.
+        NoFreeSpaceError: there is no room for it.
+    """
+    first, last = (_point(corner) for corner in corners)
+    step = (last - first) / max(n_parts, 1)
+    spacing = float(np.linalg.norm(step))
+    if n_parts < 2 or spacing < 0.002:
+        raise SimulationError(
+            f"make_ropes: {n_parts} beads over {spacing * n_parts:.3f} m", "give two corners apart, and more beads"
+        )
+    points = _lay(env, bounds, n_parts, spacing, min(radius, spacing / 2))
+    numbers = _beads(env, points, min(radius, spacing / 2), color_name)
+    for parent, child in pairwise(numbers):
+        env.tie(
+            InstanceTie(
+                kind="point",
+                parent=parent,
+                child=child,
+                parent_frame=((spacing, 0.0, 0.0), transforms.IDENTITY),
+                child_frame=((0.0, 0.0, 0.0), transforms.IDENTITY),
+            )
+        )
+    targets = [(transforms.vec3(first + (index + 0.5) * step), transforms.IDENTITY) for index in range(n_parts)]
+    matches = np.clip(np.eye(n_parts) + np.eye(n_parts)[::-1], 0, 1)
+    return [(number, (0.0, None)) for number in numbers], targets, matches
+
+
+def _point(corner: Any) -> FloatArray:
+    point = np.asarray(corner[0] if np.ndim(corner[0]) else corner, dtype=np.float64)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise SimulationError(f"make_ropes: corner {corner!r} is no point", "give (x, y, z) in metres")
+    return point
+
+
+def _beads(env: Tabletop, points: FloatArray, radius: float, color_name: str) -> list[int]:
+    """Add beads at points (N, 2), each with its x axis towards the next."""
+    urdf, color = _BEAD, None if color_name == "red" else color_name
+    if abs(radius - _BEAD_RADIUS) > 1e-6:
+        urdf, color = templates.fill(env.library, "sphere/sphere-template.urdf", {"DIM": (2 * radius,) * 3}), color_name
+    steps = np.diff(points, axis=0, append=2 * points[-1:] - points[-2:-1])
+    numbers: list[int] = []
+    for index, ((x, y), (dx, dy)) in enumerate(zip(points, steps, strict=True)):
+        rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(np.arctan2(dy, dx))))
+        shade = "white" if index in (0, len(points) - 1) else color
+        numbers.append(env.add_object(urdf, ((float(x), float(y), radius), rotation), color=shade))
+    return numbers
+
+
+def _lay(env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: float) -> FloatArray:
+    """Points (count, 2) of a curve with equal steps that lies free on the table, within reach."""
+    standing = [env.outline(item.id) for item in env.objects]
+    for bend in _BENDS:
+        for _ in range(_TRIES):
+            curve = _curve(count, spacing, bend * float(env.rng.uniform(0.5, 1.0) * env.rng.choice([-1.0, 1.0])))
+            size = (*(np.ptp(curve, axis=0) + 2 * radius), 2 * radius)
+            pose = placement.random_pose(size, bounds, standing, env.rng, env.arm)
+            if pose is None:
+                break
+            points = curve @ turn(transforms.yaw_of(pose[1])).T + np.asarray(pose[0][:2])
+            if env.arm.reachable(np.column_stack([points, np.full(count, 2 * radius)])).all():
+                return points
+    raise NoFreeSpaceError(
+        f"no free place for a rope of {count} beads, {count * spacing:.2f} m, among {len(env.objects)} objects",
+        "add fewer objects or a shorter rope",
+    )
+
+
+def _curve(count: int, spacing: float, bend: float) -> FloatArray:
+    """Points (count, 2) on an arc that turns by ``bend`` radians, about the middle of their box."""
+    headings = bend * (np.arange(count - 1) / max(count - 2, 1) - 0.5)
+    steps = spacing * np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    points = np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    return points - (points.min(axis=0) + points.max(axis=0)) / 2
+
+
+_GRAIN: Final = "block/small.urdf"
+"""A cube of 1 cm."""
+_CELL: Final = 0.0145
+"""A cell that holds it however it is turned, metres."""
+_CORNER: Final = {"DIMX": 0.04, "DIMY": 0.04}
+"""Where an anchor's two strokes lie, as GenSim has them, metres."""
+
+
+class TaskKit:
+    """What a task can call besides ``add_object`` and ``add_goal``."""
+
+    grs: TaskAccounting
+
+    def __init__(self) -> None:
+        self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
+        self.pix_size = 0.003125
+        self.mode = "train"
+        self.assets_root = ""
+        self.train_set: npt.NDArray[np.int64] = np.arange(0, 14)
+        self.test_set: npt.NDArray[np.int64] = np.arange(14, 20)
+        self.num_blocks = 50
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """The environment's random numbers, or the program's own: the same seed draws the same scene."""
+        return self.grs.rng or self.grs.env.rng
+
+    @rng.setter
+    def rng(self, rng: np.random.Generator) -> None:
+        self.grs.rng = rng
+
+    def get_random_size(
+        self, min_x: float, max_x: float, min_y: float, max_y: float, min_z: float, max_z: float
+    ) -> FloatArray:
+        """A random size (3,) between bounds, metres."""
+        return self.rng.uniform((min_x, min_y, min_z), (max_x, max_y, max_z))
+
+    def get_true_image(
+        self, env: Environment
+    ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
+        """Colour (H, W, 3), height (H, W; m) and object id (H, W; 0 = none) of the workspace seen from above.
+
+        Rows run along y, columns along x, ``pix_size`` metres each: ``utils.pix_to_xyz`` reads them.
+        """
+        return cameras.maps(env.objects, env.library, self.bounds, self.pix_size)
+
+    def add_corner_anchor_for_pose(self, env: Environment, pose: Any) -> int:
+        """Mark a pose on the table with an L of two thin lines that nothing touches; returns its id."""
+        placed = as_pose(pose if len(pose) == 2 else (pose, transforms.IDENTITY), "add_corner_anchor_for_pose")
+        corner = templates.fill(env.library, "corner/corner-template.urdf", _CORNER)
+        return env.add_object(corner, placed, "fixed")
+
+    def color_random_brown(self, obj: int) -> None:
+        """Paint an object a random shade of brown."""
+        shade = float(self.rng.uniform(0.5, 1.5))
+        self.grs.env.set_color(obj, [shade * channel for channel in COLORS["brown"]])
+
+    def check_require_obj(self, path: str) -> bool:
+        """Whether the library has an asset."""
+        env = self.grs.reset_in
+        library = env.library if env is not None else templates.default_library()
+        return templates.asset_name(path, library) in library
+
+    def make_piles(self, env: Environment, block_color: Any = None, *_: Any, **__: Any) -> list[int]:
+        """Strew ``num_blocks`` cubes of 1 cm over a patch of 20 cm in the middle of the table; returns their ids.
+
+        Raises:
+            SimulationError: so many do not lie there side by side.
+        """
+        low, side = self.bounds[:2, 0] + (0.15, 0.4), int(0.2 / _CELL)
+        if not 0 <= self.num_blocks <= side**2:
+            raise SimulationError(
+                f"make_piles: num_blocks is {self.num_blocks}, {side**2} have room side by side", "ask for fewer"
+            )
+        # A cube a cell, so that none starts inside another.
+        cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 2)
+        found: list[int] = []
+        for cell in env.rng.permutation(cells)[: self.num_blocks]:
+            x, y = low + (cell + 0.5) * 0.2 / side
+            rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(env.rng.uniform(-np.pi, np.pi))))
+            found.append(env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=block_color))
+        return found
+
+    def make_ropes(
+        self, env: Environment, corners: Any, radius: float = 0.005, n_parts: int = 20, color_name: str = "red",
+        *_: Any, **__: Any,
+    ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], npt.NDArray[np.float64]]:  # fmt: skip
+        """Lay a rope of beads on a free place of the table, in a gentle curve.
+
+        Args:
+            env: where.
+            corners: two points (or poses): between them the rope is to lie in the end, and so long it is.
+            radius: of a bead, metres.
+            n_parts: how many beads.
+            color_name: of all but the two ends, which are white.
+
+        Returns:
+            What ``add_goal`` takes: ``objs``, ``targ_poses`` along the line, and ``matches`` for either direction.
+
+        Raises:
+            NoFreeSpaceError: there is no room for it.
+        """
+        return make(env, self.bounds, corners, radius, int(n_parts), color_name)
+
+    make_rope = make_ropes
+
+    def get_kitting_shapes(self, n_objects: int) -> npt.NDArray[np.int64]:
+        """Numbers of ``n_objects`` kitting shapes: of ``train_set``, or of ``test_set`` if ``mode`` is ``'test'``."""
+        if self.mode == "train":
+            return self.rng.choice(self.train_set, n_objects)
+        unseen = self.test_set
+        if len(unseen) < n_objects:
+            raise SimulationError(f"there are {len(unseen)} test shapes, {n_objects} were asked for", "ask for fewer")
+        return self.rng.choice(unseen, n_objects, replace=False)
+
+    def get_box_object_points(self, obj: int) -> FloatArray:
+        """Points (3, N) spread over an object's collision volume, object frame, metres."""
+        return np.copy(self.grs.env.volume(obj).points)
+
+    def get_target_sample_surface_points(
+        self, model: str, scale: Sequence[float], pose: Pose, num_points: int = 50
+    ) -> list[tuple[tuple[float, float, float], Quat]]:
+        """``num_points`` poses spread evenly over a library mesh as seen from above, scaled and placed.
+
+        Args:
+            model: file name of the mesh, e.g. ``"kitting/03.obj"``; what precedes that does not matter.
+            scale: factors of its x, y, z.
+            pose: where the mesh lies, robot frame.
+            num_points: how many.
+
+        Raises:
+            InputError: the mesh cannot be read.
+        """
+        import trimesh
+
+        library, name = self.grs.env.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
+        mesh: Any = trimesh.load_mesh(library.mesh_path(name))
+        points = _over(np.asarray(mesh.triangles, dtype=np.float64) * np.asarray(scale), num_points, self.rng)
+        return [(transforms.vec3(point), transforms.IDENTITY) for point in transforms.apply(pose, points.T).T]
+
+    get_sphere_object_points = get_box_object_points
+    get_mesh_object_points = get_box_object_points
+
+
+def _over(triangles: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+    """Points (count, 3) drawn evenly, as seen from above, from those of the triangles (N, 3, 3) that face upwards."""
+    corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    area = np.maximum(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], 0.0)
+    chosen = rng.choice(len(area), count, p=area / area.sum())
+    share = rng.uniform(size=(count, 2))
+    share = np.where(share.sum(axis=1, keepdims=True) > 1, 1 - share, share)
+    return np.asarray(corner[chosen] + share[:, :1] * first[chosen] + share[:, 1:] * second[chosen])
+
+
+_TURN: Final = 2 * np.pi
+SYMMETRIES: Final = (
+    _TURN, _TURN, _TURN / 3, _TURN / 4, _TURN / 4, _TURN, _TURN / 2, _TURN / 5, _TURN / 2, _TURN / 4,
+    _TURN / 5, 0.0, _TURN, _TURN, _TURN, _TURN, 0.0, _TURN / 6, _TURN, _TURN,
+)  # fmt: skip
+"""For each kitting shape the angle (rad) after which it looks the same; 0 = any."""
+SCALE: Final = (0.003, 0.003, 0.001)
+SIZE: Final = (0.08, 0.08, 0.02)
+"""The most room, metres, that a shape of this scale takes."""
+
+
+def kitting_objects(
+    env: Tabletop, place: Callable[[Sequence[float]], Any], targets: Sequence[Any], shapes: Sequence[int],
+    colors: Sequence[Any],
+) -> tuple[list[tuple[int, tuple[float, None]]], list[npt.NDArray[np.float64]]]:  # fmt: skip
+    """Put one object of each shape at a free place.
+
+    Args:
+        env: where they are put.
+        place: gives a free pose for a size (m).
+        targets: target poses, one for each of ``shapes``.
+        shapes: numbers 0..19.
+        colors: one for each shape, (r, g, b) or a name.
+
+    Returns:
+        ``[(id, (symmetry, None)), ...]``, and for each object its row of ``matches``: 1 at targets of its own shape.
+
+    Raises:
+        SimulationError: a shape does not exist, or there are too few colours.
+        NoFreeSpaceError: there is no room.
+    """
+    unknown = [shape for shape in shapes if not 0 <= shape < len(SYMMETRIES)]
+    if unknown or len(colors) < len(shapes):
+        raise SimulationError(
+            f"make_kitting_objects: shapes {list(shapes)} with {len(colors)} colours",
+            f"give shapes 0..{len(SYMMETRIES) - 1} and a colour for each",
+        )
+    kinds = np.asarray(shapes)
+    objects: list[tuple[int, tuple[float, None]]] = []
+    matches: list[npt.NDArray[np.float64]] = []
+    for shape, color in zip(shapes, colors, strict=False):
+        replace = {"FNAME": f"{shape:02d}.obj", "SCALE": SCALE, "COLOR": color}
+        urdf = templates.fill(env.library, "kitting/object-template.urdf", replace)
+        number = env.add_object(urdf, place(SIZE))
+        objects.append((number, (SYMMETRIES[shape], None)))
+        row = np.zeros(len(targets))
+        row[np.flatnonzero(kinds[: len(targets)] == shape)] = 1
+        matches.append(row)
+    return objects, matches

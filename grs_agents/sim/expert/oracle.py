@@ -1,0 +1,286 @@
+"""The oracle: knows the truth, works from the goals, frees what is in the way, and says why it stops.
+
+For ropes it chooses the bead whose move brings the others along as near to their places as can be.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
+from grs_agents.sim.expert import placement_planner
+from grs_agents.sim.goals.scene_view import SceneView, toppled
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.motion.grasp import find_grasp
+from grs_agents.sim.motion.placement import Blocked, Spot, Suits, reach_note
+from grs_agents.sim.world.tabletop import Tabletop
+
+FloatArray = npt.NDArray[np.float64]
+_SAMPLES: Final = 24
+_MISS: Final = 0.02
+"""What a bead out of tolerance costs besides its distance, metres."""
+
+
+def chain(goal: Goal, view: SceneView) -> bool:
+    """Whether the objects of a goal are tied in a row, in their order, and each has a place of its own."""
+    if goal.metric != "pose" or len(goal.objs) < 3 or len(goal.targ_poses) != len(goal.objs):
+        return False
+    tied = {frozenset((tie.parent, tie.child)) for tie in view.ties}
+    return all(frozenset(pair) in tied for pair in zip(goal.objs, goal.objs[1:], strict=False)) and bool(_ways(goal))
+
+
+def _ways(goal: Goal) -> list[FloatArray]:
+    """Targets (N, 2) in the order of the beads: from either end, as far as the goal allows."""
+    targets, count = np.array([pose[0][:2] for pose in goal.targ_poses]), len(goal.objs)
+    orders = (np.arange(count), np.arange(count)[::-1])
+    return [targets[order] for order in orders if goal.matches[np.arange(count), order].all()]
+
+
+class RopePlanner:
+    """Remembers from which end each rope is to be laid.
+
+    A rope is taken for a chain of rods on a rough table: what is not held follows the bead before it.
+    """
+
+    def __init__(self) -> None:
+        self._chosen: dict[tuple[int, ...], FloatArray] = {}
+
+    def ranked(self, goal: Goal, view: SceneView, pos_eps: float) -> list[tuple[int, FloatArray]]:
+        """Rows of beads to take and where to (2,), metres, the most useful first; empty: all are in place."""
+        beads = np.array([view.pose(number)[0][:2] for number in goal.objs])
+        key = tuple(goal.objs)
+        if key not in self._chosen:
+            ways = _ways(goal)
+            self._chosen[key] = min(ways, key=lambda way: float(np.linalg.norm(way - beads, axis=1).sum()))
+        wanted = self._chosen[key]
+        now = _cost(beads, wanted, pos_eps)
+        after = np.array([_cost(dragged(beads, row, wanted[row]), wanted, pos_eps) for row in range(len(beads))])
+        off = np.linalg.norm(wanted - beads, axis=1)
+        order = sorted(range(len(beads)), key=lambda row: (after[row] > now, round(float(after[row]), 4), -off[row]))
+        return [(row, wanted[row]) for row in order if off[row] > 0.3 * pos_eps]
+
+
+def dragged(beads: FloatArray, row: int, target: FloatArray) -> FloatArray:
+    """Where beads (N, 2) come to lie when one of them is brought straight to a target (2,), metres."""
+    points = beads.copy()
+    lengths = np.linalg.norm(np.diff(beads, axis=0), axis=1)
+    for share in np.linspace(0.0, 1.0, _SAMPLES)[1:]:
+        points[row] = beads[row] + share * (target - beads[row])
+        for index in range(row + 1, len(points)):
+            points[index] = _follow(points[index], points[index - 1], lengths[index - 1])
+        for index in range(row - 1, -1, -1):
+            points[index] = _follow(points[index], points[index + 1], lengths[index])
+    return points
+
+
+def _follow(point: FloatArray, leader: FloatArray, length: float) -> FloatArray:
+    x, y = point[0] - leader[0], point[1] - leader[1]
+    scale = length / max(float((x * x + y * y) ** 0.5), 1e-9)
+    return np.array([leader[0] + scale * x, leader[1] + scale * y])
+
+
+def _cost(beads: FloatArray, wanted: FloatArray, pos_eps: float) -> float:
+    off = np.linalg.norm(beads - wanted, axis=1)
+    return float((off + _MISS * np.clip(off / (0.7 * pos_eps) - 0.4, 0.0, 1.0)).sum())
+
+
+Action = dict[str, Pose]
+_ATTEMPTS: Final = 4
+_DEPTH: Final = 4
+_PLACED: Final = 0.985
+
+
+class Oracle:
+    """Solves a task with what the environment knows.
+
+    Example::
+
+        agent = task.oracle(env)
+        obs = env.reset()
+        info = env.info
+        for _ in range(task.max_steps):
+            act = agent.act(obs, info)
+            if act is None:
+                break
+            obs, reward, done, info = env.step(act)
+            if done:
+                break
+    """
+
+    def __init__(self, task: ScoredTask, table: Tabletop) -> None:
+        self.task, self.table = task, table
+        self._episode: Any = None
+        self._attempts: dict[tuple[int, int], int] = {}
+        self._planner = placement_planner.Planner()
+        self._ropes = RopePlanner()
+
+    def act(self, obs: Any = None, info: Any = None) -> Action | None:
+        """The next pick and place, or None when there is nothing to do or nothing that can be done."""
+        del obs, info
+        if self._episode is not self.table.recorder:
+            self._episode = self.table.recorder
+            self._forget()
+        self.table.recorder.stop = None
+        decision = self._decide()
+        if isinstance(decision, Stop):
+            self.table.recorder.stop = decision
+            return None
+        return decision
+
+    def _forget(self) -> None:
+        """A new episode begins."""
+        self._attempts.clear()
+        self._planner = placement_planner.Planner()
+        self._ropes = RopePlanner()
+
+    def _decide(self) -> Action | Stop:
+        if not self.task.grs.stated:
+            return Stop("nothing_to_do", "the task states no goal: its reset() never calls add_goal")
+        if not self.task.goals:
+            return Stop("success", "every goal is met")
+        return self._plan_goals(SceneView(self.table, self.task.grs.stated, self.task.goals))
+
+    def _plan_goals(self, view: SceneView) -> Action | Stop:
+        """The next action for the goals that are not met, or why there is none."""
+        for goal in self.task.goals:
+            if chain(goal, view) and (plan := self._plan_rope(goal, view)) is not None:
+                return plan
+            reasons: list[Stop] = []
+            for row in self._order(goal, view):
+                plan = self._plan(goal, row, view, 0)
+                if not isinstance(plan, Stop):
+                    return plan
+                reasons.append(plan)
+            if reasons:
+                return reasons[0]
+        return self._nothing_left()
+
+    def _nothing_left(self) -> Stop:
+        """Goals are open, yet no object is left to move."""
+        if not self.table.recorder.actions:
+            return Stop("nothing_to_do", "every object is at its target already, before the robot does anything")
+        clauses = self.table.recorder.episode().shortfalls
+        why = f": {clauses[0]}" if clauses else ""
+        return Stop("partial", f"no object is left to move, yet {len(self.task.goals)} goals are not met{why}")
+
+    def _plan_rope(self, goal: Goal, view: SceneView) -> Action | None:
+        """Take the bead of a rope to its place that helps the most; None if none can be taken."""
+        for row, target in self._ropes.ranked(goal, view, self.task.pos_eps):
+            number = goal.objs[row]
+            attempt = (len(self.task.goals), number)
+            hold = self._hold(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
+            spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
+            if isinstance(hold, tuple) and Suits(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))[0]:
+                self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
+                return _action(number, hold, spot, view)
+        return None
+
+    def _order(self, goal: Goal, view: SceneView) -> list[int]:
+        """Rows of the goal whose objects are not yet placed: low targets and big objects first."""
+        scores = self.task.grs.scores(goal)
+        if goal.relation is not None and goal.relation.kind in ("stacked", "aligned"):
+            met = min(scores) >= _PLACED
+            return [] if met else self._planner.rows(goal, view)
+        rows = [row for row, score in enumerate(scores) if score < _PLACED]
+
+        def key(row: int) -> tuple[float, float, int]:
+            heights = [goal.targ_poses[int(i)][0][2] for i in np.flatnonzero(goal.matches[row])]
+            lowest = min(heights, default=0.0) if goal.metric == "pose" else 0.0
+            size = view.extent(goal.objs[row])
+            return (round(lowest, 3), -size[0] * size[1], row)
+
+        return sorted(rows, key=key)
+
+    def _plan(self, goal: Goal, row: int, view: SceneView, depth: int) -> Action | Stop:
+        """The action that brings one object of a goal nearer to its target, or why there is none."""
+        number = goal.objs[row]
+        attempt = (len(self.task.goals), number)
+        if self._attempts.get(attempt, 0) >= _ATTEMPTS:
+            return self._given_up(number, view)
+        hold = self._hold(number, view)
+        if isinstance(hold, Stop):
+            return hold
+        if isinstance(hold, Blocked):
+            return self._clear(hold, number, view, depth)
+        lift = hold[2] - view.outline(number).low
+        target = self._planner.target(goal, row, self.task, view, lift)
+        if isinstance(target, Stop):
+            return target
+        if isinstance(target, Blocked):
+            cleared = self._clear(target, number, view, depth)
+            if target.otherwise is None or not isinstance(cleared, Stop):
+                return cleared
+            target = target.otherwise
+        self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
+        return _action(number, hold, target, view)
+
+    def _hold(self, number: int, view: SceneView) -> Vec3 | Blocked | Stop:
+        """Where to pick an object up, or what lies on it, or why it cannot be picked."""
+        name, position = view.name(number), view.pose(number)[0]
+        if not view.is_free(number):
+            return Stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", (name,))
+        if not self.table.arm.can_reach((position[0], position[1], view.outline(number).high)):
+            where = f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f})"
+            note = reach_note((position[0], position[1], view.outline(number).high), self.table.arm)
+            return Stop("unreachable", f"object {name} at {where} {note}", (name,))
+        hold = find_grasp(view.physics, number, position, view.outline(number), view.others(number))
+        if hold.point is not None:
+            return hold.point
+        movable = [other for other in hold.covered_by if view.is_free(other)]
+        if movable:
+            return Blocked(movable[0])
+        names = tuple(view.name(other) for other in hold.covered_by)
+        return Stop("unreachable", f"the top of {name} is covered by {', '.join(names) or 'nothing known'}", (name,))
+
+    def _clear(self, blocked: Blocked, number: int, view: SceneView, depth: int) -> Action | Stop:
+        """Move what is in the way: to its own target if it has one, else aside."""
+        blocker, name = blocked.blocker, view.name(blocked.blocker)
+        stop = Stop("target_occupied", f"{view.name(number)}: its way or target is occupied by {name}, which cannot "
+                    "be moved aside", (view.name(number), name))  # fmt: skip
+        attempt = (-1, blocker)
+        if depth >= _DEPTH or self._attempts.get(attempt, 0) >= _ATTEMPTS:
+            return stop
+        for goal in self.task.goals:
+            scores = self.task.grs.scores(goal)
+            if blocker in goal.objs and scores[goal.objs.index(blocker)] < _PLACED:
+                plan = self._plan(goal, goal.objs.index(blocker), view, depth + 1)
+                if not isinstance(plan, Stop):
+                    return plan
+        hold = self._hold(blocker, view)
+        if isinstance(hold, Blocked):
+            return self._clear(hold, blocker, view, depth + 1)
+        if isinstance(hold, Stop):
+            return stop
+        spot = placement_planner.aside(blocker, blocked.keep_free, view, hold[2] - view.outline(blocker).low)
+        if spot is None:
+            return stop
+        self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
+        return _action(blocker, hold, spot, view)
+
+    def _given_up(self, number: int, view: SceneView) -> Stop:
+        name, tilt = view.name(number), np.rad2deg(view.tilt(number))
+        notes = [action.note for action in self.table.recorder.actions if action.object in (number, None)]
+        last = f"; last: {notes[-1]}" if notes else ""
+        if toppled(number, view, np.pi / 4):
+            fallen = f"{name} toppled (tilt {tilt:.0f} deg) and was not placed in {_ATTEMPTS} tries{last}"
+            return Stop("toppled", fallen, (name,))
+        position = view.pose(number)[0]
+        return Stop("dropped", f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at "
+                    f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}){last}", (name,))  # fmt: skip
+
+
+def _action(number: int, hold: Vec3, spot: Spot, view: SceneView) -> Action:
+    """Cup poses that carry an object to a spot: the cup keeps its place on the object."""
+    center = view.pose(number)[0]
+    x, y = hold[0] - center[0], hold[1] - center[1]
+    cos, sin = float(np.cos(spot.turn)), float(np.sin(spot.turn))
+    lift = hold[2] - view.outline(number).low
+    place = (spot.center[0] + cos * x - sin * y, spot.center[1] + sin * x + cos * y, spot.height + lift)
+    return {
+        "pose0": (hold, transforms.IDENTITY),
+        "pose1": (place, transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn))),
+    }

@@ -1,0 +1,125 @@
+"""The oracle's choice of where things go: to a goal's target, or out of the way."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from grs_agents.base import Pose
+from grs_agents.geometry import transforms
+from grs_agents.sim.expert.pose_placement import pose_target
+from grs_agents.sim.expert.relation_placement import RelationPlanner
+from grs_agents.sim.expert.zone_packing import members_of, pack, why_not
+from grs_agents.sim.goals.scene_view import SceneView
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.goal import Goal, Zone
+from grs_agents.sim.motion.placement import Blocked, Region, Spot, Suits, Target, find_spot, turned, wrap
+from grs_agents.sim.world.footprints import Prism, rest_heights
+
+_CLIMB: Final = 0.012
+"""What is put aside comes to rest no more than this above where it was: never on top of its neighbours, metres."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A spot, and where its object was when it was chosen: the turn is relative to that."""
+
+    spot: Spot
+    pose: Pose
+
+
+class Planner:
+    """Chooses targets; remembers how the objects of a zone are to lie together."""
+
+    def __init__(self) -> None:
+        self._plans: dict[Zone, dict[int, Planned]] = {}
+        self._relations = RelationPlanner()
+
+    def target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+        """Where the object of one row of a goal should go, or why nowhere.
+
+        Args:
+            goal: the current goal.
+            row: of the object.
+            task: whose later goals may share a zone.
+            view: the scene.
+            lift: from the object's lowest point to where the cup holds it, metres.
+        """
+        if goal.relation is not None:
+            return self._relations.target(goal, row, task, view, lift)
+        if goal.metric == "pose":
+            return pose_target(goal, row, task, view, lift)
+        return self._zone_target(goal, row, task, view, lift)
+
+    def rows(self, goal: Goal, view: SceneView) -> list[int]:
+        """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
+        return self._relations.rows(goal, view)
+
+    def _zone_target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+        number, reasons = goal.objs[row], list[Target]()
+        for zone in goal.params:
+            planned = self._plans.get(zone, {}).get(number)
+            if planned is not None and _still_good(planned, number, view, lift):
+                return planned.spot
+            members = members_of(zone, task)
+            plan = pack(zone, [number, *(other for other in members if other != number)], view, lift)
+            self._plans[zone] = {member: Planned(spot, view.pose(member)) for member, spot in plan.items()}
+            if number in plan:
+                return plan[number]
+            reasons.append(why_not(zone, number, members, view, lift))
+        blocked = [reason for reason in reasons if isinstance(reason, Spot | Blocked)]
+        return blocked[0] if blocked else reasons[0]
+
+
+def _still_good(planned: Planned, number: int, view: SceneView, lift: float) -> bool:
+    """Whether the object has not been stirred since it was planned for, and its spot is still free."""
+    pose, spot = view.pose(number), planned.spot
+    if (
+        float(np.abs(np.subtract(pose[0], planned.pose[0])).max()) > 0.003
+        or abs(wrap(transforms.yaw_of(pose[1]) - transforms.yaw_of(planned.pose[1]))) > 0.03
+    ):
+        return False
+    shape = turned(view.outline(number), np.asarray(pose[0][:2]), spot.turn)
+    offset = np.array([spot.center])
+    height = rest_heights(shape, view.others(number), offset, 0.001)
+    return bool(abs(height[0] - spot.height) < 0.01 and Suits(lift, view.arm)(offset, height)[0])
+
+
+def aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float) -> Spot | None:
+    """A spot out of the way, near where the object is: within what it stands in if there is room, else on the table."""
+    bounds = view.bounds
+    table = Region(
+        (float(bounds[0].mean()), float(bounds[1].mean())),
+        (float(np.ptp(bounds[0])), float(np.ptp(bounds[1]))), 0.0,
+    )  # fmt: skip
+    body, center = view.outline(number), view.pose(number)[0]
+    reserved = [Prism(prism.outline, 0.0, 1.0) for prism in (*keep_free, *_goal_areas(view, number))]
+    marks = [view.outline(other) for other in view.ids if not view.model(other).colliders]
+    solid = [*view.others(number), *reserved, *(Prism(mark.outline, 0.0, 1.0) for mark in marks)]
+    holders = [other for other in view.ids if other != number and view.hollow(other) and view.over(other, center)]
+    regions = [_within(view.outline(other)) for other in holders]
+    turns = [0.0, np.pi / 2, np.pi / 4]
+    for region, gap in (*((region, 0.003) for region in regions), (table, 0.03), (table, 0.01)):
+        obstacles = [*view.others(number), *reserved] if region is not table else solid
+        spot = find_spot(body, center, turns, region, obstacles, gap, Suits(lift, view.arm), spread=True, near=center)
+        if spot is not None and spot.height <= max(body.low, 0.0) + _CLIMB:
+            return spot
+    return None
+
+
+def _within(outline: Prism) -> Region:
+    x0, y0, x1, y1 = outline.box
+    return Region(((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0, y1 - y0), 0.0)
+
+
+def _goal_areas(view: SceneView, number: int) -> list[Prism]:
+    """Where unmet pose goals want other objects, kept free."""
+    found: list[Prism] = []
+    for goal in view.open_goals:
+        for other in goal.objs if goal.metric == "pose" else ():
+            center = np.asarray(view.pose(other)[0][:2])
+            for target in goal.targ_poses if other != number else ():
+                shape = turned(view.outline(other), center, transforms.yaw_of(target[1]) - view.yaw(other))
+                found.append(Prism(shape.outline + np.asarray(target[0][:2]), 0.0, 1.0))
+    return found

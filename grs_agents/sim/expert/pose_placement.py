@@ -1,0 +1,266 @@
+"""Where the oracle puts an object that a ``pose`` goal speaks of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from grs_agents.base import Pose
+from grs_agents.geometry import transforms
+from grs_agents.sim.goals.scene_view import SceneView, steady
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Goal, named
+from grs_agents.sim.motion.placement import (
+    TALLEST_STACK,
+    Blocked,
+    FloatArray,
+    Spot,
+    Suits,
+    Target,
+    at,
+    reach_note,
+    turned,
+    wrap,
+)
+from grs_agents.sim.world.footprints import Prism, gaps, inside_margin, near, rest_height, turn
+
+_ROOM: Final = 0.002
+"""Room that neighbours are given, metres: blocks at targets one width apart do not jam."""
+_FLAT, _LOOSE = 0.006, 0.02
+"""How much higher than its target asks an object may come to rest, metres: on the table, and on other things, whose
+heights programs know less well."""
+_STEP: Final = 0.005
+"""Rest heights that differ by less than this are one, metres."""
+_BESIDE: Final = 0.003
+"""Nearer than this, what is put down shoves what stands there, metres."""
+_NUDGE: Final = 0.0045
+"""How far from its target an object may be put to that end, metres."""
+_AROUND, _LEVEL = 0.2, 0.015
+"""Targets within this of each other, level by level, are spread together, metres."""
+
+
+def pose_target(goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+    """The best of the target poses that will do for an object."""
+    number = goal.objs[row]
+    pose = view.pose(number)
+    allowed = [int(index) for index in np.flatnonzero(goal.matches[row])]
+    free = allowed if goal.replace else [index for index in allowed if not _claimed(goal, index, row, task, view)]
+    free.sort(key=lambda index: (round(goal.targ_poses[index][0][2], 3), _distance(goal.targ_poses[index], pose)))
+    reasons: list[Target] = []
+    for index in free or allowed:
+        target = _at_pose(goal, index, row, task, view, lift)
+        if isinstance(target, Spot):
+            return target
+        reasons.append(target)
+    blocked = [reason for reason in reasons if isinstance(reason, Blocked)]
+    if blocked:
+        return blocked[0]
+    return reasons[0] if reasons else Stop(
+        "error", f"no target pose matches {view.name(number)}: its row of matches is all zeros", (view.name(number),)
+    )  # fmt: skip
+
+
+def _distance(target: Pose, pose: Pose) -> float:
+    return float(np.hypot(target[0][0] - pose[0][0], target[0][1] - pose[0][1]))
+
+
+def _claimed(goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView) -> bool:
+    return any(
+        other != row
+        and goal.matches[other][index]
+        and task.is_match(view.pose(number), goal.targ_poses[index], goal.symmetries[other])
+        for other, number in enumerate(goal.objs)
+    )
+
+
+def _at_pose(goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+    target, number = goal.targ_poses[index], goal.objs[row]
+    name, pose, body = view.name(number), view.pose(number), view.outline(number)
+    others = view.others(number)
+    wanted = max(0.0, target[0][2] - (pose[0][2] - body.low))
+    fit = _best_fit(number, target, goal.symmetries[row], wanted, task, view)
+    height, angle, offset = fit.height, fit.angle, fit.offset
+    spot = Spot((float(offset[0, 0]), float(offset[0, 1])), angle, height)
+    tip = (*spot.center, height + lift)
+    if not Suits(lift, view.arm)(offset, np.array([height]))[0]:
+        return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip, view.arm)}", (name,))
+    shape = turned(body, np.asarray(pose[0][:2]), angle)
+    keep_free = (Prism(shape.outline + offset, 0.0, 1.0, number),)
+    blocker = _blocker(shape, offset, others, height, wanted + (_LOOSE if wanted > _FLAT else _FLAT), view)
+    if blocker is None or not view.is_free(blocker) or _stackable(blocker, shape, target, height, task, view):
+        tight = _tight(number, fit, target, task, view)
+        return spot if tight is None else Blocked(tight, keep_free, spot)
+    return Blocked(blocker, keep_free)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A way to put an object: turned by ``angle``, its ``parts`` at ``offset`` (1, 2), at rest at a ``height``.
+
+    ``stands``: it does not tip there.
+    """
+
+    angle: float
+    parts: list[Prism]
+    offset: FloatArray
+    height: float
+    stands: bool = True
+
+
+def _best_fit(number: int, target: Pose, symmetry: float, wanted: float, task: ScoredTask, view: SceneView) -> _Fit:
+    """The turn with which an object comes to rest lowest, and does not tip."""
+    others, center = view.others(number), np.asarray(view.pose(number)[0][:2])
+    company = [*others, *_to_come(number, target, task, view)]
+    mass = _mass_center(number, view)
+
+    def fit(angle: float) -> _Fit:
+        parts = [turned(part, center, angle) for part in view.parts(number)]
+        offset = _clear_of(parts, target, company, task)
+        return _Fit(angle, parts, offset, max(0.0, rest_height(parts, others, offset, -0.0005)))
+
+    def stands(option: _Fit) -> bool:
+        parts = [Prism(part.outline + option.offset, part.low, part.high) for part in option.parts]
+        return steady(parts, option.height, option.offset[0] + turn(option.angle) @ mass, others)
+
+    options = [fit(angle) for angle in _turns(target, number, symmetry, view)]
+    if min(option.height for option in options) > wanted + _STEP:
+        options += [fit(angle) for angle in _turns_into(target, number, symmetry, view)]
+    options.sort(key=lambda option: round(option.height / _STEP))
+    return next(filter(stands, options), replace(options[0], stands=False))
+
+
+def _mass_center(number: int, view: SceneView) -> FloatArray:
+    """Where (2,) the centre of mass of an object lies from its origin, seen from above as it stands."""
+    volume, (position, rotation) = view.volume(number), view.pose(number)
+    center = volume.points @ volume.weights
+    return transforms.apply((position, rotation), center[:, None])[:2, 0] - np.asarray(position[:2])
+
+
+def _turns(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
+    """Turns (rad) that the target allows: along it rather than askew, so that neighbours find room."""
+    asked = transforms.yaw_of(target[1]) - view.yaw(number)
+    if symmetry > 0:
+        return [wrap(asked, symmetry)]
+    if all(shape.kind in ("cylinder", "sphere") for shape in view.model(number).colliders):
+        return [0.0]
+    return [*_quarters(asked), 0.0]
+
+
+def _turns_into(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
+    """Turns (rad) along what stands at the target, however that lies by now, if the target allows any."""
+    hosts = [
+        view.yaw(other) - view.yaw(number)
+        for other in view.ids if other != number and view.model(other).colliders and view.over(other, target[0])
+    ]  # fmt: skip
+    return [turn for host in hosts for turn in _quarters(host)] if symmetry <= 0 else []
+
+
+def _quarters(angle: float) -> list[float]:
+    return [wrap(wrap(angle, np.pi / 2) + quarter * np.pi / 2) for quarter in range(4)]
+
+
+def _to_come(number: int, target: Pose, task: ScoredTask, view: SceneView) -> list[Prism]:
+    """Objects as they will stand at targets around this one: whoever comes first leaves them room."""
+    found: list[Prism] = []
+    for goal in task.goals:
+        for index, place in enumerate(goal.targ_poses):
+            rows = [row for row in np.flatnonzero(goal.matches[:, index]) if goal.objs[row] != number]
+            if rows and place is not target and _distance(place, target) < _AROUND:
+                other = goal.objs[rows[0]]
+                body = view.outline(other)
+                angle = wrap(transforms.yaw_of(place[1]) - view.yaw(other), np.pi / 2)
+                shape = turned(body, np.asarray(view.pose(other)[0][:2]), angle)
+                low = place[0][2] - (body.high - body.low) / 2
+                found.append(Prism(shape.outline + place[0][:2], low, low + body.high - body.low, other))
+    return found
+
+
+def _spread(target: Pose, task: ScoredTask) -> FloatArray:
+    """Where (2,) a target would be if those around it, on its level, were drawn apart by what tolerance allows."""
+    places = [place for goal in task.goals for place in goal.targ_poses if abs(place[0][2] - target[0][2]) < _LEVEL]
+    around = np.array([place[0][:2] for place in places if _distance(place, target) < _AROUND] or [target[0][:2]])
+    middle = np.asarray(target[0][:2]) - around.mean(axis=0)
+    reach = float(np.linalg.norm(around - around.mean(axis=0), axis=1).max())
+    return np.asarray(target[0][:2]) + middle * _NUDGE / max(reach, 20 * _NUDGE)
+
+
+def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], task: ScoredTask) -> FloatArray:
+    """The target's (1, 2) or a point within half its tolerance that is clearer of what stands as high, metres."""
+    center = np.array([[target[0][0], target[0][1]]])
+    half = (max(part.high for part in body) - min(part.low for part in body)) / 2
+    level = [
+        prism for prism in obstacles if prism.high > target[0][2] + 0.003 - half and prism.low < target[0][2] + half
+    ]
+    beside = [
+        (part.outline, prism.outline)
+        for part in body for prism in near(part, level, center[0].tolist(), _ROOM)
+        if -_ROOM - 2 * _NUDGE < gaps(part.outline, prism.outline, center)[0] < _ROOM
+    ]  # fmt: skip
+    if not beside:
+        return center
+    steps = np.linspace(-1, 1, 7) * min(_NUDGE, task.pos_eps / 2)
+    offsets = center + np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    room = np.min([gaps(part, other, offsets) for part, other in beside], axis=0)
+    cost = np.linalg.norm(offsets - _spread(target, task), axis=1) - 10 * np.minimum(room, _ROOM / 2)
+    return offsets[[int(np.argmin(cost))]]
+
+
+def _blocker(
+    shape: Prism, offset: FloatArray, others: Sequence[Prism], height: float, wanted: float, view: SceneView
+) -> int | None:
+    """What holds the object higher than the target asks for; None if nothing does."""
+    if height <= wanted:
+        return None
+    top = [
+        prism.owner for prism in others
+        if prism.high > height - 0.005 and gaps(shape.outline, prism.outline, offset)[0] < -0.0005
+    ]  # fmt: skip
+    movable = [owner for owner in top if view.is_free(owner) and not view.hollow(owner)]
+    return movable[0] if movable else None
+
+
+def _tight(number: int, fit: _Fit, target: Pose, task: ScoredTask, view: SceneView) -> int | None:
+    """What is to be moved anyway and would be shoved, or would tip the object off; None if nothing does."""
+    waiting = {
+        other
+        for goal in task.goals
+        for other, score in zip(goal.objs, task.grs.scores(goal), strict=True)
+        if other != number and score < 0.985 and view.is_free(other) and not view.hollow(other)
+    }
+    up = fit.height - min(part.low for part in fit.parts)
+    standing = [prism for prism in view.prisms if prism.owner in waiting and prism.high > fit.height - _STEP]
+    for part in fit.parts:
+        for prism in near(part, standing, fit.offset[0].tolist(), _BESIDE):
+            gap = gaps(part.outline, prism.outline, fit.offset)[0]
+            level = prism.low < part.high + up and prism.high > max(part.low + up, fit.height + 0.003)
+            if level and gap < _BESIDE and not view.over(prism.owner, target[0]):
+                return prism.owner
+            if not fit.stands and abs(prism.high - part.low - up) < _STEP and gap < -0.0005:
+                return prism.owner
+    return None
+
+
+def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: ScoredTask, view: SceneView) -> bool:
+    """Whether to stand an object on what is in its way: it is meant to be there, and its top is wide and flat."""
+    wanted = [
+        place
+        for goal, _ in view.stated_goals if blocker in goal.objs
+        for place in (goal.targ_poses if goal.metric == "pose" else [zone[0] for zone in goal.params])
+    ]  # fmt: skip
+    spoken_of = any(blocker in named(goal) for goal, _ in view.stated_goals)
+    start = view.places.get(blocker)
+    ball = any(shape.kind == "sphere" for shape in view.model(blocker).colliders)
+    # What stays where it is, and whose very place is the target, is what the object is to stand on.
+    if not spoken_of and not ball and start is not None:
+        wanted.append(start)
+    there = any(_distance(place, target) < task.pos_eps for place in wanted)
+    if not there or height + (shape.high - shape.low) >= TALLEST_STACK:
+        return False
+    center = np.array([[target[0][0], target[0][1]]])
+    tops = [prism.outline for prism in view.prisms if prism.owner == blocker and prism.high > height - 0.003]
+    return any(
+        float(np.ptp(top, axis=0).min()) > 0.025 and inside_margin(np.zeros((1, 2)), top, center)[0] > 0.01
+        for top in tops
+    )

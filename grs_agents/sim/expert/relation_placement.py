@@ -1,0 +1,272 @@
+"""Where the oracle puts the objects of typed goals: spots at which the goal's own definition says that it holds."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose
+from grs_agents.geometry import transforms
+from grs_agents.sim.expert.zone_packing import pack, turns_for, why_not
+from grs_agents.sim.goals.relation_rules import holds_when, reference_of, shortfall, zone_of
+from grs_agents.sim.goals.scene_view import SceneView
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Goal, Relation
+from grs_agents.sim.motion.placement import (
+    Blocked,
+    FloatArray,
+    Region,
+    Spot,
+    Suits,
+    Target,
+    at,
+    find_spot,
+    reach_note,
+    turned,
+    wrap,
+)
+from grs_agents.sim.world.footprints import Prism, gaps, rest_heights
+
+_GAPS: Final = (0.015, 0.006, 0.003)
+_MARGIN: Final = 0.3
+"""Share of the distance of a ``near`` goal that is kept in hand."""
+_BESIDE: Final = 0.03
+"""Free space between the objects of a line without a spacing of its own, metres."""
+_ARRIVED: Final = 0.005
+Offsets = npt.NDArray[np.bool_]
+
+
+class RelationPlanner:
+    """Chooses spots for typed goals; remembers the places of a line."""
+
+    def __init__(self) -> None:
+        self._lines: dict[Relation, dict[int, tuple[float, float]]] = {}
+
+    def target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+        """Where the object of one row of a typed goal should go, or why nowhere; arguments as `Planner` takes them."""
+        relation, number = goal.relation, goal.objs[row]
+        assert relation is not None, "a goal without a relation"
+        if relation.kind == "upright":
+            return _righted(number, view)
+        if relation.kind == "stacked":
+            return _on_top(relation.objects[relation.objects.index(number) - 1], relation, number, task, view, lift)
+        if relation.kind == "aligned":
+            return self._in_line(relation, number, task, view, lift)
+        if relation.kind == "near":
+            return _checked(_beside(relation, number, view, lift), relation, number, task, view, lift)
+        return _within(relation, number, task, view, lift)
+
+    def rows(self, goal: Goal, view: SceneView) -> list[int]:
+        """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
+        relation = goal.relation
+        assert relation is not None, "a goal without a relation"
+        if relation.kind == "stacked":
+            levels = range(1, len(relation.objects))
+            return [level for level in levels if shortfall(relation, relation.objects[level], view)]
+        planned = self._lines.get(relation, {})
+        return [
+            row for row, number in enumerate(relation.objects)
+            if number not in planned or math.dist(planned[number], view.pose(number)[0][:2]) > _ARRIVED
+        ]  # fmt: skip
+
+    def _in_line(self, relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+        plan = self._lines.get(relation) or _line(relation, view, lift)
+        if plan is None:
+            name = view.name(number)
+            return Stop("no_free_space", f"no free line within reach for {len(relation.objects)} objects", (name,))
+        self._lines[relation] = plan
+        spot = _lowered(plan[number], 0.0, number, view)
+        blocker = _in_the_way(spot, number, view)
+        if blocker is not None:
+            return Blocked(blocker, (_standing(number, spot, view),))
+        placed = {other: _pose_at(Spot(plan[other], 0.0, 0.0), other, view) for other in relation.objects}
+        if not holds_when(relation, relation.objects, view.supposing(placed), task.rot_eps):
+            return _no_spot(relation, number, view)
+        return spot if _reached(spot, view, lift) else _too_far(number, spot, view, lift)
+
+
+def predicted(spot: Spot, number: int, view: SceneView) -> SceneView:
+    """The scene once an object has been put at a spot."""
+    return view.supposing({number: _pose_at(spot, number, view)})
+
+
+def _pose_at(spot: Spot, number: int, view: SceneView) -> Pose:
+    (_, _, z), rotation = view.pose(number)
+    about = ((0.0, 0.0, 0.0), transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, spot.turn)))
+    turned_by = transforms.multiply(about, ((0.0, 0.0, 0.0), rotation))[1]
+    return (spot.center[0], spot.center[1], spot.height + z - view.outline(number).low), transforms.quat(turned_by)
+
+
+def _checked(
+    spots: Iterator[Spot], relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float
+) -> Spot | Stop:
+    """The first spot within reach at which the goal's definition holds."""
+    far: Spot | None = None
+    for spot in spots:
+        if not _reached(spot, view, lift):
+            far = far or spot
+        elif not shortfall(relation, number, predicted(spot, number, view), task.rot_eps):
+            return spot
+    return _too_far(number, far, view, lift) if far else _no_spot(relation, number, view)
+
+
+def _reached(spot: Spot, view: SceneView, lift: float) -> bool:
+    return bool(Suits(lift, view.arm)(np.array([spot.center]), np.array([spot.height]))[0])
+
+
+def _too_far(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
+    tip = (*spot.center, spot.height + lift)
+    return Stop(
+        "unreachable",
+        f"target of {view.name(number)} at {at(tip)} {reach_note(tip, view.arm)}",
+        (view.name(number),),
+    )
+
+
+def _no_spot(relation: Relation, number: int, view: SceneView) -> Stop:
+    other = "" if relation.reference is None else f" {view.name(relation.reference)}"
+    words = f"no spot at which {view.name(number)} would be {relation.kind.replace('_', ' ')}{other} is free"
+    return Stop("target_occupied", words, (view.name(number),))
+
+
+def _standing(number: int, spot: Spot, view: SceneView) -> Prism:
+    return view.supposing({number: _pose_at(spot, number, view)}).outline(number)
+
+
+def _lowered(center: tuple[float, float], turn: float, number: int, view: SceneView) -> Spot:
+    """Where an object comes to rest that is lowered at a point."""
+    shape = turned(view.outline(number), np.asarray(view.pose(number)[0][:2]), turn)
+    height = rest_heights(shape, view.others(number), np.array([center]), -0.0005)
+    return Spot(center, turn, float(height[0]))
+
+
+def _righted(number: int, view: SceneView) -> Stop:
+    name, tilt = view.name(number), np.rad2deg(view.tilt(number))
+    return Stop(
+        "toppled", f"{name} lies on its side (tilt {tilt:.0f} deg): a tool that points down cannot right it", (name,)
+    )
+
+
+def _on_top(below: int, relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+    """Centred on what is below it, turned along with it; what stands there goes first."""
+    center = (view.pose(below)[0][0], view.pose(below)[0][1])
+    turn = wrap(view.yaw(below) - view.yaw(number), np.pi / 2)
+    spots = [_lowered(center, angle, number, view) for angle in (turn, 0.0)]
+    target = _checked(iter(spots), relation, number, task, view, lift)
+    if isinstance(target, Spot) or target.outcome == "unreachable":
+        return target
+    blocker = _in_the_way(spots[0], number, view, below)
+    return Blocked(blocker, (_standing(number, spots[0], view),)) if blocker is not None else target
+
+
+def _in_the_way(spot: Spot, number: int, view: SceneView, below: int = -1) -> int | None:
+    """A movable object, other than the one ``below``, that holds an object up at a spot."""
+    shape = turned(view.outline(number), np.asarray(view.pose(number)[0][:2]), spot.turn)
+    found = [
+        prism.owner for prism in view.others(number, below)
+        if prism.high > spot.height - 0.003 and view.is_free(prism.owner)
+        and gaps(shape.outline, prism.outline, np.array([spot.center]))[0] < -0.0005
+    ]  # fmt: skip
+    return found[0] if found and spot.height > 0.003 else None
+
+
+def _within(relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+    """In a container, on a support or in a zone: packed with its fellows, as clear of one another as fits."""
+    zone = zone_of(reference_of(relation), view)
+    members = [number, *(other for other in _wanted(relation, task, view) if other != number)]
+    plan = pack(zone, members, view, lift)
+    candidates = [plan[number]] if number in plan else []
+    target = _checked(_more(candidates, relation, number, view, lift), relation, number, task, view, lift)
+    if isinstance(target, Spot):
+        return target
+    reason = why_not(zone, number, members, view, lift)
+    if isinstance(reason, Spot):
+        return _checked(iter([reason]), relation, number, task, view, lift)
+    return reason
+
+
+def _wanted(relation: Relation, task: ScoredTask, view: SceneView) -> list[int]:
+    """Objects that goals still want there too, and are not there yet."""
+    found: list[int] = []
+    for goal in task.goals:
+        other = goal.relation
+        if other is not None and (other.kind, other.reference) == (relation.kind, relation.reference):
+            found += [number for number in other.objects if shortfall(other, number, view, task.rot_eps)]
+    return list(dict.fromkeys(found))
+
+
+def _more(first: Sequence[Spot], relation: Relation, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
+    """Spots by preference: as packed; clear in the middle; centred, however it rests there."""
+    yield from first
+    reference = reference_of(relation)
+    (position, rotation), size = zone_of(reference, view)
+    region = Region((position[0], position[1]), (size[0], size[1]), transforms.yaw_of(rotation))
+    body, center = view.outline(number), view.pose(number)[0]
+    turns = turns_for(number, region, view)
+    for gap in _GAPS:
+        spot = find_spot(body, center, turns, region, view.others(number), gap, Suits(lift, view.arm), spread=True)
+        if spot is not None:
+            yield spot
+    if relation.kind != "inside":
+        for turn in turns:
+            yield _lowered(region.center, turn, number, view)
+
+
+def _beside(relation: Relation, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
+    """Free spots around the other object, at no more than the distance asked for."""
+    other, bound = view.outline(reference_of(relation)), relation.distance or 0.0
+    body, center = view.outline(number), view.pose(number)[0]
+    x0, y0, x1, y1 = other.box
+    for turn in (0.0, wrap(view.yaw(reference_of(relation)) - view.yaw(number), np.pi / 2), np.pi / 2):
+        shape = turned(body, np.asarray(center[:2]), turn)
+        reach = 2 * (float(np.abs(shape.outline).max()) + bound)
+        region = Region(((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0 + 2 * reach, y1 - y0 + 2 * reach), 0.0)
+        for share in (_MARGIN, 0.1):
+            suits = _ring(shape.outline, other.outline, (1 - share) * bound, Suits(lift, view.arm))
+            for gap in (0.01, 0.004):
+                clear = min(gap, 0.5 * bound)
+                spot = find_spot(
+                    body, center, [turn], region, view.others(number), clear, suits, spread=True, near=center
+                )
+                if spot is not None:
+                    yield spot
+
+
+def _ring(
+    shape: FloatArray, other: FloatArray, bound: float, suits: Callable[[FloatArray, FloatArray], Offsets]
+) -> Callable[[FloatArray, FloatArray], Offsets]:
+    def around(offsets: FloatArray, heights: FloatArray) -> Offsets:
+        return (gaps(shape, other, offsets) < bound) & suits(offsets, heights)
+
+    return around
+
+
+def _line(relation: Relation, view: SceneView, lift: float) -> dict[int, tuple[float, float]] | None:
+    """Free places for all objects on a line across the table, in the order in which they lie across it."""
+    objects = sorted(relation.objects, key=lambda number: view.pose(number)[0][1])
+    widths = [max(view.outline(number).box[3] - view.outline(number).box[1], 0.01) for number in objects]
+    least = max((first + second) / 2 for first, second in pairwise(widths)) + _BESIDE
+    step = relation.distance or least
+    places = (np.arange(len(objects)) - (len(objects) - 1) / 2) * step
+    obstacles = view.others(*objects)
+    bounds = view.bounds
+    middle = np.mean([view.pose(number)[0][:2] for number in objects], axis=0)
+    xs, ys = np.arange(bounds[0, 0], bounds[0, 1], 0.02), np.arange(bounds[1, 0], bounds[1, 1], 0.02)
+    centers = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
+    for axis in ((0.0, 1.0), (1.0, 0.0)):
+        good = np.ones(len(centers), dtype=bool)
+        for number, place in zip(objects, places, strict=True):
+            shape = turned(view.outline(number), np.asarray(view.pose(number)[0][:2]), 0.0)
+            offsets = centers + place * np.asarray(axis)
+            heights = rest_heights(shape, obstacles, offsets, 0.01)
+            inside = ((offsets >= bounds[:2, 0]) & (offsets <= bounds[:2, 1])).all(axis=1)
+            good &= inside & (heights < 0.002) & Suits(lift, view.arm)(offsets, heights)
+        if good.any():
+            best = centers[good][np.linalg.norm(centers[good] - middle, axis=1).argmin()]
+            spots = best + places[:, None] * np.asarray(axis)
+            return {number: (float(x), float(y)) for number, (x, y) in zip(objects, spots, strict=True)}
+    return None

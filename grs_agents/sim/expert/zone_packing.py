@@ -1,0 +1,150 @@
+"""Where the oracle puts the objects that ``zone`` goals speak of: packed together, clear of what is there."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.geometry import transforms
+from grs_agents.sim.goals.scene_view import SceneView
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.instance.goal import Zone
+from grs_agents.sim.motion.placement import (
+    TALLEST_STACK,
+    Blocked,
+    FloatArray,
+    Region,
+    Spot,
+    Suits,
+    Target,
+    at,
+    find_spot,
+    reach_note,
+    turned,
+    wrap,
+)
+from grs_agents.sim.world.footprints import Prism, gaps, inside_margin
+
+GAPS: Final = (0.025, 0.012, 0.006, 0.003)
+"""Free space asked for between neighbours in a zone, metres: as generous as fits."""
+
+
+def region_of(zone: Zone) -> Region:
+    """A zone seen from above."""
+    (position, rotation), size = zone
+    return Region((position[0], position[1]), (size[0], size[1]), transforms.yaw_of(rotation))
+
+
+def members_of(zone: Zone, task: ScoredTask) -> list[int]:
+    """Objects that goals still want in a zone, and are not there yet."""
+    found: list[int] = []
+    for goal in task.goals:
+        if goal.metric == "zone" and zone in goal.params:
+            scores = task.grs.scores(goal)
+            found.extend(number for number, score in zip(goal.objs, scores, strict=True) if score < 0.985)
+    return list(dict.fromkeys(found))
+
+
+def turns_for(number: int, region: Region, view: SceneView) -> list[float]:
+    """Turns (rad) worth trying: as it is if it is round, else along the region's sides."""
+    aligned = wrap(region.yaw - view.yaw(number), np.pi / 2)
+    width, depth = view.extent(number)
+    across = [wrap(aligned + np.pi / 2, np.pi)] if abs(width - depth) > 0.002 else []
+    round_ = all(shape.kind in ("cylinder", "sphere") for shape in view.model(number).colliders)
+    return [0.0] if round_ and view.tilt(number) < 0.1 else [aligned, *across]
+
+
+def pack(zone: Zone, members: Sequence[int], view: SceneView, lift: float) -> dict[int, Spot]:
+    """Spots for as many members as fit together, the first one before all others; empty if it does not fit."""
+    region = region_of(zone)
+    first, rest = members[0], sorted(members[1:], key=lambda number: -float(np.prod(view.extent(number))))
+    best: dict[int, Spot] = {}
+    for gap in GAPS:
+        for order in ([first, *rest], sorted(members, key=lambda number: -float(np.prod(view.extent(number))))):
+            plan = _pack_once(region, order, view, lift, gap)
+            if first in plan and len(plan) > len(best):
+                best = plan
+            if len(best) == len(members):
+                return best
+    return best
+
+
+def _pack_once(region: Region, order: Sequence[int], view: SceneView, lift: float, gap: float) -> dict[int, Spot]:
+    inner = Region(region.center, (region.size[0] - min(gap, 0.008), region.size[1] - min(gap, 0.008)), region.yaw)
+    obstacles = view.others(*order)
+    plan: dict[int, Spot] = {}
+    for number in order:
+        body, center = view.outline(number), view.pose(number)[0]
+        standing = [*obstacles, *(prism for prism in view.prisms if prism.owner in order and prism.owner not in plan
+                                  and prism.owner != number)]  # fmt: skip
+        alone = len(order) == 1
+        spot = find_spot(
+            body, center, turns_for(number, region, view), inner, standing, gap, Suits(lift, view.arm), spread=alone
+        )
+        if spot is None:
+            continue
+        plan[number] = spot
+        shape = turned(body, np.asarray(center[:2]), spot.turn)
+        obstacles.append(
+            Prism(shape.outline + np.asarray(spot.center), spot.height, spot.height + body.high - body.low, number)
+        )
+    return plan
+
+
+def why_not(zone: Zone, number: int, members: Sequence[int], view: SceneView, lift: float) -> Target:
+    """Nothing is free: the zone is too small, out of reach, or taken; if taken, by what can be moved, or on what."""
+    region, name, body = region_of(zone), view.name(number), view.outline(number)
+    center, turns = view.pose(number)[0], turns_for(number, region, view)
+    width, depth = view.extent(number)
+    fixed = [prism for prism in view.others(number) if not view.is_free(prism.owner)]
+
+    def anywhere(offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
+        del heights
+        return np.ones(len(offsets), dtype=bool)
+
+    size = f"{region.size[0]:.2f} x {region.size[1]:.2f} m"
+    if find_spot(body, center, turns, region, fixed, 0.001, anywhere) is None:
+        return Stop(
+            "target_too_small", f"target zone {size} is too small for {name} ({width:.2f} x {depth:.2f} m)", (name,)
+        )
+    if find_spot(body, center, turns, region, fixed, 0.001, Suits(lift, view.arm)) is None:
+        tip = (region.center[0], region.center[1], lift)
+        return Stop("unreachable", f"target zone of {name} at {at(zone[0][0])} {reach_note(tip, view.arm)}", (name,))
+    return _taken(region, number, members, view, lift, size)
+
+
+def _taken(region: Region, number: int, members: Sequence[int], view: SceneView, lift: float, size: str) -> Target:
+    name, body, center = view.name(number), view.outline(number), view.pose(number)[0]
+    inside = [
+        other for other in view.ids
+        if other != number and view.is_free(other)
+        and gaps(view.outline(other).outline, region.outline, np.zeros((1, 2)))[0] < -0.002
+    ]  # fmt: skip
+    foreign = [other for other in inside if other in members or not _over_region(other, region, view)]
+    wide = _wanted_nowhere(inside, view)
+    for other in foreign or wide:
+        return Blocked(other, (Prism(region.outline, 0.0, 1.0, number),))
+    spot = find_spot(
+        body, center, turns_for(number, region, view), region, view.others(number), 0.002, Suits(lift, view.arm),
+        spread=True, stack=True,
+    )  # fmt: skip
+    if spot is not None and spot.height + body.high - body.low < TALLEST_STACK:
+        return spot
+    names = tuple(dict.fromkeys(view.name(other) for other in inside))
+    return Stop(
+        "target_occupied", f"no room for {name} in the target zone {size}: occupied by {', '.join(names)}",
+        (name, *names),
+    )  # fmt: skip
+
+
+def _over_region(number: int, region: Region, view: SceneView) -> bool:
+    """Whether an object lies wholly in a region."""
+    return bool(inside_margin(view.outline(number).outline, region.outline, np.zeros((1, 2)))[0] > -0.01)
+
+
+def _wanted_nowhere(numbers: Sequence[int], view: SceneView) -> list[int]:
+    """Objects that no goal speaks of."""
+    wanted = {number for goal, _ in view.stated_goals for number in goal.objs}
+    return [number for number in numbers if number not in wanted]

@@ -1,0 +1,216 @@
+"""A snapshot of the scene for planning: outlines, names, what stands where, what rests on what.
+
+The scores and the oracle share the rules of support and of lying still.
+"""
+
+import copy
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
+from grs_agents.library import ObjectModel
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.world.collision_volumes import Volume
+from grs_agents.sim.world.footprints import (
+    Prism,
+    convex_hull,
+    footprint,
+    gaps,
+    inside_margin,
+    near,
+    overlap,
+    prisms,
+    turn,
+)
+from grs_agents.sim.world.tabletop import Tabletop
+
+_POINT = np.zeros((1, 2))
+
+
+def tilt_of(pose: Pose) -> float:
+    """The angle between an object's own z axis and the vertical, radians."""
+    x, y, _, _ = pose[1]
+    return math.acos(min(1.0, max(-1.0, 1 - 2 * (x * x + y * y))))
+
+
+class SceneView:
+    """What the oracle looks at when it plans one action.
+
+    Args:
+        table: as it stands.
+        stated: every goal of the episode, met or not, with its words.
+        open_goals: those that are not met yet.
+
+    Attributes:
+        arm: the robot.
+        bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
+        places: where every object stood when the scene had settled, by id.
+        ties: what keeps objects together.
+        prisms: of every object's colliders.
+    """
+
+    def __init__(self, table: Tabletop, stated: Sequence[tuple[Goal, str]], open_goals: Sequence[Goal]) -> None:
+        self._table, self.physics = table, table.physics
+        self.arm, self.bounds, self.places, self.ties = table.arm, table.bounds, table.places, table.ties
+        self.stated_goals, self.open_goals = stated, open_goals
+        self._items = {item.id: item for item in table.objects}
+        self._models = {number: table.shapes(number) for number in self._items}
+        self.prisms: list[Prism] = table.outlines()
+        self._supposed: dict[int, Prism] = {}
+
+    def supposing(self, poses: Mapping[int, Pose]) -> "SceneView":
+        """The same scene with some objects elsewhere: what a plan would bring about."""
+        other = copy.copy(self)
+        other._items = self._items | {
+            number: self._items[number].model_copy(update={"pose": pose}) for number, pose in poses.items()
+        }
+        other._supposed = self._supposed | {
+            number: footprint(self._models[number], pose, number) for number, pose in poses.items()
+        }
+        moved = [prism for number, pose in poses.items() for prism in prisms(self._models[number], pose, number)]
+        other.prisms = [*self.others(*poses), *moved]
+        return other
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Every object."""
+        return tuple(self._items)
+
+    def name(self, number: int) -> str:
+        """The asset name of an object."""
+        return self._items[number].asset
+
+    def pose(self, number: int) -> Pose:
+        """Where it is."""
+        return self._items[number].pose
+
+    def yaw(self, number: int) -> float:
+        """How it is turned about the vertical, radians."""
+        return transforms.yaw_of(self.pose(number)[1])
+
+    def tilt(self, number: int) -> float:
+        """The angle between its own z axis and the vertical, radians."""
+        return tilt_of(self.pose(number))
+
+    def tilt_at_start(self, number: int) -> float:
+        """That angle when the scene had settled, before anything acted."""
+        start = self.places.get(number)
+        return 0.0 if start is None else tilt_of(start)
+
+    def model(self, number: int) -> ObjectModel:
+        """What it is made of."""
+        return self._models[number]
+
+    def volume(self, number: int) -> Volume:
+        """Its collision volume."""
+        return self._table.volume(number)
+
+    def is_free(self, number: int) -> bool:
+        """Whether it can be moved."""
+        return self._table.is_free(number)
+
+    def hollow(self, number: int) -> bool:
+        """Whether things can be put into it."""
+        return self._table.library.asset(self.name(number)).hollow
+
+    def outline(self, number: int) -> Prism:
+        """One prism around the whole object."""
+        return self._supposed[number] if number in self._supposed else self._table.outline(number)
+
+    def parts(self, number: int) -> list[Prism]:
+        """The prisms of one object's colliders."""
+        return [prism for prism in self.prisms if prism.owner == number]
+
+    def extent(self, number: int) -> tuple[float, float]:
+        """Horizontal extents along its own axes as it stands, metres."""
+        outline = self.outline(number).outline @ turn(self.yaw(number))
+        size = outline.max(axis=0) - outline.min(axis=0)
+        return (float(size[0]), float(size[1]))
+
+    def others(self, *numbers: int) -> list[Prism]:
+        """The prisms of every object but these."""
+        return [prism for prism in self.prisms if prism.owner not in numbers]
+
+    def over(self, number: int, point: Vec3) -> bool:
+        """Whether a point lies above an object's outline, seen from above."""
+        offset = np.array([[point[0], point[1]]])
+        return bool(inside_margin(_POINT, self.outline(number).outline, offset)[0] >= 0)
+
+
+FloatArray = npt.NDArray[np.float64]
+_TOUCHING: Final = 0.006
+_FOOTING: Final = 0.002
+"""How far within what carries it a centre of mass must lie, metres."""
+_OVERLAP: Final = -0.0005
+_STILL: Final = 0.05
+_GRAIN: Final = 0.02
+"""What is no larger than this lies as it falls: any of its sides will do, metres."""
+
+
+def supporters(number: int, view: SceneView) -> set[int]:
+    """Ids of the objects whose top an object's underside rests on; empty on the bare table."""
+    own = [prism for prism in view.prisms if prism.owner == number]
+    low = min((prism.low for prism in own), default=0.0)
+    feet = [prism for prism in own if prism.low < low + _TOUCHING]
+    return {prism.owner for prism in view.others(number) if _carries(prism, feet)}
+
+
+def around(number: int, view: SceneView) -> set[int]:
+    """Ids of what an object on the table stands in, without a top of theirs under it: fixtures, rings."""
+    own = view.outline(number)
+    return {
+        other
+        for other in view.ids
+        if own.low < _TOUCHING and other != number and view.model(other).colliders
+        and view.outline(other).low < own.high and view.outline(other).high > own.low
+        and view.over(other, view.pose(number)[0])
+    }  # fmt: skip
+
+
+def marks_under(number: int, view: SceneView) -> set[int]:
+    """Ids of the marks on the table on which an object stands; empty if it is not on the table."""
+    if view.outline(number).low > _TOUCHING:
+        return set()
+    return {
+        other
+        for other in view.ids
+        if not view.model(other).colliders and abs(view.outline(other).high) < _TOUCHING
+        and view.over(other, view.pose(number)[0])
+    }  # fmt: skip
+
+
+def _carries(prism: Prism, feet: Iterable[Prism]) -> bool:
+    return any(
+        abs(foot.low - prism.high) < _TOUCHING and gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP
+        for foot in feet
+    )
+
+
+def steady(parts: Sequence[Prism], height: float, center: FloatArray, others: Iterable[Prism]) -> bool:
+    """Whether a body with its underside at a height (m) has its centre of mass (2,) over what would carry it."""
+    if height < _TOUCHING:
+        return True
+    low = min(part.low for part in parts)
+    feet = [part for part in parts if part.low < low + _TOUCHING]
+    carriers = [prism for prism in others if abs(prism.high - height) < _TOUCHING]
+    touching = [overlap(foot.outline, top.outline) for foot in feet for top in near(foot, carriers, (0.0, 0.0), 0.0)]
+    base = convex_hull(np.vstack([np.zeros((0, 2)), *touching]))
+    return len(base) > 2 and bool(inside_margin(_POINT, base, center[None])[0] > _FOOTING)
+
+
+def toppled(number: int, view: SceneView, tolerance: float) -> bool:
+    """Whether an object is more tilted than at the start, by more than ``tolerance`` radians; no ball or grain is."""
+    model = view.model(number)
+    if all(shape.kind == "sphere" for shape in model.colliders) or max(model.size) <= _GRAIN:
+        return False
+    return view.tilt(number) > view.tilt_at_start(number) + tolerance
+
+
+def rests(number: int, view: SceneView) -> bool:
+    """Whether an object lies still, let go by the robot."""
+    return view.physics.held != number and view.physics.speed_of(number) < _STILL

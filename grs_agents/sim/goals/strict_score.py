@@ -1,0 +1,238 @@
+"""How far goals hold at the end of an episode, strictly: height, support, upright, one object a target.
+
+The published score (``task_accounting``) ignores height and tilt, lets two objects claim one target and keeps credit
+for what was undone later. Here every goal is judged on the scene as it stands. An object counts where the published
+score counts it and, besides,
+
+* it rests at the height that the target says: its centre or its underside is within ``pos_eps`` of the target; or the
+  target lies in or on another object and it rests on that object (a plate's rim is higher than its bottom), or within
+  it on the table (a fixture, a mark); or it rests on objects that hold their own targets, as far below it as those are
+  below its own (levels a little higher than the blocks); in a zone, its underside lies no higher than the zone's top;
+  things that share a target or a zone may rest on each other;
+* it stands no more than ``rot_eps`` more tilted than at the start, and lies still, let go by the robot;
+* no other object claims its target, unless the goal lets objects share.
+
+An object that later goals speak of too is judged there. Other objects that were knocked over lower the whole score.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from grs_agents.base import Pose
+from grs_agents.sim.goals.relation_rules import shortfalls
+from grs_agents.sim.goals.scene_view import SceneView, around, marks_under, rests, supporters, toppled
+from grs_agents.sim.goals.task_accounting import ScoredTask
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.world.collision_volumes import share_inside
+from grs_agents.sim.world.footprints import footprint, inside_margin
+from grs_agents.sim.world.tabletop import Tabletop
+
+_HEIGHT: Final = 0.015
+"""Farthest from the height that a target says, metres, whatever ``pos_eps`` is; less than half the least of levels."""
+
+
+@dataclass(frozen=True)
+class StrictScore:
+    """``value`` and ``weakest``, of the goal that holds least, 0..1; one clause for each object that falls short."""
+
+    value: float
+    weakest: float
+    shortfalls: tuple[str, ...] = ()
+
+
+class StrictScorer:
+    """Scores a scene strictly, by how it stands and how it stood before anything acted.
+
+    Args:
+        task: its goals are scored.
+        table: with the objects, after a reset.
+        places: where every object stood when the scene had settled.
+    """
+
+    def __init__(self, task: ScoredTask, table: Tabletop, places: Mapping[int, Pose]) -> None:
+        self.task, self.table = task, table
+        self._outlines = {number: footprint(table.shapes(number), pose) for number, pose in places.items()}
+
+    def score(self) -> StrictScore:
+        """The score of the scene as it stands now."""
+        view = SceneView(self.table, self.task.grs.stated, self.task.goals)
+        notes: dict[int, str] = {}
+        value, shares = 0.0, list[float]()
+        final: dict[int, float] = {}
+        goals = [goal for goal, _ in self.task.grs.stated]
+        for goal in reversed(goals):
+            rows = self._goal(goal, view, {number for number in goal.objs if number not in final}, notes)
+            for row, number in enumerate(goal.objs):
+                rows[row] = max(rows[row], final.get(number, 0.0))
+                final.setdefault(number, rows[row])
+            shares.append(float(np.mean(rows)))
+            value += goal.step_max_reward * shares[-1]
+        bystanders = [number for number in view.ids if view.is_free(number) and number not in final]
+        fallen = [number for number in bystanders if toppled(number, view, self.task.rot_eps)]
+        notes.update({number: f"{view.name(number)} was knocked over" for number in fallen})
+        standing = 1 - len(fallen) / len(bystanders) if fallen else 1.0
+        weakest = 0.0 if fallen else min(shares, default=0.0)
+        return StrictScore(round(min(1.0, value) * standing, 9), round(weakest, 9), tuple(notes.values()))
+
+    def _goal(self, goal: Goal, view: SceneView, last: set[int], notes: dict[int, str]) -> list[float]:
+        """The score of each object of one goal; ``notes`` gains a clause for each of ``last`` that falls short."""
+        if goal.relation is not None:
+            clauses = shortfalls(goal.relation, view, self.task.rot_eps)
+            notes_of = dict(zip(goal.objs, clauses, strict=True))
+            for number in last:
+                if notes_of[number]:
+                    notes.setdefault(number, f"{view.name(number)} {notes_of[number]}")
+            return [float(not clause) for clause in clauses]
+        claimed = self._claims(goal, view)
+        scores: list[float] = []
+        for row, number in enumerate(goal.objs):
+            share, trouble = self._share(goal, row, claimed, view)
+            scores.append(share)
+            if trouble and number in last:
+                notes.setdefault(number, f"{view.name(number)} {trouble}")
+        return scores
+
+    def _share(self, goal: Goal, row: int, claimed: dict[int, int], view: SceneView) -> tuple[float, str]:
+        number = goal.objs[row]
+        if toppled(number, view, self.task.rot_eps):
+            return 0.0, "does not stand upright"
+        if not rests(number, view):
+            return 0.0, "does not lie still"
+        if goal.metric == "zone":
+            return self._zone_share(goal, number, view)
+        return (1.0, "") if row in claimed else (0.0, self._astray(goal, row, view))
+
+    def _astray(self, goal: Goal, row: int, view: SceneView) -> str:
+        """How an object misses every target that will do for it."""
+        number = goal.objs[row]
+        pose, low = view.pose(number), view.outline(number).low
+        claimed = [
+            index for index in np.flatnonzero(goal.matches[row])
+            if self.task.is_match(pose, goal.targ_poses[index], goal.symmetries[row])
+        ]  # fmt: skip
+        if not claimed:
+            return "is at none of its targets"
+        if any(self._holds(goal, row, int(index), view) for index in claimed):
+            return "is at a target that another object has"
+        heights = [goal.targ_poses[index][0][2] for index in claimed]
+        wanted = min(heights, key=lambda height: abs(height - pose[0][2]))
+        return (
+            f"is at its target but for the height: it reaches from {abs(low):.3f} m up, the target is at {wanted:.3f} m"
+            f"{', where nothing would hold it' if _in_mid_air(number, pose, wanted - pose[0][2] + low, view) else ''}"
+        )
+
+    def _zone_share(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
+        ceiling = float(self.task.zone_bounds[2, 1])
+        share = share_inside(view.volume(number), view.pose(number), goal.params, ceiling)
+        if share < 0.01:
+            return 0.0, "is not in its zone"
+        top = max(zone[0][0][2] + zone[1][2] / 2 for zone in goal.params)
+        high = view.outline(number).low > max(0.0, top) + _HEIGHT
+        if high and not self._on_fellows(number, self._fellows(goal), view):
+            return 0.0, f"rests at {view.outline(number).low:.2f} m, above its zone"
+        return (1.0, "") if share > 0.985 else (share, f"is {share:.0%} in its zone")
+
+    def _claims(self, goal: Goal, view: SceneView) -> dict[int, int]:
+        """Row to target for ``pose`` goals: as many rows as can have a target that holds them, each its own."""
+        if goal.metric != "pose":
+            return {}
+        options = [
+            [int(index) for index in np.flatnonzero(goal.matches[row]) if self._holds(goal, row, int(index), view)]
+            for row in range(len(goal.objs))
+        ]
+        if goal.replace:
+            return {row: targets[0] for row, targets in enumerate(options) if targets}
+        return assign(options)
+
+    def _holds(self, goal: Goal, row: int, index: int, view: SceneView) -> bool:
+        number, target = goal.objs[row], goal.targ_poses[index]
+        pose = view.pose(number)
+        if not self.task.is_match(pose, target, goal.symmetries[row]):
+            return False
+        heights = (pose[0][2], view.outline(number).low)
+        if any(abs(height - target[0][2]) <= _HEIGHT for height in heights):
+            return True
+        half, under = heights[0] - heights[1] + _HEIGHT, supporters(number, view)
+        if any(self._is_place(other, target, half) for other in under or marks_under(number, view)):
+            return True
+        if any(self._is_place(other, target, 0.0) for other in around(number, view)):
+            return True
+        if under and all(self._is_step(other, number, target, view) for other in under):
+            return True
+        return self._on_fellows(number, self._sharers(goal, number, target), view)
+
+    def _is_step(self, under: int, number: int, target: Pose, view: SceneView) -> bool:
+        """Whether what carries an object holds a target, as far below the object's own as it is below the object."""
+        rises = (
+            view.pose(number)[0][2] - view.pose(under)[0][2],
+            view.outline(number).low - view.outline(under).low,
+        )
+        if rises[1] <= 0:
+            return False
+        return any(
+            any(abs(target[0][2] - goal.targ_poses[index][0][2] - rise) <= _HEIGHT for rise in rises)
+            and self._holds(goal, goal.objs.index(under), index, view)
+            for goal, _ in self.task.grs.stated
+            if goal.metric == "pose" and under in goal.objs
+            for index in np.flatnonzero(goal.matches[goal.objs.index(under)]).tolist()
+        )
+
+    def _is_place(self, number: int, target: Pose, half: float) -> bool:
+        """Whether a target lies in an object as it stood at the start, or on it, ``half`` above its top at most."""
+        start = self._outlines[number]
+        aside = -inside_margin(np.zeros((1, 2)), start.outline, np.array([target[0][:2]]))[0]
+        return bool(aside <= self.task.pos_eps and start.low <= target[0][2] <= start.high + half)
+
+    def _fellows(self, goal: Goal) -> set[int]:
+        """Objects that goals want in the same zones or at the same targets."""
+        return {
+            number
+            for other, _ in self.task.grs.stated
+            if other is goal or (other.params and other.params == goal.params)
+            for number in other.objs
+        }
+
+    def _sharers(self, goal: Goal, number: int, target: Pose) -> set[int]:
+        """Objects that goals want at the same place: one target for all of them, or equal ones."""
+        found = set(goal.objs) if goal.replace else set[int]()
+        for other, _ in self.task.grs.stated:
+            for row, index in np.argwhere(other.matches).tolist():
+                if other is not goal or other.targ_poses[index] is not target:
+                    apart = np.abs(np.subtract(other.targ_poses[index][0], target[0]))
+                    if (apart <= (self.task.pos_eps, self.task.pos_eps, _HEIGHT)).all():
+                        found.add(other.objs[int(row)])
+        return found - {number}
+
+    def _on_fellows(self, number: int, fellows: set[int], view: SceneView) -> bool:
+        under = supporters(number, view)
+        return bool(under) and all(other in fellows for other in under)
+
+
+def _in_mid_air(number: int, pose: Pose, low: float, view: SceneView) -> bool:
+    """Whether an object with its underside at a height (m), where it is now, would have nothing under it."""
+    point = np.array([pose[0][:2]])
+    return low > _HEIGHT and not any(
+        abs(prism.high - low) <= _HEIGHT and inside_margin(np.zeros((1, 2)), prism.outline, point)[0] >= 0
+        for prism in view.others(number)
+    )
+
+
+def assign(options: Sequence[Sequence[int]]) -> dict[int, int]:
+    """Give as many rows as can be a target of their own out of their options: row to target."""
+    holder: dict[int, int] = {}
+
+    def place(row: int, tried: set[int]) -> bool:
+        for target in options[row]:
+            if target not in tried:
+                tried.add(target)
+                if target not in holder or place(holder[target], tried):
+                    holder[target] = row
+                    return True
+        return False
+
+    for row in range(len(options)):
+        place(row, set())
+    return {row: target for target, row in holder.items()}

@@ -1,0 +1,156 @@
+"""What the runtime keeps of a task's episode, apart from the names that programs know, set and override.
+
+Also the published score of CLIPort: how far goals are met, where z and tilt do not count.
+"""
+
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose
+from grs_agents.geometry import transforms
+from grs_agents.sim.goals.relation_rules import shortfalls
+from grs_agents.sim.goals.scene_view import SceneView
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.goal import Goal, worth_one
+from grs_agents.sim.instance.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
+from grs_agents.sim.world.collision_volumes import Volume, share_inside
+from grs_agents.sim.world.tabletop import Tabletop
+
+
+def angle_between(first: float, second: float, symmetry: float) -> float:
+    """The smallest turn (rad) that aligns two yaws of something that repeats every ``symmetry``; 0 = any yaw."""
+    if symmetry <= 0:
+        return 0.0
+    difference = abs(first - second) % symmetry
+    return float(min(difference, symmetry - difference))
+
+
+def pose_matches(
+    pose: Pose, target: Pose, symmetry: float,
+    pos_eps: float = POSITION_TOLERANCE, rot_eps: float = ROTATION_TOLERANCE,
+) -> bool:  # fmt: skip
+    """Whether ``pose`` is at ``target``: xy within ``pos_eps`` metres, yaw within ``rot_eps`` radians."""
+    distance = float(np.hypot(pose[0][0] - target[0][0], pose[0][1] - target[0][1]))
+    turn = angle_between(transforms.yaw_of(pose[1]), transforms.yaw_of(target[1]), symmetry)
+    return distance < pos_eps and turn < rot_eps
+
+
+def object_scores(
+    goal: Goal, poses: dict[int, Pose], volumes: dict[int, Volume], ceiling: float,
+    pos_eps: float = POSITION_TOLERANCE, rot_eps: float = ROTATION_TOLERANCE,
+) -> list[float]:  # fmt: skip
+    """For each object of a ``pose`` or ``zone`` goal, how far (0..1) it is where it should be."""
+    if goal.metric == "zone":
+        return [share_inside(volumes[number], poses[number], goal.params, ceiling) for number in goal.objs]
+    return [
+        float(
+            any(
+                pose_matches(poses[number], goal.targ_poses[index], goal.symmetries[row], pos_eps, rot_eps)
+                for index in np.flatnonzero(goal.matches[row])
+            )
+        )
+        for row, number in enumerate(goal.objs)
+    ]
+
+
+class ScoredTask(Protocol):
+    """What scores and oracles read of a task; programs may override each of these.
+
+    Attributes:
+        goals: those that are not met yet.
+        lang_goals: a sentence for each of them.
+        lang_template: the sentence for goals without one.
+        pos_eps, rot_eps: tolerance of ``pose`` goals, metres and radians.
+        zone_bounds: (3, 2) lowest and highest x, y, z that count as in a zone, metres.
+        grs: the runtime's own accounts.
+    """
+
+    goals: list[Goal]
+    lang_goals: list[str]
+    lang_template: str
+    pos_eps: float
+    rot_eps: float
+    zone_bounds: npt.NDArray[np.float64]
+    grs: "TaskAccounting"
+
+    def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
+        """Whether two poses agree."""
+        ...
+
+
+class TaskAccounting:
+    """The accounts of one task: a program may call its own things ``count`` or ``scores`` without harm.
+
+    Attributes:
+        reset_in: the environment of the last reset, None before.
+        stated: every goal of this episode, met or not, with its words.
+        total: the reward so far.
+        rng: random numbers of the program's own, None for the environment's.
+    """
+
+    def __init__(self, task: ScoredTask) -> None:
+        self._task = task
+        self.reset_in: Tabletop | None = None
+        self.stated: tuple[tuple[Goal, str], ...] = ()
+        self.total = 0.0
+        self.rng: np.random.Generator | None = None
+
+    @property
+    def env(self) -> Tabletop:
+        """The environment of the last reset.
+
+        Raises:
+            SimulationError: there was none.
+        """
+        if self.reset_in is None:
+            raise SimulationError("the task was not reset yet", "call env.set_task(task) and env.reset()")
+        return self.reset_in
+
+    def begin(self, env: Tabletop) -> None:
+        """A reset begins: no goal is stated."""
+        self.reset_in, self.stated, self.total = env, (), 0.0
+
+    def close(self, env: Tabletop) -> None:
+        """A reset is done: the goals are stated, their rewards add up to 1, tolerances are within bounds."""
+        task, self.reset_in = self._task, env
+        if not task.goals:
+            env.warn("the task states no goal: its reset() never calls add_goal")
+        task.goals, doubt = worth_one(task.goals)
+        if doubt:
+            env.warn(doubt)
+        words = task.lang_goals or [task.lang_template]
+        task.lang_goals = [words[min(index, len(words) - 1)] for index in range(len(task.goals))]
+        self.stated = tuple(zip(task.goals, task.lang_goals, strict=True))
+        task.pos_eps = _bounded(env, "pos_eps", task.pos_eps, LARGEST_POS_EPS)
+        task.rot_eps = _bounded(env, "rot_eps", task.rot_eps, LARGEST_ROT_EPS)
+
+    def scores(self, goal: Goal) -> list[float]:
+        """For each object of a goal, how far (0..1) it is where it should be."""
+        task, env = self._task, self.env
+        if goal.relation is not None:
+            view = SceneView(env, self.stated, task.goals)
+            return [float(not clause) for clause in shortfalls(goal.relation, view, task.rot_eps)]
+        poses = {number: env.get_object_pose(number) for number in goal.objs}
+        volumes = {number: env.volume(number) for number in goal.objs}
+        ceiling = float(task.zone_bounds[2, 1])
+        return object_scores(goal, poses, volumes, ceiling, task.pos_eps, task.rot_eps)
+
+    def count(self) -> tuple[int, int]:
+        """How many objects of all goals are where they should be, and how many there are."""
+        waiting = {id(goal) for goal in self._task.goals}
+        placed = wanted = 0
+        for goal, _ in self.stated:
+            wanted += len(goal.objs)
+            met = id(goal) not in waiting
+            placed += len(goal.objs) if met else sum(score > 0.98 for score in self.scores(goal))
+        return placed, wanted
+
+
+def _bounded(env: Tabletop, name: str, value: float, bound: float) -> float:
+    """A tolerance within its bounds; noted where it was not."""
+    if 0 < value <= bound:
+        return float(value)
+    env.warn(f"{name}={value:.3g} is not within 0..{bound:.3g}, taken as {bound:.3g}")
+    return bound

@@ -1,0 +1,309 @@
+"""A task as data: what a simulation program sets up, as typed JSON that trusted code can run.
+
+Instances from files and processes that are not trusted are bounded, then parsed, then checked.
+"""
+
+import json
+import math
+from typing import Annotated, Final, Literal, Self
+
+import numpy as np
+from pydantic import Field, ValidationError, model_validator
+
+from grs_agents.base import Frozen, Pose, Quat, Vec3
+from grs_agents.errors import InputError
+from grs_agents.foreign import check_json
+from grs_agents.geometry import transforms
+from grs_agents.sim.instance.goal import REFERENCED, Kind
+
+LARGEST_POSITION = 2.0
+"""Metres from the robot base, along any axis."""
+POSITION_TOLERANCE = 0.01
+ROTATION_TOLERANCE = math.radians(15)
+LARGEST_POS_EPS, LARGEST_ROT_EPS = 0.05, math.radians(30)
+"""The widest tolerances of published tasks: CLIPort's bowls, and its easy kits."""
+LARGEST_VALUE = 2.0
+"""Of a template's placeholder: metres, or a share of a colour."""
+LARGEST_TIE_GAP = 0.05
+"""Metres between the two places that a tie holds together: it keeps things so, it does not haul them there."""
+MOST_PAIRS = 10_000
+"""Pairs of an object and a target in all goals together."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_POSITION, le=LARGEST_POSITION)]
+Unit = Annotated[float, Field(allow_inf_nan=False, ge=-1.001, le=1.001)]
+Extent = Annotated[float, Field(allow_inf_nan=False, gt=0, le=2)]
+Channel = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
+Placed = tuple[tuple[Coordinate, Coordinate, Coordinate], tuple[Unit, Unit, Unit, Unit]]
+RGBA = tuple[Channel, Channel, Channel, Channel]
+Value = (
+    Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_VALUE, le=LARGEST_VALUE)]
+    | Annotated[str, Field(max_length=300)]
+)
+Fill = dict[Annotated[str, Field(max_length=20)], Annotated[tuple[Value, ...], Field(max_length=4)]]
+"""Values of a template's placeholders by stem, e.g. ``{"DIM": (0.2, 0.1, 0.05)}``: metres, colours 0..1, file names."""
+
+
+def _check_quaternion(pose: Pose, what: str) -> None:
+    norm = math.hypot(*pose[1])
+    if not 0.99 < norm < 1.01:
+        raise ValueError(f"{what}: quaternion {pose[1]} has length {norm:.3f}, must be 1")
+
+
+class InstanceObject(Frozen):
+    """One object of the scene.
+
+    Attributes:
+        id: the number that goals use.
+        asset: library-relative URDF name, e.g. ``"HOPE/Milk.urdf"``.
+        fill: values of a template's placeholders; trusted code fills them in. Empty for an ordinary asset.
+        pose: position (m) of its origin and rotation (xyzw), robot frame, before settling.
+        category: ``fixed`` (cannot move), ``rigid``, or ``deformable``, which moves as ``rigid`` does.
+        color: rgba 0..1 laid over the asset's own, or None.
+    """
+
+    id: Annotated[int, Field(ge=0, le=100_000)]
+    asset: Annotated[str, Field(min_length=1, max_length=300)]
+    fill: Annotated[Fill, Field(max_length=12)] = Field(default_factory=dict)
+    pose: Placed
+    category: Literal["fixed", "rigid", "deformable"] = "rigid"
+    color: RGBA | None = None
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        _check_quaternion(self.pose, f"object {self.id}")
+        if self.fill:
+            words = {stem for stem, row in self.fill.items() if any(isinstance(value, str) for value in row)}
+            if words - {"FNAME"}:
+                listed = sorted(words - {"FNAME"})
+                raise ValueError(f"object {self.id}: fill of {listed} must be numbers, FNAME alone takes a word")
+        return self
+
+
+class InstanceTie(Frozen):
+    """What keeps two objects together: a point that both share (a joint of a rope), or all of their relative pose.
+
+    Attributes:
+        kind: ``point`` leaves them free to turn, ``fixed`` does not.
+        parent, child: object ids.
+        parent_frame, child_frame: the shared place, in the frame of either object, metres.
+    """
+
+    kind: Literal["point", "fixed"]
+    parent: int
+    child: int
+    parent_frame: Placed
+    child_frame: Placed
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if self.parent == self.child:
+            raise ValueError(f"object {self.parent} is tied to itself, a tie needs two")
+        return self
+
+
+class InstanceZone(Frozen):
+    """A region: its pose and full extents (x, y, z) in metres; z is not scored."""
+
+    pose: Placed
+    size: tuple[Extent, Extent, Annotated[float, Field(allow_inf_nan=False, ge=0, le=2)]]
+
+
+class InstanceRelation(Frozen):
+    """How a goal's objects are to lie; what each kind means strictly is in ``sim.relation_rules``.
+
+    Attributes:
+        kind: which relation.
+        reference: id of the container, support, zone or neighbour, if the kind has one.
+        distance: ``near``: largest gap; ``aligned``: spacing of centres, None = any; metres.
+    """
+
+    kind: Kind
+    reference: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    distance: Annotated[float, Field(allow_inf_nan=False, gt=0, le=1)] | None = None
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if (self.reference is not None) != (self.kind in REFERENCED):
+            raise ValueError(f"relation {self.kind} with reference {self.reference}: {REFERENCED} have one")
+        return self
+
+
+class InstanceGoal(Frozen):
+    """One goal; goals are met one after the other, in their order.
+
+    Attributes:
+        objects: ids of the objects it speaks of.
+        matches: for each object, for each target, 1 where that target will do.
+        targets: target poses.
+        replace: several objects may share a target.
+        rotations: the yaw of the target is asked for.
+        metric: ``pose`` (xy within ``pos_eps``, yaw within ``rot_eps``), ``zone`` (share of volume inside) or
+            ``relation``.
+        zones: for metric ``zone``.
+        max_reward: reward for the whole goal.
+        symmetries: for each object, the angle (rad) after which it looks the same; 0 = any yaw.
+        language: what a person would say.
+        relation: for metric ``relation``; such a goal has no targets.
+    """
+
+    objects: Annotated[tuple[int, ...], Field(min_length=1, max_length=200)]
+    matches: tuple[tuple[Annotated[int, Field(ge=0, le=1)], ...], ...]
+    targets: Annotated[tuple[Placed, ...], Field(max_length=200)]
+    replace: bool
+    rotations: bool
+    metric: Literal["pose", "zone", "relation"]
+    zones: Annotated[tuple[InstanceZone, ...], Field(max_length=50)] = ()
+    max_reward: Annotated[float, Field(allow_inf_nan=False, ge=0, le=1.0001)]
+    symmetries: tuple[Annotated[float, Field(allow_inf_nan=False, ge=0, le=6.3)], ...]
+    language: Annotated[str, Field(max_length=2000)] = ""
+    relation: InstanceRelation | None = None
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if self.metric == "pose" and not self.targets:
+            raise ValueError("a pose goal needs at least one target pose")
+        if self.metric == "zone" and not self.zones:
+            raise ValueError("a zone goal needs at least one zone")
+        if (self.metric == "relation") != (self.relation is not None):
+            raise ValueError(f"metric {self.metric} with relation {self.relation}: 'relation' goals alone have one")
+        if len(self.matches) != len(self.objects) or len(self.symmetries) != len(self.objects):
+            raise ValueError(f"{len(self.objects)} objects need as many rows of matches and symmetries")
+        if any(len(row) != len(self.targets) for row in self.matches):
+            raise ValueError(f"each row of matches needs {len(self.targets)} entries, one for each target")
+        for pose in self.targets:
+            _check_quaternion(pose, "target")
+        return self
+
+
+class TaskInstance(Frozen):
+    """A simulated task for one seed: everything a trusted process needs to build, run and score it.
+
+    Attributes:
+        version: of this format.
+        task: class name of the program it came from.
+        seed: the seed it was drawn with.
+        max_steps: pick-and-place actions allowed.
+        timestep: of the physics, seconds.
+        hz: the rate that the program asked for; recorded, not used.
+        primitive: what an action does.
+        sixdof: the program's flag.
+        pos_eps, rot_eps: tolerances of ``pose`` goals, metres and radians.
+        objects, ties, goals: the scene and what is to be done.
+        background: library name of what stands fixed around the robot, as it was photographed; trusted code names it.
+        warnings: what the runtime had to assume.
+    """
+
+    version: Literal[2] = 2
+    task: Annotated[str, Field(max_length=200)]
+    seed: Annotated[int, Field(ge=0, lt=2**32)]
+    max_steps: Annotated[int, Field(ge=1, le=200)]
+    timestep: Annotated[float, Field(ge=0.0005, le=0.01)]
+    hz: Annotated[int, Field(ge=1, le=100_000)] = 240
+    primitive: Literal["pick_place", "push"] = "pick_place"
+    sixdof: bool = False
+    pos_eps: Annotated[float, Field(gt=0, le=LARGEST_POS_EPS)] = POSITION_TOLERANCE
+    rot_eps: Annotated[float, Field(gt=0, le=LARGEST_ROT_EPS)] = ROTATION_TOLERANCE
+    objects: Annotated[tuple[InstanceObject, ...], Field(max_length=200)]
+    ties: Annotated[tuple[InstanceTie, ...], Field(max_length=400)] = ()
+    goals: Annotated[tuple[InstanceGoal, ...], Field(max_length=200)]
+    background: Annotated[str, Field(min_length=1, max_length=300)] | None = None
+    warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        ids = [item.id for item in self.objects]
+        if len(set(ids)) != len(ids):
+            raise ValueError("object ids must differ")
+        named = {number for goal in self.goals for number in goal.objects}
+        relations = [goal.relation for goal in self.goals if goal.relation is not None]
+        named |= {relation.reference for relation in relations if relation.reference is not None}
+        unknown = named - set(ids)
+        if unknown:
+            raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")
+        loose = {number for tie in self.ties for number in (tie.parent, tie.child)} - set(ids)
+        if loose:
+            raise ValueError(f"ties name objects {sorted(loose)} that the instance does not have")
+        pairs = sum(len(goal.objects) * max(1, len(goal.targets)) for goal in self.goals)
+        if pairs > MOST_PAIRS:
+            raise ValueError(
+                f"the goals pair objects with targets {pairs} times, at most {MOST_PAIRS} times are allowed"
+            )
+        poses = {item.id: item.pose for item in self.objects}
+        for tie in self.ties:
+            ends = [_place(poses[tie.parent], tie.parent_frame[0]), _place(poses[tie.child], tie.child_frame[0])]
+            if (gap := math.dist(*ends)) > LARGEST_TIE_GAP:
+                raise ValueError(
+                    f"the tie of objects {tie.parent} and {tie.child} joins places {gap:.2f} m apart, at most "
+                    f"{LARGEST_TIE_GAP} m: place the objects as they are tied"
+                )
+        return self
+
+
+def _place(pose: Pose, point: Vec3) -> Vec3:
+    """A point of an object's own frame in the robot frame, metres."""
+    return transforms.vec3(transforms.apply(pose, np.reshape(point, (3, 1))).ravel())
+
+
+__all__ = [
+    "InstanceGoal", "InstanceObject", "InstanceRelation", "InstanceTie", "InstanceZone", "Pose", "Quat", "TaskInstance",
+    "Vec3",
+]  # fmt: skip
+
+
+MAX_BYTES: Final = 4 << 20
+"""The longest text of an instance: 200 objects with goals for all of them take a tenth of it."""
+
+
+class InstanceError(InputError):
+    """A text that is no valid task instance."""
+
+
+def read_instance(text: str | bytes, objects: int = 200) -> TaskInstance:
+    """The task instance that ``text`` holds.
+
+    Args:
+        text: JSON.
+        objects: the most objects it may have.
+
+    Raises:
+        InstanceError: it is too long, not JSON, off the schema or out of range; the message names what is wrong.
+    """
+    data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
+    if len(data) > MAX_BYTES:
+        raise InstanceError(f"the instance has {len(data)} bytes, {MAX_BYTES} are the most", "make it smaller")
+    try:
+        check_json(data, "the instance")
+    except InputError as error:
+        raise InstanceError(error.message, "write fewer values, less deep") from error
+    try:
+        json.loads(data, parse_constant=_refuse, object_pairs_hook=_unambiguous)
+        instance = TaskInstance.model_validate_json(data, strict=True)
+    except ValidationError as error:
+        raise InstanceError(first_fault(error), "correct the value") from error
+    except (ValueError, RecursionError) as error:
+        raise InstanceError(f"the instance is not plain JSON: {str(error)[:200]}", "write JSON") from error
+    if len(instance.objects) > objects:
+        raise InstanceError(
+            f"objects: the instance has {len(instance.objects)}, {objects} are the most (limits.objects)",
+            "add fewer objects",
+        )
+    return instance
+
+
+def first_fault(error: ValidationError) -> str:
+    """Where the first fault is, and what it is."""
+    first = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return f"{where or 'instance'}: {first['msg']}"[:1000]
+
+
+def _refuse(name: str) -> float:
+    raise ValueError(f"{name} is not JSON")
+
+
+def _unambiguous(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError(f"an object names a key twice: {', '.join(key for key, _ in pairs)[:100]}")
+    return found

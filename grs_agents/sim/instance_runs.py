@@ -1,0 +1,249 @@
+"""From a program to data and from data to a scored episode."""
+
+import math
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from grs_agents.base import Frozen, Pose
+from grs_agents.errors import GrsError
+from grs_agents.library import Library
+from grs_agents.sim.cliport import end_effectors
+from grs_agents.sim.cliport.environment import Environment
+from grs_agents.sim.cliport.task import Task
+from grs_agents.sim.instance.episode import Episode, stop_of
+from grs_agents.sim.instance.goal import Goal, Relation
+from grs_agents.sim.instance.instance import InstanceGoal, InstanceRelation, InstanceZone, TaskInstance
+from grs_agents.sim.motion.placement import Suits
+from grs_agents.sim.world.recording import Recording
+
+LEAST_IDLE: Final = 2.0
+"""Simulated seconds: what falls into place by itself must be seen even if the robot stopped at once."""
+_UNREST: Final = 0.05
+"""Speed (m/s) of what is not at rest, and may come to where a goal wants it without any robot."""
+_MOVED: Final = 0.02
+_TURNED: Final = math.radians(15)
+
+
+class Rollout(Frozen):
+    """The trusted oracle's run of an instance.
+
+    Attributes:
+        seed: of the instance.
+        episode: how it ended.
+        idle_reward: what all goals together, in any order, are worth after doing nothing for ``idle_seconds``; 1 if
+            the scene has not come to rest by then.
+        idle_seconds: simulated time that all actions the task allows take at the oracle's pace, so that no episode of
+            the oracle is longer; at least 2 s.
+        moved: asset names of the objects that the robot picked or pushed and that end more than 2 cm or 15 degrees
+            from where they were.
+        initial, final: pose of each object by id, after settling and at the end.
+        reachable: ids of rigid objects that the arm can reach.
+        recording: the .npz file, if one was asked for.
+        warnings: what the runtime had to assume, when the program set the scene up too.
+    """
+
+    seed: int
+    episode: Episode
+    idle_reward: float
+    idle_seconds: float = LEAST_IDLE
+    moved: tuple[str, ...]
+    initial: dict[int, Pose]
+    final: dict[int, Pose]
+    reachable: tuple[int, ...]
+    recording: str | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def reward(self) -> float:
+        """The published reward at the end, 0..1."""
+        return self.episode.reward
+
+    @property
+    def strict(self) -> float:
+        """The strict score at the end, 0..1."""
+        return self.episode.strict
+
+
+class InstanceTask(Task):
+    """A task that sets up what an instance says."""
+
+    def __init__(self, instance: TaskInstance) -> None:
+        super().__init__()
+        self.instance = instance
+        self.max_steps, self.sixdof = instance.max_steps, instance.sixdof
+        self.pos_eps, self.rot_eps = instance.pos_eps, instance.rot_eps
+        if instance.primitive == "push":
+            self.ee, self.primitive = end_effectors.Spatula, end_effectors.push
+        self.ids: dict[int, int] = {}
+
+    def reset(self, env: Environment) -> None:
+        """Add the instance's objects and goals."""
+        super().reset(env)
+        env.background = self.instance.background
+        self.ids = {item.id: env.insert(item) for item in self.instance.objects}
+        for tie in self.instance.ties:
+            env.tie(tie.model_copy(update={"parent": self.ids[tie.parent], "child": self.ids[tie.child]}))
+        for goal in self.instance.goals:
+            if goal.relation is not None:
+                self.add_goal(self._relation(goal), step_max_reward=goal.max_reward, language_goal=goal.language)
+                continue
+            self.add_goal(
+                [self.ids[number] for number in goal.objects], np.array(goal.matches).reshape(len(goal.objects), -1),
+                list(goal.targets), goal.replace, goal.rotations, goal.metric,
+                [(zone.pose, zone.size) for zone in goal.zones], goal.max_reward, list(goal.symmetries), goal.language,
+            )  # fmt: skip
+
+    def _relation(self, goal: InstanceGoal) -> Relation:
+        assert goal.relation is not None, "a goal without a relation"
+        reference = None if goal.relation.reference is None else self.ids[goal.relation.reference]
+        objects = tuple(self.ids[number] for number in goal.objects)
+        return Relation(goal.relation.kind, objects, reference, goal.relation.distance)
+
+
+def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskInstance:
+    """Run a program's ``reset`` once and write down what it set up.
+
+    Args:
+        task: the program's task.
+        seed: for every random choice the environment makes.
+        library: 3D assets.
+
+    Raises:
+        SimulationError: the scene cannot be set up.
+        ValidationError: what it set up is out of range.
+    """
+    env = Environment(library=library, seed=seed)
+    env.set_task(task)
+    env.reset(settle=False)
+    return TaskInstance(
+        task=type(task).__name__[:200],
+        seed=seed,
+        max_steps=int(task.max_steps),
+        timestep=env.timestep,
+        hz=env.hz,
+        primitive="push" if end_effectors.pushes(task.ee, task.primitive) else "pick_place",
+        sixdof=bool(task.sixdof),
+        pos_eps=task.pos_eps,
+        rot_eps=task.rot_eps,
+        objects=env.objects,
+        ties=env.ties,
+        goals=tuple(_instance_goal(goal, words) for goal, words in task.grs.stated),
+        warnings=tuple(warning[:500] for warning in env.warnings),
+    )
+
+
+def _instance_goal(goal: Goal, words: str) -> InstanceGoal:
+    relation = goal.relation
+    return InstanceGoal(
+        objects=tuple(goal.objs),
+        matches=tuple(tuple(int(value) for value in row) for row in goal.matches),
+        targets=tuple(goal.targ_poses),
+        replace=goal.replace,
+        rotations=goal.rotations,
+        metric=goal.metric,
+        zones=tuple(InstanceZone(pose=pose, size=size) for pose, size in goal.params),
+        max_reward=goal.step_max_reward,
+        symmetries=tuple(goal.symmetries),
+        language=words[:2000],
+        relation=None
+        if relation is None
+        else InstanceRelation(kind=relation.kind, reference=relation.reference, distance=relation.distance),
+    )
+
+
+def rollout(instance: TaskInstance, library: Library | None = None, recording: Path | None = None) -> Rollout:
+    """Let the oracle solve an instance; nothing of the program it came from is needed.
+
+    Args:
+        instance: what to run.
+        library: 3D assets.
+        recording: an .npz file to write: ``times`` (N,), ``positions`` (N, B, 3), ``quaternions`` (N, B, 4, xyzw),
+            ``names`` (B,) ("object_<id>" or a robot link), ``tool`` (N, 3).
+    """
+    task = InstanceTask(instance)
+    env = Environment(task=task, library=library, seed=instance.seed)
+    env.timestep = instance.timestep
+    initial: dict[int, Pose] = {}
+    begin = 0.0
+    reachable: tuple[int, ...] = ()
+    recorder: Recording | None = None
+    try:
+        env.reset()
+        initial = _poses(env, task)
+        reachable = _reachable(env, task)
+        recorder = Recording(env.physics, task.ids) if recording is not None else None
+        begin = float(env.physics.data.time)
+        solve(env, task)
+    except GrsError as error:
+        env.recorder.stop = stop_of(error)
+    final = _poses(env, task) if initial else {}
+    if recorder is not None and recording is not None:
+        recorder.save(recording)
+    done = Rollout(
+        seed=instance.seed,
+        episode=env.episode,
+        idle_reward=1.0,
+        moved=_moved(env, task, initial, final),
+        initial=initial,
+        final=final,
+        reachable=reachable,
+        recording=str(recording) if recorder is not None else None,
+        warnings=tuple(dict.fromkeys((*instance.warnings, *env.warnings))),
+    )
+    if not initial:  # what could not be set up is not measured, and must not count as left to do
+        return done
+    pace = (float(env.physics.data.time) - begin) / max(1, done.episode.steps)
+    seconds = max(pace * instance.max_steps, LEAST_IDLE)
+    return done.model_copy(update={"idle_reward": _idle_reward(env, task, seconds), "idle_seconds": seconds})
+
+
+def solve(env: Environment, task: Task) -> None:
+    """Let the oracle act in a reset environment until it is done or stops; ``env.episode`` says how it went."""
+    agent, done = task.oracle(env), False
+    while not done:
+        action = agent.act()
+        if action is None:
+            return
+        _, _, done, _ = env.step(action)
+
+
+def _idle_reward(env: Environment, task: Task, seconds: float) -> float:
+    try:
+        env.reset()
+        env.step_simulation(int(seconds / env.timestep))
+    except GrsError:
+        return 1.0  # as above
+    if env.physics.speed() > _UNREST:
+        return 1.0
+    # The published reward stops at the first goal that is open, though later ones may hold already.
+    worth = sum(goal.step_max_reward * float(np.mean(task.grs.scores(goal))) for goal, _ in task.grs.stated)
+    return float(min(1.0, max(worth, task.reward()[0])))
+
+
+def _poses(env: Environment, task: InstanceTask) -> dict[int, Pose]:
+    return {own: env.get_object_pose(number) for own, number in task.ids.items()}
+
+
+def _reachable(env: Environment, task: InstanceTask) -> tuple[int, ...]:
+    found: list[int] = []
+    for own, number in task.ids.items():
+        if env.is_free(number):
+            position, size = env.get_object_pose(number)[0], env.get_object_size(number)
+            top = np.array([max(0.0, position[2] + size[2] / 2)])
+            if Suits(0.0, env.arm)(np.array([position[:2]]), top)[0]:
+                found.append(own)
+    return tuple(found)
+
+
+def _moved(env: Environment, task: InstanceTask, initial: dict[int, Pose], final: dict[int, Pose]) -> tuple[str, ...]:
+    acted_on = {number for action in env.episode.actions for number in (action.object, *action.pushed)}
+    names: list[str] = []
+    for own in initial:
+        shift = math.dist(initial[own][0], final[own][0])
+        overlap = abs(sum(a * b for a, b in zip(initial[own][1], final[own][1], strict=True)))
+        turned = 2 * math.acos(min(1.0, overlap)) > _TURNED
+        if task.ids[own] in acted_on and (shift > _MOVED or turned):
+            names.append(env.object(task.ids[own]).asset)
+    return tuple(names)

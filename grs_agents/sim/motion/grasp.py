@@ -1,0 +1,139 @@
+"""Where the suction cup can take hold: flat, uncovered points on an object's top, found by rays from above."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Vec3
+from grs_agents.sim.arms.robot import CUP_RADIUS
+from grs_agents.sim.world.footprints import Prism, inside_margin, near, nearest_point
+from grs_agents.sim.world.physics import Physics
+
+FloatArray = npt.NDArray[np.float64]
+_SPACING: Final = 0.009
+_MOST: Final = 120
+_FARTHER: Final = 0.0002
+"""What each point that is nearer to the middle counts against one."""
+_ANGLES: Final = np.arange(8) * (np.pi / 4)
+_RING: Final = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+
+_STEP: Final = 0.005
+"""What is no more than this above the surface does not hinder the cup, metres."""
+_RIM: Final = 0.008
+"""Where the lip of the cup seals, metres from its axis."""
+_GIVE: Final = 0.003
+"""How far the lip follows a surface that falls away: so a ball of more than 12 mm radius seals, metres."""
+_BODY, _SWAY = CUP_RADIUS + 0.0015, 0.005
+"""How near to the cup's axis nothing may stand up, and how much farther off it had better be, metres."""
+SEALED: Final = 0.7
+"""The share of the lip that must be on the object for the cup to hold it."""
+
+
+def seal(physics: Physics, number: int) -> float:
+    """The share of the cup's lip, where the cup is now, that lies on an object: 0..1."""
+    matrix: FloatArray = np.array(physics.data.site_xmat[physics.world.tip_site]).reshape(3, 3)
+    axis, start = matrix[:, 2], np.asarray(physics.tip) - 0.02 * matrix[:, 2]
+    depth, owner = physics.ray(start, axis)
+    if owner != number or abs(depth - 0.02) > 0.02:
+        return 0.0
+    rays = [physics.ray(start + _RIM * (dx * matrix[:, 0] + dy * matrix[:, 1]), axis) for dx, dy in _RING]
+    return sum(other == number and abs(far - depth) <= _GIVE for far, other in rays) / len(rays)
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """What looking down on an object finds.
+
+    Attributes:
+        point: where the cup should touch, metres; None if the object is covered.
+        covered_by: ids of what is seen in its place.
+    """
+
+    point: Vec3 | None
+    covered_by: tuple[int, ...] = ()
+
+
+def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, others: Sequence[Prism] = ()) -> Grasp:
+    """The flattest open point near the centre of an object.
+
+    Args:
+        physics: the running world.
+        number: the object's id.
+        center: of the object, metres.
+        outline: around the whole object.
+        others: prisms of what else there is, thin things among it that rays would miss.
+    """
+    fallback: tuple[float, Vec3] | None = None
+    covered: dict[int, int] = {}
+    around = near(outline, others, (0.0, 0.0), _BODY + _SWAY)
+    for rank, (x, y) in enumerate(_candidates(center, outline)):
+        if fallback is not None and fallback[0] <= _FARTHER * rank:
+            break  # nothing that is left can be better
+        height, owner = physics.height_below(x, y)
+        if owner != number:
+            if owner >= 0 and height > outline.low:
+                covered[owner] = covered.get(owner, 0) + 1
+            continue
+        roughness, beside = _roughness(physics, number, x, y, height)
+        if beside < 0:
+            room, neighbour = _room(physics, around, x, y, height)
+            beside = neighbour if room < 0 else beside
+            roughness += max(0.0, _SWAY - room)
+        if beside >= 0:
+            covered[beside] = covered.get(beside, 0) + 1
+            continue
+        if roughness == 0:
+            return Grasp((x, y, height))
+        cost = roughness + _FARTHER * rank
+        if fallback is None or cost < fallback[0]:
+            fallback = (cost, (x, y, height))
+    if fallback is not None:
+        return Grasp(fallback[1])
+    return Grasp(None, tuple(sorted(covered, key=lambda owner: -covered[owner])))
+
+
+def _candidates(center: Vec3, outline: Prism) -> list[tuple[float, float]]:
+    x0, y0, x1, y1 = outline.box
+    xs = center[0] + np.arange(np.ceil((x0 - center[0]) / _SPACING), (x1 - center[0]) / _SPACING) * _SPACING
+    ys = center[1] + np.arange(np.ceil((y0 - center[1]) / _SPACING), (y1 - center[1]) / _SPACING) * _SPACING
+    grid = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
+    inside = grid[inside_margin(np.zeros((1, 2)), outline.outline, grid) > 0.002]
+    middle = np.array([[center[0], center[1]]])
+    distance = np.linalg.norm(inside - middle, axis=1)
+    ordered = np.vstack([middle, inside[np.argsort(distance, kind="stable")]])
+    step = max(1, len(ordered) // _MOST)
+    return [(float(x), float(y)) for x, y in ordered[::step]]
+
+
+def _room(physics: Physics, others: Sequence[Prism], x: float, y: float, height: float) -> tuple[float, int]:
+    """How far, metres, the cup is from what stands up beside a point, and what that is: rays go to nearest outlines."""
+    point, room, found = np.array([x, y]), _SWAY, -1
+    for prism in others:
+        if prism.high <= height + _STEP:
+            continue
+        foot = nearest_point(prism.outline, point)
+        away = float(np.linalg.norm(foot - point))
+        if 0 < away < _BODY + room:
+            beyond = foot + (foot - point) * (0.001 / away)
+            top, owner = physics.height_below(float(beyond[0]), float(beyond[1]))
+            if owner == prism.owner and top > height + _STEP:
+                room, found = away - _BODY, owner
+    return room, found
+
+
+def _roughness(physics: Physics, number: int, x: float, y: float, height: float) -> tuple[float, int]:
+    """How little of the cup's lip would seal (0 all; from 1 on too little), and what else is in its way, or -1."""
+    missing, step = 0, 0.0
+    for dx, dy in _RING:
+        for radius in (_RIM, 0.013):
+            around, owner = physics.height_below(x + radius * float(dx), y + radius * float(dy))
+            if owner != number and around > height + _STEP:
+                return 1.0, owner
+            if around > height + _GIVE:
+                step = 0.05  # the object's own higher part: only if there is nothing better
+            missing += radius == _RIM and (owner != number or abs(around - height) > _GIVE)
+    leaks = 1 - missing / len(_RING) < SEALED
+    return 0.003 * missing + step + leaks, -1

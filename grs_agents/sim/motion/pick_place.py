@@ -1,0 +1,284 @@
+"""The pick-and-place primitive: suction gated on contact and seal, placing until contact, typed failure."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
+from grs_agents.sim.arms.robot import CUP_RADIUS
+from grs_agents.sim.motion import grasp
+from grs_agents.sim.motion.tool_paths import (
+    Pace,
+    ToolPose,
+    highest_along,
+    move,
+    pace,
+    routes,
+    smooth,
+    split,
+    sweep,
+    upward,
+)
+from grs_agents.sim.world.footprints import Prism
+from grs_agents.sim.world.physics import Physics
+from grs_agents.sim.world.suction import HOLDING_FORCE
+
+FloatArray = npt.NDArray[np.float64]
+FREE_SPEED: Final = 1.2
+HELD_SPEED: Final = 0.8
+TOUCH_SPEED: Final = 0.06
+_CLEARANCE: Final = 0.03
+ROPE_SPEED: Final = 0.2
+_ROPE_CLEARANCE: Final = 0.01
+"""What is tied to other things is dragged rather than carried: slowly and low, else it flings about."""
+_CAREFUL, _LIGHT = 4.0, 12.0
+"""Acceleration of the last stretch of a way with an object and without, m/s^2: quicker, the arm would swing past its
+end and shove what stands there."""
+_LOWEST: Final = 0.001
+_UP: Final[FloatArray] = np.array([0.0, 0.0, 1.0])
+_PEELING, _RETREAT = 0.02, 0.06
+"""How far the cup draws back along the tool, then up, metres."""
+_LETTING_GO: Final = 10
+"""Time steps in which what was let go comes to lie as it will, while the cup waits."""
+_TURNS: Final = tuple(turn * np.pi / 2 for turn in (0, 1, -1, 2, -2, 3, -3, 4, -4))
+"""How the tool may be turned before it picks, so that the wrist can then make the turn that is asked for."""
+
+
+@dataclass(frozen=True)
+class PickPlaceResult:
+    """What a pick-and-place did.
+
+    Attributes:
+        grasped: id of the object that was picked, None if nothing was.
+        placed: it was brought to the place pose and let go there.
+        note: one clause; ``"placed"`` when all went well.
+    """
+
+    grasped: int | None
+    placed: bool
+    note: str
+
+
+class PickPlace:
+    """Picks with the suction cup, tool pointing down, and places, the tool tilted if the poses ask for it.
+
+    Args:
+        physics: the running world.
+        obstacles: outlines of every object.
+        names: object id to asset name, for the notes.
+    """
+
+    def __init__(self, physics: Physics, obstacles: Sequence[Prism], names: dict[int, str]) -> None:
+        self.physics, self.obstacles, self.names = physics, obstacles, names
+        self.arm = physics.arm
+        self.yaw, self.tilt = split(physics.tip_rotation())
+        self._hindrance = ""
+
+    def run(self, pick: Pose, place: Pose) -> PickPlaceResult:
+        """Do it. ``pick`` is where the cup touches; ``place`` is where the cup is to be, lowered until contact.
+
+        What is held is turned, and tilted, as ``place`` is against ``pick``.
+        """
+        turn, tilt = split(
+            transforms.multiply_quaternions(transforms.quat(place[1]), transforms.invert(((0, 0, 0), pick[1]))[1])
+        )
+        ready = self._ready(transforms.vec3(pick[0]), transforms.vec3(place[0]), turn)
+        grasped, note = self._pick(transforms.vec3(pick[0]), ready)
+        if grasped is None:
+            return PickPlaceResult(None, False, note)
+        note = self._place(grasped, ToolPose(transforms.vec3(place[0]), self.yaw + turn, tilt))
+        return PickPlaceResult(grasped, note == "placed", note)
+
+    def _ready(self, pick: Vec3, place: Vec3, turn: float) -> float:
+        """The tool's yaw at which to pick so that the wrist's limits allow the turn to the place afterwards."""
+        tip, seed = self.physics.tip, self.physics.commanded
+        height = max(tip[2], pick[2], place[2])
+        stops = [(x, y, height) for x, y, _ in (tip, pick, place)]
+        for first in _TURNS:
+            counts = [4 + int(2 * abs(angle)) for angle in (first, turn)]
+            points = np.vstack([sweep(stops[leg], stops[leg + 1], smooth(count)) for leg, count in enumerate(counts)])
+            before, after = (np.linspace(0.0, 1.0, count) for count in counts)
+            yaws = self.yaw + np.concatenate([before * first, first + after * turn])
+            if self.arm.within_limits(self.arm.solve(points, yaws, seed)):
+                return self.yaw + first
+        return self.yaw
+
+    def _pick(self, point: Vec3, yaw: float) -> tuple[int | None, str]:
+        physics = self.physics
+        near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
+        if not self._travel(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
+            return None, f"the arm cannot reach {_at(point)} with the tool down{self._hindrance}"
+        lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
+        if not self._descend(near, lowest, lambda: bool(physics.touched())):
+            return None, f"the arm cannot reach {_at(lowest.point)} with the tool down{self._hindrance}"
+        touched = sorted(physics.touched() & physics.world.welds.keys())
+        if not touched:
+            fixed = sorted(physics.touched())
+            what = f"{self.names[fixed[0]]}, which is fixed," if fixed else "nothing to grasp"
+            return None, f"{what} at {_at(point)}"
+        best = max(touched, key=lambda number: grasp.seal(physics, number))
+        share = grasp.seal(physics, best)
+        if share < grasp.SEALED and best not in physics.world.beads:
+            self._retreat()
+            return None, (
+                f"the cup finds no seal on {self.names[best]} at {_at(point)}: {share:.0%} of its lip lies on it, "
+                f"it needs {grasp.SEALED:.0%}"
+            )
+        physics.cup.grasp(best)
+        return best, "grasped"
+
+    def _place(self, grasped: int, place: ToolPose) -> str:
+        physics, tip = self.physics, self.physics.tip
+        own = [obstacle for obstacle in self.obstacles if obstacle.owner == grasped]
+        tied = grasped in physics.world.limp
+        fellows = physics.world.limp if tied else {grasped}
+        others = [obstacle for obstacle in self.obstacles if obstacle.owner not in fellows]
+        drop = max(0.0, tip[2] - min((prism.low for prism in own), default=tip[2]))
+        radius = max(
+            (float(np.linalg.norm(prism.outline - np.asarray(tip[:2]), axis=1).max()) for prism in own), default=0.05
+        )
+        up = upward(place.tilt)
+        tilted = bool(up[2] < 1.0)
+        hanging = float(np.hypot(radius, drop)) if tilted else drop
+        near = place.moved(0.012 * up)
+        speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
+        if not self._travel(near, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance):
+            if physics.held is None:
+                self._retreat()
+                return self._dropped(grasped)
+            self._put_down()
+            how = f"over its neighbours to {_at(place.point)}" + (" so tilted" if tilted else "")
+            return f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
+        deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
+        lowest = place.moved(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
+        self._descend(near, lowest, lambda: physics.held is None or physics.supported(grasped))
+        physics.step(10)
+        held = physics.held == grasped
+        self._release(up)
+        return "placed" if held else self._dropped(grasped)
+
+    def _dropped(self, number: int) -> str:
+        name, slip = self.names[number], self.physics.cup.slip
+        if slip is None or slip.number != number:
+            return f"{name} was dropped on the way"
+        weight = self.physics.mass(number)
+        return (
+            f"{name} ({weight:.2g} kg) slipped off the cup, which holds {HOLDING_FORCE:.0f} N: "
+            f"it pulled with {slip.load:.0f} N"
+        )
+
+    def _put_down(self) -> None:
+        physics, held, tip = self.physics, self.physics.held, self._here()
+        self._descend(
+            tip, tip.moved(np.array([0.0, 0.0, -0.02])), lambda: held is not None and physics.supported(held)
+        )  # fmt: skip
+        self._release(_UP)
+
+    def _release(self, up: FloatArray) -> None:
+        self.physics.cup.release()
+        self.physics.step(_LETTING_GO)
+        if up[2] < 1.0:
+            here = self._here()
+            self._go((here, here.moved(_PEELING * up)), 0.2)
+            self._retreat()
+        else:
+            self._retreat(_PEELING + _RETREAT)
+
+    def _retreat(self, height: float = _RETREAT) -> None:
+        here = self._here()
+        self._go((here, here.moved(height * _UP)), FREE_SPEED)
+        self.physics.settle()
+
+    def _here(self) -> ToolPose:
+        return ToolPose(self.physics.tip, self.yaw, self.tilt)
+
+    def _travel(
+        self, end: ToolPose, radius: float, drop: float, obstacles: Sequence[Prism], speed: float,
+        clearance: float = _CLEARANCE,
+    ) -> bool:  # fmt: skip
+        """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` of it.
+
+        Args:
+            end: where the tool is to be.
+            radius: of what must pass, about the tip, metres.
+            drop: how far what hangs from the cup reaches below it, metres.
+            obstacles: what to pass over.
+            speed: of the tip, m/s.
+            clearance: to what it passes over, metres.
+
+        Returns:
+            Whether it got there; if there was no way, the arm has not moved. It stops where the cup lets go.
+        """
+        tip, held, self._hindrance = self.physics.tip, self.physics.held, ""
+        for route in routes(tip, end.point):
+            way: list[Vec3] = [tip]
+            for start, stop in pairwise(route):
+                height = highest_along(start, stop, radius, obstacles) + drop + clearance
+                height = max(height, end.point[2] if stop == end.point else 0.0, tip[2] + 0.02 if drop else 0.0)
+                way += [(start[0], start[1], height), (stop[0], stop[1], height)]
+            if self._go(self._turning((*way, end.point), end), speed):
+                return True
+            if self.physics.held != held:
+                return False
+        return False
+
+    def _turning(self, points: Sequence[Vec3], end: ToolPose) -> list[ToolPose]:
+        """Poses at the points, the tool turned as it is now until its longest stretch and as at the end after it."""
+        longest = max(
+            range(1, len(points)), key=lambda i: float(np.linalg.norm(np.subtract(points[i][:2], points[i - 1][:2])))
+        )
+        return [
+            ToolPose(point, end.yaw, end.tilt) if index >= longest else ToolPose(point, self.yaw, self.tilt)
+            for index, point in enumerate(points)
+        ]
+
+    def _go(self, poses: Sequence[ToolPose], speed: float) -> bool:
+        """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
+        physics = self.physics
+        gait = pace(speed, None if physics.held is None else physics.mass(physics.held), physics.timestep)
+        careful = replace(gait, acceleration=min(gait.acceleration, _LIGHT if physics.held is None else _CAREFUL))
+        legs: list[FloatArray] = []
+        seed = physics.commanded
+        for start, end in pairwise(poses):
+            last = end is poses[-1]
+            legs.append(move(self.arm, start, end, careful if last else gait, seed))
+            seed = legs[-1][-1]
+            if not np.isfinite(seed).all():
+                return False
+        if not self._possible(np.concatenate(legs)):
+            return False
+        held = physics.held
+        for leg in legs:
+            if physics.follow(leg, None if held is None else lambda: physics.held is None):
+                self.yaw, self.tilt = split(physics.tip_rotation())
+                return False
+        physics.arrive(legs[-1][-1])
+        self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
+        return True
+
+    def _descend(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
+        """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""
+        gait = Pace(TOUCH_SPEED, 0.0, self.physics.timestep, even=True)
+        path = move(self.arm, start, end, gait, self.physics.commanded)
+        if not self._possible(path):
+            return False
+        self.physics.follow(path, stop)
+        return True
+
+    def _possible(self, path: FloatArray) -> bool:
+        """Whether the arm can follow joint positions (N, dof): within limits, clear of the table and itself."""
+        if not self.arm.within_limits(path):
+            return False
+        gap = self.arm.gap(path)
+        if gap is not None:
+            self._hindrance = f": {gap}"
+        return gap is None
+
+
+def _at(point: Vec3) -> str:
+    return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f})"

@@ -1,0 +1,233 @@
+"""Where there is room: random free poses, and tight packing of several objects into a region.
+
+The ways of choosing a target share what the arm can serve, and how targets are named.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.instance.episode import Stop
+from grs_agents.sim.world.footprints import Prism, gaps, inside_margin, rectangle, rest_heights, turn
+
+FloatArray = npt.NDArray[np.float64]
+_BATCH: Final = 256
+_BATCHES: Final = 6
+_FLUSH: Final = 0.003
+_LEVEL: Final = 0.012
+"""Supports that differ by less than this are one level, metres."""
+
+
+def random_pose(
+    size: Sequence[float], bounds: FloatArray, obstacles: Sequence[Prism], rng: np.random.Generator,
+    arm: Arm, gap: float = 0.01,
+) -> Pose | None:  # fmt: skip
+    """A pose on the table where a box of ``size`` (m) stands free and the arm reaches it, or None.
+
+    Args:
+        size: full extents; signs are ignored.
+        bounds: (3, 2) lowest and highest x, y, z.
+        obstacles: what is there already.
+        rng: drawn from.
+        arm: that is to reach it.
+        gap: free space asked for around it, metres.
+    """
+    x, y, z = (max(abs(float(extent)), 0.001) for extent in size)
+    for _ in range(_BATCHES):
+        yaw = float(rng.uniform(-np.pi, np.pi))
+        outline = rectangle((0.0, 0.0), (x, y), yaw)
+        offsets = rng.uniform(bounds[:2, 0], bounds[:2, 1], size=(_BATCH, 2))
+        free = _free(outline, z, offsets, bounds, obstacles, arm, gap)
+        if free.any():
+            chosen = offsets[int(np.argmax(free))]
+            rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
+            return (float(chosen[0]), float(chosen[1]), z / 2), rotation
+    return None
+
+
+def _free(
+    outline: FloatArray, top: float, offsets: FloatArray, bounds: FloatArray, obstacles: Sequence[Prism], arm: Arm,
+    gap: float,
+) -> npt.NDArray[np.bool_]:  # fmt: skip
+    around = np.array(
+        [
+            [bounds[0, 0], bounds[1, 0]],
+            [bounds[0, 1], bounds[1, 0]],
+            [bounds[0, 1], bounds[1, 1]],
+            [bounds[0, 0], bounds[1, 1]],
+        ]
+    )
+    free = inside_margin(outline, around, offsets) >= 0
+    for height in (top, top + 0.15):
+        free &= arm.reachable(np.column_stack([offsets, np.full(len(offsets), height)]))
+    for obstacle in obstacles:
+        free &= gaps(outline, obstacle.outline, offsets) >= gap
+    return free
+
+
+@dataclass(frozen=True)
+class Region:
+    """A turned rectangle on the table: centre (m), full extents (m), yaw (rad)."""
+
+    center: tuple[float, float]
+    size: tuple[float, float]
+    yaw: float
+
+    @property
+    def outline(self) -> FloatArray:
+        """Its corners (4, 2)."""
+        return rectangle(self.center, self.size, self.yaw)
+
+    def grid(self, spacing: float) -> FloatArray:
+        """Points (N, 2) that cover it, its centre among them."""
+        axes = [np.arange(-int(extent / 2 / spacing), int(extent / 2 / spacing) + 1) * spacing for extent in self.size]
+        local = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        return local @ turn(self.yaw).T + np.asarray(self.center)
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A place for an object: its centre (m), how far it is turned from now (rad), the height it rests at (m)."""
+
+    center: tuple[float, float]
+    turn: float
+    height: float
+
+
+def turned(body: Prism, center: FloatArray, angle: float) -> Prism:
+    """A body's outline about its own centre, turned and moved to the origin."""
+    return Prism((body.outline - center) @ turn(angle).T, body.low, body.high, body.owner)
+
+
+def find_spot(
+    body: Prism, center: Vec3, yaws: Sequence[float], region: Region, obstacles: Sequence[Prism], gap: float,
+    suits: Callable[[FloatArray, FloatArray], npt.NDArray[np.bool_]], *, spread: bool = False, stack: bool = False,
+    near: Vec3 | None = None,
+) -> Spot | None:  # fmt: skip
+    """A place inside a region where an object rests on the lowest level there is, clear of its neighbours.
+
+    Args:
+        body: outline of the object as it is now.
+        center: of the object now.
+        yaws: turns to try, in order of preference.
+        region: must hold the outline.
+        obstacles: what is there, without the object itself.
+        gap: free space around it, metres.
+        suits: given offsets (N, 2) and rest heights (N,), which the arm can serve.
+        spread: prefer places far from the edge and from others; else pack from the far corner.
+        stack: accept any level, not the lowest alone.
+        near: with ``spread``, the point (m) to stay near to, else the region's centre.
+    """
+    spacing = float(np.clip(min(region.size) / 24, 0.003, 0.015))
+    offsets = region.grid(spacing)
+    for angle in yaws:
+        shape = turned(body, np.asarray(center[:2]), angle)
+        margin = inside_margin(shape.outline, region.outline, offsets)
+        within = margin >= 0.0005
+        if not within.any():
+            continue
+        inside = offsets[within]
+        neighbours = _near(obstacles, region, shape)
+        heights = rest_heights(shape, neighbours, inside, gap)
+        floor = float(rest_heights(shape, neighbours, inside, -0.002).min()) if not stack else float(heights.min())
+        level = (heights <= max(floor, 0.0) + _LEVEL) if not stack else np.ones(len(heights), dtype=bool)
+        good = level & suits(inside, heights)
+        steady = good & _centred(inside, heights, neighbours)
+        good = steady if steady.any() else good
+        if good.any():
+            chosen = _choose(inside[good], heights[good], region, near or region.center if spread else None)
+            point = inside[good][chosen]
+            return Spot((float(point[0]), float(point[1])), angle, float(heights[good][chosen]))
+    return None
+
+
+def _centred(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
+    """Where (N,) a body's centre is over what carries it: it will not tip, as it would on a rim."""
+    found = heights < _FLUSH
+    for prism in obstacles:
+        near = np.abs(heights - prism.high) < _FLUSH
+        if near.any():
+            found |= near & (inside_margin(np.zeros((1, 2)), prism.outline, offsets) > 0)
+    return found
+
+
+def _near(obstacles: Sequence[Prism], region: Region, shape: Prism) -> list[Prism]:
+    reach = float(np.hypot(*region.size)) / 2 + float(np.linalg.norm(shape.outline, axis=1).max()) + 0.05
+    center = np.asarray(region.center)
+    found: list[Prism] = []
+    for obstacle in obstacles:
+        x0, y0, x1, y1 = obstacle.box
+        nearest = np.clip(center, (x0, y0), (x1, y1))
+        if float(np.linalg.norm(nearest - center)) < reach:
+            found.append(obstacle)
+    return found
+
+
+def _choose(points: FloatArray, heights: FloatArray, region: Region, near: Sequence[float] | None) -> int:
+    """The row nearest a point, else the first one from the region's far corner on, low levels first."""
+    if near is not None:
+        return int(np.argmin(np.linalg.norm(points - np.asarray(near[:2]), axis=1) + heights))
+    local = (points - np.asarray(region.center)) @ turn(region.yaw)
+    return int(np.lexsort((-local[:, 1], -local[:, 0], np.round(heights, 2)))[0])
+
+
+TALLEST_STACK: Final = 0.32
+"""The arm carries things safely over stacks up to this height, metres."""
+_APPROACH: Final = 0.04
+
+
+@dataclass(frozen=True)
+class Blocked:
+    """The target is taken by something that can be moved away first.
+
+    Attributes:
+        blocker: its id.
+        keep_free: where it must not be put.
+        otherwise: the target all the same, if the blocker cannot be moved; None if it must be.
+    """
+
+    blocker: int
+    keep_free: tuple[Prism, ...] = ()
+    otherwise: Spot | None = None
+
+
+Target = Spot | Blocked | Stop
+
+
+def wrap(angle: float, period: float = 2 * np.pi) -> float:
+    """The angle nearest zero that differs by a multiple of ``period``."""
+    return float(angle - period * np.round(angle / period))
+
+
+@dataclass(frozen=True)
+class Suits:
+    """A test of offsets (N, 2) and rest heights (N,): can the arm bring the cup there and come down from above?"""
+
+    lift: float
+    arm: Arm
+
+    def __call__(self, offsets: FloatArray, heights: FloatArray) -> npt.NDArray[np.bool_]:
+        tips = np.column_stack([offsets, heights + self.lift])
+        above = tips + np.array([0.0, 0.0, _APPROACH])
+        return self.arm.reachable(tips) & self.arm.reachable(above)
+
+
+def reach_note(tip: Sequence[float], arm: Arm) -> str:
+    """How a point lies out of reach, in words."""
+    distance = float(np.hypot(tip[0], tip[1]))
+    if distance > arm.farthest:
+        return f"is {distance:.2f} m from the base, reach is {arm.farthest:.2f} m"
+    if distance < arm.nearest:
+        return f"is {distance:.2f} m from the base, nearest is {arm.nearest:.2f} m"
+    return f"cannot be reached at height {tip[2]:.2f} m with the tool down, {distance:.2f} m from the base"
+
+
+def at(point: Sequence[float]) -> str:
+    """A point (x, y, z) in words, to the centimetre."""
+    return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f})"

@@ -1,0 +1,128 @@
+"""The pushing primitive: a spatula comes down behind a pose, moves straight along the table, and lifts."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
+from grs_agents.sim.arms.joint_paths import ramped
+from grs_agents.sim.arms.robot import BLADE_THICKNESS, BLADE_WIDTH
+from grs_agents.sim.motion.pick_place import FREE_SPEED, PickPlace
+from grs_agents.sim.motion.placement import at, wrap
+from grs_agents.sim.motion.tool_paths import ToolPose
+
+FloatArray = npt.NDArray[np.float64]
+HEIGHT: Final = 0.005
+BEFORE: Final = 0.02
+SHORT: Final = 0.05
+"""The tip moves at ``HEIGHT`` from ``BEFORE`` ahead of ``pose0`` to ``SHORT`` of ``pose1``, metres, as published."""
+_SPEED: Final = 0.30
+_RAMP: Final = 0.12
+"""Seconds in which a stroke reaches its speed, and stops: gentler than friction, so that nothing slides on."""
+_ABOVE: Final = 0.06
+_MOVED: Final = 0.01
+"""What a push shifts by less it has but touched, metres."""
+
+
+@dataclass(frozen=True)
+class PushResult:
+    """What a push did.
+
+    Attributes:
+        pushed: ids of what it moved, farthest first.
+        note: one clause; ``"pushed"`` when all went well.
+    """
+
+    pushed: tuple[int, ...]
+    note: str
+
+
+def stroke(pose0: Pose, pose1: Pose) -> tuple[FloatArray, FloatArray] | None:
+    """Where the tip starts and ends (3,), metres; None if the poses are too near one another for any push."""
+    start, end = np.array([*pose0[0][:2], HEIGHT]), np.array([*pose1[0][:2], HEIGHT])
+    length = float(np.linalg.norm(end - start))
+    if length + BEFORE - SHORT < 0.001:
+        return None
+    along = (end - start) / length
+    return start - BEFORE * along, end - SHORT * along
+
+
+def poses_of(start: FloatArray, end: FloatArray) -> tuple[Vec3, Vec3]:
+    """The positions of ``pose0`` and ``pose1`` for which the tip moves from ``start`` to ``end`` (2,), metres."""
+    along = (end - start) / np.linalg.norm(end - start)
+    first, last = start + BEFORE * along, end + SHORT * along
+    return (float(first[0]), float(first[1]), HEIGHT), (float(last[0]), float(last[1]), HEIGHT)
+
+
+class Push(PickPlace):
+    """Pushes with the spatula; gets from place to place as `PickPlace` does."""
+
+    def push(self, pose0: Pose, pose1: Pose) -> PushResult:
+        """Do it: down behind ``pose0``, straight towards ``pose1``, up."""
+        way = stroke(pose0, pose1)
+        if way is None:
+            return PushResult((), f"pose0 and pose1 are less than {SHORT - BEFORE:.2f} m apart, that pushes nothing")
+        physics = self.physics
+        before = {number: physics.pose(number)[0] for number in physics.world.addresses}
+        note = self._along(*way)
+        moved = {
+            number: float(np.linalg.norm(np.subtract(physics.pose(number)[0], start)))
+            for number, start in before.items()
+        }
+        pushed = sorted((number for number in moved if moved[number] > _MOVED), key=lambda number: -moved[number])
+        return PushResult(tuple(pushed), note)
+
+    def _along(self, start: FloatArray, end: FloatArray) -> str:
+        physics, points = self.physics, straight(self.physics.timestep, start, end)
+        yaw = self._over(start, end, points)
+        if yaw is None:
+            return f"the arm cannot reach {at(transforms.vec3(start))} with the tool down{self._hindrance}"
+        low, high = self._poses(start, yaw)
+        self._descend(high, low, lambda: bool(physics.touched()))
+        under = sorted(physics.touched())
+        if under and physics.tip[2] > HEIGHT + 0.004:
+            self._retreat()
+            return f"the blade came down on {self.names[under[0]]} at {at(transforms.vec3(start))}"
+        path = self.arm.solve(points, np.full(len(points), yaw), physics.commanded)
+        if not self._possible(path):
+            self._retreat()
+            return f"the arm cannot push on from {at(low.point)} to {at(transforms.vec3(end))}{self._hindrance}"
+        physics.follow(path)
+        physics.arrive(path[-1])
+        self._retreat()
+        return "pushed"
+
+    def _poses(self, start: FloatArray, yaw: float) -> tuple[ToolPose, ToolPose]:
+        """Where a stroke begins, and above it."""
+        return ToolPose(transforms.vec3(start), yaw), ToolPose(
+            transforms.vec3(start + np.array([0.0, 0.0, _ABOVE])), yaw
+        )
+
+    def _over(self, start: FloatArray, end: FloatArray, points: FloatArray) -> float | None:
+        """Go above the start; the yaw of the blade there, which may be turned end for end, None if there is no way.
+
+        Stroke after stroke in one sense would wind the wrist up to its limit, so the next best turns are tried too.
+        """
+        if not self.arm.reachable(np.array([start, end])).all():
+            return None
+        least = wrap(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)
+        for turn in sorted((least + half * np.pi for half in range(-2, 3)), key=abs):
+            yaw = self.yaw + turn
+            path = self.arm.solve(points, np.full(len(points), yaw), self.physics.commanded)
+            radius = BLADE_WIDTH / 2 + BLADE_THICKNESS
+            if self.arm.within_limits(path) and self._travel(
+                self._poses(start, yaw)[1], radius, 0.0, self.obstacles, FREE_SPEED
+            ):
+                return yaw
+        return None
+
+
+def straight(timestep: float, start: FloatArray, end: FloatArray) -> FloatArray:
+    """The tip's straight way (N, 3) from start to end (3,), metres, one row a time step."""
+    length = float(np.linalg.norm(end - start))
+    ramp = min(_RAMP, length / _SPEED)
+    seconds = length / _SPEED + ramp
+    return start + (end - start) * ramped(max(4, int(seconds / timestep) + 1), ramp / seconds)[:, None]

@@ -1,0 +1,160 @@
+"""Stretches of the tool's way: routes over the table, and smooth joint paths along them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Quat, Vec3
+from grs_agents.geometry import transforms
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.joint_paths import ramped, turns_about_z
+from grs_agents.sim.world.footprints import Prism
+from grs_agents.sim.world.suction import HOLDING_FORCE
+
+FloatArray = npt.NDArray[np.float64]
+_DETOURS: Final = (0.35, 0.45, 0.28, 0.55, 0.70)
+_UPRIGHT: Final = 0.02
+"""Tilts below this are none, radians."""
+_SHARE: Final = 0.7
+"""How much of the cup's holding force the arm's own motion may use."""
+_GRAVITY: Final = 9.81
+_SLOWEST, _QUICKEST = 0.5, 40.0
+"""Metres a second squared: what a heavy thing gets all the same, and what the joints' torques allow for a moment."""
+_EASY, _RAMP = 8.0, 0.1
+"""Metres a second squared at most, and seconds at least, in which a long way reaches its speed."""
+
+
+@dataclass(frozen=True)
+class ToolPose:
+    """Where the tip is (m), how the tool is turned about the vertical (rad) and then tilted (rotation vector)."""
+
+    point: Vec3
+    yaw: float
+    tilt: Vec3 = (0.0, 0.0, 0.0)
+
+    def moved(self, offset: FloatArray) -> "ToolPose":
+        """The pose shifted by (3,) metres."""
+        return ToolPose(transforms.vec3(np.asarray(self.point) + offset), self.yaw, self.tilt)
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Speed (m/s), acceleration (m/s^2) and time step (s) of a motion; ``even``: at that speed from end to end."""
+
+    speed: float
+    acceleration: float
+    timestep: float
+    even: bool = False
+
+
+def pace(speed: float, mass: float | None, timestep: float) -> Pace:
+    """How to move with ``mass`` (kg; None: nothing) on the cup, so that its own inertia does not tear it off."""
+    spare = _QUICKEST if mass is None else min(_QUICKEST, _SHARE * HOLDING_FORCE / max(mass, 1e-6) - _GRAVITY)
+    return Pace(speed, float(max(spare, _SLOWEST)), timestep)
+
+
+def split(rotation: Quat) -> tuple[float, Vec3]:
+    """A rotation as a turn about the vertical (rad, nearest zero), then a tilt about a level axis (rotation vector)."""
+    _, _, z, w = rotation
+    yaw = 2 * float(np.arctan2(z, w))
+    yaw = float((yaw + np.pi) % (2 * np.pi) - np.pi)
+    half = -yaw / 2
+    swing = transforms.multiply_quaternions(rotation, (0.0, 0.0, float(np.sin(half)), float(np.cos(half))))
+    vector = np.array(swing[:3]) * (1.0 if swing[3] >= 0 else -1.0)
+    sine = float(np.linalg.norm(vector))
+    angle = 2 * float(np.arctan2(sine, abs(swing[3])))
+    return (yaw, (0.0, 0.0, 0.0)) if angle < _UPRIGHT else (yaw, transforms.vec3(vector / sine * angle))
+
+
+def upward(tilt: Vec3) -> FloatArray:
+    """The unit vector (3,) out of the back of a tool that is tilted."""
+    return tilts(np.array([tilt]))[0][:, 2]
+
+
+def tilts(vectors: FloatArray) -> FloatArray:
+    """The rotations (N, 3, 3) of rotation vectors (N, 3)."""
+    angle = np.linalg.norm(vectors, axis=1)
+    x, y, z = (vectors / np.maximum(angle, 1e-12)[:, None]).T
+    zero = np.zeros_like(x)
+    cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+    sin, cos = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return np.eye(3) + sin * cross + (1 - cos) * (cross @ cross)
+
+
+def sweep(start: Vec3, end: Vec3, share: FloatArray) -> FloatArray:
+    """Points (N, 3) at shares (N,) of the way from start to end; the distance from the base axis changes evenly."""
+    radius = np.hypot([start[0], end[0]], [start[1], end[1]])
+    angle = np.arctan2([start[1], end[1]], [start[0], end[0]])
+    r = radius[0] + share * (radius[1] - radius[0])
+    a = angle[0] + share * (angle[1] - angle[0])
+    return np.stack([r * np.cos(a), r * np.sin(a), start[2] + share * (end[2] - start[2])], axis=1)
+
+
+def smooth(samples: int) -> FloatArray:
+    """Shares (samples,) of a way, 0..1, that begin and end slowly."""
+    share = np.linspace(0.0, 1.0, samples)
+    return share * share * (3 - 2 * share)
+
+
+def shares(length: float, gait: Pace) -> FloatArray:
+    """Shares (N,) of a way of ``length`` metres, 0..1, one a time step: the sooner there of two ways to go.
+
+    A short way begins and ends as smoothly as its time allows; a long one goes at full speed between two ramps.
+    """
+    if gait.even:
+        return np.linspace(0.0, 1.0, max(4, int(length / gait.speed / gait.timestep)))
+    smoothly = max(1.5 * length / gait.speed, float(np.sqrt(6 * length / gait.acceleration)))
+    ramp = max(gait.speed / min(gait.acceleration, _EASY), _RAMP)
+    fast = length / gait.speed + ramp
+    if fast < smoothly and 2 * ramp < fast:
+        return ramped(max(4, int(fast / gait.timestep)), ramp / fast)
+    return smooth(max(4, int(smoothly / gait.timestep)))
+
+
+def move(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: FloatArray) -> FloatArray:
+    """Joint positions (N, dof), one a time step, from one pose to another, NaN if impossible.
+
+    Args:
+        arm: the robot.
+        start, end: of the tool.
+        gait: how fast.
+        seed: joint positions (dof,) near which the path begins.
+    """
+    tilting = np.array([start.tilt, end.tilt])
+    leaning = float(np.linalg.norm(tilting[1] - tilting[0]))
+    turning = abs(end.yaw - start.yaw) + leaning
+    length = float(np.linalg.norm(np.subtract(end.point, start.point))) + 0.25 * turning
+    share = shares(length, gait)
+    points = sweep(start.point, end.point, share)
+    yaws = start.yaw + share * (end.yaw - start.yaw)
+    if not tilting.any():
+        return arm.solve(points, yaws, seed)
+    leans = tilting[0] + share[:, None] * (tilting[1] - tilting[0])
+    return arm.solve_poses(points, tilts(leans) @ turns_about_z(yaws), seed)
+
+
+def highest_along(start: Vec3, end: Vec3, radius: float, obstacles: Sequence[Prism]) -> float:
+    """The top of the highest obstacle that comes within ``radius`` of the way from start to end."""
+    if not obstacles:
+        return 0.0
+    points = sweep(start, end, smooth(24))[:, :2]
+    boxes = np.array([obstacle.box for obstacle in obstacles])
+    outside = np.maximum(boxes[:, None, :2] - points[None], points[None] - boxes[:, None, 2:])
+    near = np.linalg.norm(np.maximum(outside, 0.0), axis=2).min(axis=1) < radius
+    heights = np.array([obstacle.high for obstacle in obstacles])
+    return float(heights[near].max()) if near.any() else 0.0
+
+
+def routes(start: Vec3, end: Vec3) -> list[list[Vec3]]:
+    """Ways over the table: straight first, then drawn in (or out) to a circle around the base and along it."""
+    found: list[list[Vec3]] = [[start, end]]
+    for radius in _DETOURS:
+        corners = [
+            (radius * float(np.cos(angle)), radius * float(np.sin(angle)), start[2])
+            for angle in (np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0]))
+        ]
+        found.append([start, *corners, end])
+    return found

@@ -1,0 +1,1 @@
+"""The simulated table: compiled models, physics, collision volumes, rendering."""

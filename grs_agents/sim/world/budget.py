@@ -1,0 +1,136 @@
+"""What one call may simulate: time steps in all, objects and mesh vertices on the table at once.
+
+A process serves one call, and ``grant`` says once what that may cost. Whoever catches an error of these gains nothing:
+steps that are used up stay used up, and ``reached`` tells afterwards that a limit was met. The limits keep programs
+from asking for too much; what keeps the host safe from hostile code are the limits of the sandbox.
+"""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from grs_agents.config import Limits
+from grs_agents.library import Library, ObjectModel
+from grs_agents.library.mesh_files import read_vertices
+from grs_agents.sim.instance.episode import (
+    ObjectLimitError,
+    SimulationBudgetError,
+    SimulationError,
+    VertexLimitError,
+    clear_episodes,
+)
+
+DEFAULT_BUDGET: Final = Limits().simulated_steps
+
+
+@dataclass
+class _Call:
+    limits: Limits = field(default_factory=Limits)
+    steps_left: int | None = None
+    reached: SimulationError | None = None
+
+
+_call = _Call()
+_REMEMBERED: Final = 512
+_vertices: dict[int, tuple[ObjectModel, int]] = {}
+"""How many vertices the last few hundred models have, by identity: they never change."""
+
+
+def grant(limits: Limits) -> None:
+    """Begin a call that may simulate so much. Without this, steps are limited for each environment alone."""
+    _call.limits, _call.steps_left, _call.reached = limits, limits.simulated_steps, None
+
+
+def begin_test() -> None:
+    """Forget the last episode, and which limit was reached; what is used up stays so."""
+    clear_episodes()
+    _call.reached = None
+
+
+def reached() -> SimulationError | None:
+    """The latest error of a limit since ``begin_test``."""
+    return _call.reached
+
+
+def reached_limit() -> str | None:
+    """The same in words, the outcome first."""
+    error = _call.reached
+    return None if error is None else f"{error.outcome}: {error}"
+
+
+class Budget:
+    """Simulated steps left to one environment, which come off those of the call as well."""
+
+    def __init__(self, steps: int = DEFAULT_BUDGET) -> None:
+        self.limit = self.left = steps
+
+    def spend(self, steps: int) -> None:
+        """Take ``steps``.
+
+        Raises:
+            SimulationBudgetError: there are not so many left, and from now on none.
+        """
+        _spend_for_the_call(steps)
+        self.left -= steps
+        if self.left < 0:
+            raise _note(
+                SimulationBudgetError(
+                    f"the environment used up its {self.limit} simulated steps", "reset less often or do less in a step"
+                )
+            )
+
+
+def _spend_for_the_call(steps: int) -> None:
+    if _call.steps_left is None:
+        return
+    _call.steps_left -= steps
+    if _call.steps_left < 0:
+        raise _note(
+            SimulationBudgetError(
+                f"the call used up its {_call.limits.simulated_steps} simulated steps",
+                "simulate less in all tests or seeds together, or raise limits.simulated_steps",
+            )
+        )
+
+
+def check_objects(count: int) -> None:
+    """See that so many objects may be on the table.
+
+    Raises:
+        ObjectLimitError: they may not.
+    """
+    most = _call.limits.objects
+    if count > most:
+        raise _note(ObjectLimitError(f"{count} objects are on the table, {most} are the most", "add fewer objects"))
+
+
+def with_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
+    """How many vertices the meshes on the table have with one more object, if they may.
+
+    Raises:
+        VertexLimitError: they may not.
+    """
+    count += _vertices_of(shapes, library)
+    most = _call.limits.mesh_vertices
+    if count > most:
+        raise _note(
+            VertexLimitError(
+                f"the meshes on the table have {count} vertices, {most} are the most", "use simpler or fewer meshes"
+            )
+        )
+    return count
+
+
+def _vertices_of(shapes: ObjectModel, library: Library) -> int:
+    known = _vertices.get(id(shapes))
+    if known is None:
+        meshes = [shape.mesh or "" for shape in (*shapes.colliders, *shapes.visuals) if shape.kind == "mesh"]
+        if len(_vertices) >= _REMEMBERED:
+            _vertices.clear()
+        known = (shapes, sum(len(read_vertices(library.mesh_path(mesh))) for mesh in meshes))
+        _vertices[id(shapes)] = known
+    return known[1]
+
+
+def _note(error: SimulationError) -> SimulationError:
+    _call.reached = error
+    return error

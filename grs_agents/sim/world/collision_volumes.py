@@ -1,0 +1,130 @@
+"""An object's real collision volume as weighted points: boxes, cylinders, spheres and the hulls of meshes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
+from grs_agents.geometry.hulls import half_spaces
+from grs_agents.library import Library, ObjectModel, Shape
+from grs_agents.library.mesh_files import read_vertices
+
+FloatArray = npt.NDArray[np.float64]
+_POINTS: Final = 600
+"""About as many points stand for one object."""
+_ROUND: Final = 6
+"""Cells along each axis of a round thing or a mesh, at least."""
+_FINE: Final = 24
+_ALONG: Final = 200
+"""Cells along an axis at most: a sheet has many more than ``_POINTS`` of them otherwise."""
+_REMEMBERED: Final = 512
+
+
+@dataclass(frozen=True)
+class Volume:
+    """Points (3, N) spread evenly over an object's colliders, object frame, and the share (N,) that each stands for."""
+
+    points: FloatArray
+    weights: FloatArray
+
+
+_shares: dict[tuple[int, Pose, tuple[tuple[Pose, Vec3], ...], float], tuple[Volume, float]] = {}
+
+
+def volume_of(model: ObjectModel, library: Library) -> Volume:
+    """The collision volume of an object; a mark without colliders is one point.
+
+    Raises:
+        InputError: the file of a mesh cannot be read.
+    """
+    if not model.colliders:
+        return Volume(np.zeros((3, 1)), np.ones(1))
+    solids = [_Solid.of(shape, library) for shape in model.colliders]
+    widest = max(float((solid.high - solid.low).max()) for solid in solids)
+    cell = max((sum(solid.size for solid in solids) / _POINTS) ** (1 / 3), widest / _ALONG)
+    clouds = [solid.points(cell) for solid in solids]
+    weights = np.concatenate(
+        [np.full(cloud.shape[1], solid.size / cloud.shape[1]) for solid, cloud in zip(solids, clouds, strict=True)]
+    )
+    return Volume(np.hstack(clouds), weights / weights.sum())
+
+
+def share_inside(volume: Volume, pose: Pose, zones: Sequence[tuple[Pose, Vec3]], ceiling: float) -> float:
+    """The share of an object's volume that lies over any of the zones and below ``ceiling`` (m)."""
+    key = (id(volume), pose, tuple(zones), ceiling)
+    known = _shares.get(key)  # most objects lie where they lay when the score was last asked for
+    if known is None:
+        if len(_shares) >= _REMEMBERED:
+            _shares.clear()
+        known = _shares[key] = (volume, _share_inside(volume, pose, zones, ceiling))
+    return known[1]
+
+
+def _share_inside(volume: Volume, pose: Pose, zones: Sequence[tuple[Pose, Vec3]], ceiling: float) -> float:
+    points = transforms.apply(pose, volume.points)
+    inside = np.zeros(points.shape[1], dtype=bool)
+    for zone_pose, size in zones:
+        local = transforms.apply(transforms.invert(zone_pose), points)
+        inside |= (np.abs(local[0]) <= size[0] / 2) & (np.abs(local[1]) <= size[1] / 2)
+    return min(1.0, round(float(volume.weights[inside & (points[2] < ceiling)].sum()), 9))
+
+
+@dataclass(frozen=True)
+class _Solid:
+    """One collider: the half-spaces (K, 4) of a mesh, the box around it (3,) twice, and its volume, own frame."""
+
+    shape: Shape
+    low: FloatArray
+    high: FloatArray
+    faces: FloatArray
+    size: float
+
+    @staticmethod
+    def of(shape: Shape, library: Library) -> "_Solid":
+        faces = np.zeros((0, 4))
+        if shape.kind == "mesh":
+            vertices = read_vertices(library.mesh_path(shape.mesh or "")) * np.asarray(shape.size)
+            low, high, faces = vertices.min(axis=0), vertices.max(axis=0), half_spaces(vertices)
+        else:
+            radius, length = shape.size[0], shape.size[1] if shape.kind == "cylinder" else 2 * shape.size[0]
+            half = np.asarray(shape.size if shape.kind == "box" else (2 * radius, 2 * radius, length)) / 2
+            low, high = -half, half
+        whole = float(np.prod(high - low))
+        share = {"box": 1.0, "cylinder": np.pi / 4, "sphere": np.pi / 6}.get(shape.kind)
+        if share is None:
+            grid = _grid(low, high, np.full(3, _FINE))
+            share = max(float(_within(faces, grid).mean()), 1e-3)
+        return _Solid(shape, low, high, faces, max(whole * share, 1e-12))
+
+    def points(self, cell: float) -> FloatArray:
+        """Points (3, N) of a grid of about ``cell`` metres that lie in the solid, object frame."""
+        counts = np.maximum(1, np.round((self.high - self.low) / cell))
+        if self.shape.kind != "box":
+            counts = np.maximum(counts, _ROUND)
+        grid = _grid(self.low, self.high, counts)
+        inside = self._inside(grid)
+        kept = grid[:, inside] if inside.any() else ((self.low + self.high) / 2)[:, None]
+        return transforms.apply((self.shape.position, self.shape.quaternion), kept)
+
+    def _inside(self, grid: FloatArray) -> npt.NDArray[np.bool_]:
+        if self.shape.kind in ("box", "mesh"):
+            return _within(self.faces, grid)
+        across = grid if self.shape.kind == "sphere" else grid[:2]
+        within: npt.NDArray[np.bool_] = np.square(across).sum(axis=0) <= self.shape.size[0] ** 2
+        return within
+
+
+def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
+    """The centres (3, N) of equal cells of a box."""
+    axes = [
+        a + (np.arange(int(count)) + 0.5) * (b - a) / int(count) for a, b, count in zip(low, high, counts, strict=True)
+    ]
+    return np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
+
+
+def _within(faces: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
+    return np.asarray((faces[:, :3] @ points <= faces[:, 3:] + 1e-9).all(axis=0), dtype=np.bool_)

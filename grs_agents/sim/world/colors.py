@@ -1,0 +1,42 @@
+"""Colours as programs write them."""
+
+from collections.abc import Sequence
+
+from grs_agents.sim.instance.episode import SimulationError
+
+
+def rgba(color: str | Sequence[float]) -> tuple[float, float, float, float]:
+    """Red, green, blue, alpha, each 0..1, of a name of ``utils.COLORS`` or of three or four numbers.
+
+    Raises:
+        SimulationError: it is neither.
+    """
+    if isinstance(color, str):
+        if color not in COLORS:
+            raise SimulationError(f"colour {color!r} is unknown", f"use one of {', '.join(sorted(COLORS))}")
+        color = COLORS[color]
+    values = [min(max(float(value), 0.0), 1.0) for value in color]
+    if len(values) not in (3, 4):
+        raise SimulationError(f"colour {list(color)!r} is not (r, g, b)", "give three numbers in 0..1")
+    return (values[0], values[1], values[2], values[3] if len(values) == 4 else 1.0)
+
+
+COLORS: dict[str, list[float]] = {
+    "blue": [78 / 255, 121 / 255, 167 / 255],
+    "red": [255 / 255, 87 / 255, 89 / 255],
+    "green": [89 / 255, 169 / 255, 79 / 255],
+    "orange": [242 / 255, 142 / 255, 43 / 255],
+    "yellow": [237 / 255, 201 / 255, 72 / 255],
+    "purple": [176 / 255, 122 / 255, 161 / 255],
+    "pink": [255 / 255, 157 / 255, 167 / 255],
+    "cyan": [118 / 255, 183 / 255, 178 / 255],
+    "brown": [156 / 255, 117 / 255, 95 / 255],
+    "white": [1.0, 1.0, 1.0],
+    "gray": [186 / 255, 176 / 255, 172 / 255],
+    "indigo": [75 / 255, 0.0, 130 / 255],
+    "violet": [143 / 255, 0.0, 1.0],
+    "black": [0.05, 0.05, 0.05],
+    "silver": [192 / 255, 192 / 255, 192 / 255],
+    "gold": [1.0, 215 / 255, 0.0],
+}
+"""Colour name to [r, g, b], each 0..1; lists, since programs append the alpha to them."""

@@ -1,0 +1,363 @@
+"""Typed objects become a MuJoCo model: colliders, the arm, the table top at z = 0, one suction weld a body.
+
+Ties are joints of ropes and what is fixed to another object. The arm's own room is kept clear before anything is
+placed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.engine import mujoco
+from grs_agents.library import Library, ObjectModel, Shape
+from grs_agents.library.mesh_files import solid_volume
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.arms.robot import ROBOT_CONTYPE, fit_spatula
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.instance import InstanceObject, InstanceTie
+from grs_agents.sim.world import templates
+from grs_agents.sim.world.colors import COLORS
+
+LARGEST_BEAD: Final = 0.05
+"""What is larger and tied at a point is no bead of a rope: the cup must seal on it as on any other thing, metres."""
+_BEAD_ARMATURE: Final = 4e-6
+_BEAD_DAMPING: Final = 6e-5
+"""Of what is tied at a point: added to its inertia (kg m^2), and against its turning (N m s/rad)."""
+
+
+def limp_of(ties: Sequence[InstanceTie]) -> frozenset[int]:
+    """Ids of what a point ties to another."""
+    return frozenset(number for tie in ties if tie.kind == "point" for number in (tie.parent, tie.child))
+
+
+def add_ties(spec: Any, ties: Sequence[InstanceTie], timestep: float) -> None:
+    """One equality of two sites for each tie, between the bodies called ``object_<id>``."""
+    for index, tie in enumerate(ties):
+        _add_tie(spec, tie, index, timestep)
+
+
+def _add_tie(spec: Any, tie: InstanceTie, index: int, timestep: float) -> None:
+    ends = ((tie.parent, tie.parent_frame), (tie.child, tie.child_frame))
+    names: list[str] = []
+    for number, (position, (x, y, z, w)) in ends:
+        names.append(f"tie_{index}_{number}")
+        spec.body(f"object_{number}").add_site(name=names[-1], pos=position, quat=(w, x, y, z))
+    kind = mujoco.mjtEq.mjEQ_CONNECT if tie.kind == "point" else mujoco.mjtEq.mjEQ_WELD
+    equality = spec.add_equality(
+        name=f"tie_{index}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
+    )
+    equality.solref = (2 * timestep, 1.0)
+    if tie.kind == "point":
+        _make_bead(spec, tie)
+
+
+def _make_bead(spec: Any, tie: InstanceTie) -> None:
+    """Small things on a joint are slow to turn: it keeps the joint steady, and balls from rolling off as marbles do."""
+    for number in (tie.parent, tie.child):
+        for joint in spec.body(f"object_{number}").joints:
+            joint.armature, joint.damping = _BEAD_ARMATURE, np.full(3, _BEAD_DAMPING)
+        for geom in spec.body(f"object_{number}").geoms:
+            geom.condim = 3
+
+
+TIMESTEP: Final = 0.004
+Tool = Literal["suction", "spatula"]
+_DENSITY: Final = 300.0
+_CROWD: Final = 12
+_FEW_TIES: Final = 3
+"""Of more loose bodies that are pushed, or more ties, an iterative solver takes care, faster and steadier."""
+_ROLLING: Final = 0.002
+"""Arm of a ball's rolling resistance (m), as of a rubber ball on wood: one of 4 cm rests on slopes up to 6 degrees."""
+_GREY: Final = (0.7, 0.7, 0.7, 1.0)
+LARGEST, SMALLEST = 2.0, 1e-4
+"""Extents of a filled template, metres."""
+_GEOM_TYPE: Final[dict[str, Any]] = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
+}
+
+
+@dataclass(frozen=True)
+class World:
+    """A compiled model, its state, and where the objects are in it.
+
+    Attributes:
+        model, data: the ``mujoco.MjModel`` and its one ``mujoco.MjData``.
+        bodies: object id to body id.
+        welds: id of a rigid object to the id of its suction weld.
+        addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
+        owners: geom id to object id, -1 for the table and the robot.
+        cup_geom, cup_body, tip_site: of the suction cup, or of the spatula in its place.
+        limp: ids of what a point ties to another, as ropes: it gives way to the cup, and hangs freely.
+        beads: those of them that are so small that the cup always seals.
+        arm: whose joints are the first positions, speeds and controls.
+    """
+
+    model: Any
+    data: Any
+    bodies: dict[int, int]
+    welds: dict[int, int]
+    addresses: dict[int, int]
+    owners: tuple[int, ...]
+    cup_geom: int
+    cup_body: int
+    tip_site: int
+    arm: Arm
+    limp: frozenset[int] = frozenset()
+    beads: frozenset[int] = frozenset()
+
+
+def model_of(item: InstanceObject, library: Library) -> ObjectModel:
+    """The shapes of an object: a template filled with its values, or the library's asset as it is.
+
+    Raises:
+        SimulationError: a filled template is too large, or too thin.
+    """
+    if not item.fill:
+        return library.model(item.asset)
+    return templates.remembered(library, "model", item.asset, item.fill, lambda: _filled(item, library))
+
+
+def _filled(item: InstanceObject, library: Library) -> ObjectModel:
+    shapes = library.filled(item.asset, item.fill)
+    solids = [shape.size for shape in shapes.colliders if shape.kind != "mesh"]
+    thinnest = min(
+        [LARGEST, *(shapes.size if shapes.colliders else ()), *(length for size in solids for length in size)]
+    )
+    if max(shapes.size) > LARGEST or thinnest < SMALLEST:
+        raise SimulationError(
+            f"{item.asset} filled in is {_in_words(shapes.size)} m, its thinnest part {thinnest:.1e} m",
+            f"give lengths that make it at most {LARGEST} m, each part at least {SMALLEST} m",
+        )
+    return shapes
+
+
+def _in_words(size: Sequence[float]) -> str:
+    return " x ".join(f"{extent:.3g}" for extent in size)
+
+
+def is_free(item: InstanceObject, shapes: ObjectModel) -> bool:
+    """Whether the object can move: not fixed, and solid enough to touch anything."""
+    return item.category != "fixed" and bool(shapes.colliders)
+
+
+def new_spec(timestep: float) -> Any:
+    """An empty world with the options that were measured to be fast and steady, the table and a light."""
+    spec = mujoco.MjSpec()
+    spec.modelname = "grs"
+    spec.compiler.degree = False
+    option = spec.option
+    option.timestep = timestep
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10.0
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    spec.default.geom.solref = (2.5 * timestep, 1.0)
+    spec.worldbody.add_light(pos=(0.3, -0.5, 2.0), dir=(0.0, 0.2, -1.0))
+    spec.worldbody.add_geom(
+        name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=(1.2, 1.2, 0.05), pos=(0.4, 0.0, -0.05),
+        rgba=(0.80, 0.72, 0.60, 1.0), contype=1, conaffinity=1, friction=(0.8, 0.01, 0.0005), condim=4,
+    )  # fmt: skip
+    return spec
+
+
+def build(
+    objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
+    ties: Sequence[InstanceTie] = (), tool: Tool = "suction", arm: Arm | None = None, background: str | None = None,
+) -> World:  # fmt: skip
+    """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
+
+    Args:
+        objects: what stands on the table.
+        library: where assets are looked up.
+        timestep: of the physics, seconds.
+        visuals: also add what is only seen (meshes, marks on the table); the physics does not need it.
+        ties: what keeps objects together.
+        tool: at the end of the arm; a spatula takes nothing up, so there are no suction welds beside it.
+        arm: the robot, None for the default one.
+        background: library name of what stands fixed around the robot.
+
+    Raises:
+        UnknownNameError: an asset is not in the library.
+        SimulationError: a filled template is too large or too thin, or MuJoCo takes the scene for impossible.
+    """
+    spec = new_spec(timestep)
+    arm = arm or get_arm()
+    _add_arm(spec, arm, tool)
+    models = {item.id: model_of(item, library) for item in objects}
+    free = [item.id for item in objects if is_free(item, models[item.id])]
+    for item in objects:
+        _add_object(spec, item, models[item.id], library, visuals)
+    _add_background(spec, background, library, visuals)
+    if len(ties) > _FEW_TIES or (tool == "spatula" and len(free) > _CROWD):
+        _for_a_crowd(spec)
+    graspable = free if tool == "suction" else []
+    _add_suction(spec, graspable, timestep)
+    add_ties(spec, ties, timestep)
+    model, limp = _compiled(spec), limp_of(ties)
+    bodies = {item.id: int(model.body(f"object_{item.id}").id) for item in objects}
+    owner_of = {body: number for number, body in bodies.items()}
+    return World(
+        model=model,
+        data=mujoco.MjData(model),
+        bodies=bodies,
+        welds={number: int(model.equality(f"suction_{number}").id) for number in graspable},
+        addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
+        limp=limp,
+        beads=frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD),
+        owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
+        cup_geom=int(model.geom("cup").id),
+        cup_body=int(model.body("cup").id),
+        tip_site=int(model.site("tip").id),
+        arm=arm,
+    )
+
+
+def _add_arm(spec: Any, arm: Arm, tool: Tool) -> None:
+    arm.add(spec)
+    if tool == "spatula":
+        fit_spatula(spec)
+
+
+def _compiled(spec: Any) -> Any:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise SimulationError(f"MuJoCo refuses the scene: {str(error)[:150]}", "change the object it names") from error
+
+
+def _for_a_crowd(spec: Any) -> None:
+    """Options for piles and ropes: 50 grains in a heap cost 0.3 ms a step so, 2-3 ms with those for a few objects."""
+    option = spec.option
+    option.solver = mujoco.mjtSolver.mjSOL_CG
+    option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+    option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+    option.impratio, option.tolerance, option.iterations = 1.0, 1e-6, 50
+    for geom in spec.geoms:
+        geom.condim = 3 if geom.condim == 4 else geom.condim
+
+
+def _add_suction(spec: Any, graspable: Sequence[int], timestep: float) -> None:
+    """One weld to the cup, switched off, for each object that it may take."""
+    for number in graspable:
+        weld = spec.add_equality(
+            name=f"suction_{number}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="cup", name2=f"object_{number}", active=False,
+        )  # fmt: skip
+        weld.solref = (2 * timestep, 1.0)
+
+
+def place(built: World, objects: Sequence[InstanceObject]) -> None:
+    """Set a world back to its beginning, with every object at its pose, at rest.
+
+    Args:
+        built: the world; its ``model`` holds the poses of what cannot move.
+        objects: those that the world was built from, wherever they stand.
+    """
+    # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
+    for item in objects:
+        if item.id not in built.addresses:
+            (position, (x, y, z, w)), body = item.pose, built.bodies[item.id]
+            built.model.body_pos[body], built.model.body_quat[body] = position, (w, x, y, z)
+    mujoco.mj_resetData(built.model, built.data)
+    for item in objects:
+        if item.id in built.addresses:
+            (position, (x, y, z, w)), start = item.pose, built.addresses[item.id]
+            built.data.qpos[start : start + 7] = (*position, w, x, y, z)
+
+
+def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: Library, visuals: bool) -> None:
+    name = f"object_{item.id}"
+    body = spec.worldbody.add_body(name=name)
+    if is_free(item, shapes):
+        body.add_freejoint(name=name)
+    volumes = [_volume(shape, library) for shape in shapes.colliders]
+    total = sum(volumes)
+    mass = shapes.mass if shapes.mass > 0 else max(0.02, _DENSITY * total)
+    for index, (shape, volume) in enumerate(zip(shapes.colliders, volumes, strict=True)):
+        geom = _add_geom(spec, body, shape, library, f"{name}_{index}")
+        rolling = _ROLLING if shape.kind == "sphere" else 0.0
+        geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
+        geom.condim, geom.friction = 6 if rolling else 4, (shapes.friction, 0.01, rolling)
+        geom.mass = max(mass * volume / total, 1e-5)
+        geom.rgba = (*(item.color or shape.color or _GREY)[:3], 1.0)  # a ray misses what is wholly transparent
+    for index, shape in enumerate(shapes.visuals if visuals else ()):
+        geom = _add_geom(spec, body, shape, library, f"{name}_visual_{index}")
+        geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 0, 0.0, 2
+        geom.rgba = item.color or shape.color or _named_color(item, library)
+
+
+def _add_background(spec: Any, name: str | None, library: Library, visuals: bool) -> None:
+    """One body that never moves, if there is one; objects and the arm bump into its boxes."""
+    if name is None:
+        return
+    shapes = library.model(name)
+    body = spec.worldbody.add_body(name="background")
+    for index, shape in enumerate(shapes.colliders):
+        geom = _add_geom(spec, body, shape, library, f"background_{index}")
+        geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
+        geom.condim, geom.friction = 4, (shapes.friction, 0.01, 0.0)
+    for index, shape in enumerate(shapes.visuals if visuals else ()):
+        geom = _add_geom(spec, body, shape, library, f"background_visual_{index}")
+        geom.contype, geom.conaffinity, geom.group, geom.rgba = 0, 0, 2, shape.color or _GREY
+        if shape.kind == "mesh":
+            # It is open, so it has no volume.
+            spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+
+
+def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:
+    """The library's word for an asset's colour, for meshes whose colour is in a texture."""
+    name = library.asset(item.asset).color if item.asset in library else ""
+    red, green, blue = COLORS.get(name, [0.7, 0.7, 0.7])
+    return (red, green, blue, 1.0)
+
+
+def _volume(shape: Shape, library: Library) -> float:
+    """Of a collider, m^3; the parts of an object share its mass in this proportion."""
+    if shape.kind == "box":
+        return float(np.prod(shape.size))
+    if shape.kind == "cylinder":
+        return float(np.pi * shape.size[0] ** 2 * shape.size[1])
+    if shape.kind == "sphere":
+        return float(4 / 3 * np.pi * shape.size[0] ** 3)
+    return max(float(abs(np.prod(shape.size))) * solid_volume(library.mesh_path(shape.mesh or "")), 1e-12)
+
+
+def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -> Any:
+    x, y, z, w = shape.quaternion
+    geom = body.add_geom(name=name, type=_GEOM_TYPE[shape.kind], pos=shape.position, quat=(w, x, y, z))
+    if shape.kind == "box":
+        geom.size = tuple(extent / 2 for extent in shape.size)
+    elif shape.kind == "cylinder":
+        geom.size = (shape.size[0], shape.size[1] / 2, 0.0)
+    elif shape.kind == "sphere":
+        geom.size = (shape.size[0], 0.0, 0.0)
+    else:
+        spec.add_mesh(name=name, file=str(library.mesh_path(shape.mesh or "")), scale=shape.size)
+        geom.meshname = name
+    return geom
+
+
+def arm_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
+    """(N, 4) spheres, centre and radius (m, robot frame), around each part of an arm at its home position.
+
+    Args:
+        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
+        library: 3D assets.
+
+    Raises:
+        InputError: its file cannot be read or holds no arm.
+    """
+    arm = get_arm(robot)
+    built = build((), library, arm=arm)
+    built.data.qpos[: arm.dof] = arm.home
+    mujoco.mj_forward(built.model, built.data)
+    mine = built.model.geom_bodyid > 0
+    return np.column_stack([built.data.geom_xpos[mine], built.model.geom_rbound[mine]])

@@ -1,0 +1,268 @@
+"""Exact outlines of objects seen from above: upright prisms around each collider, and how far apart they are."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose
+from grs_agents.geometry import transforms
+from grs_agents.library import ObjectModel, Shape
+
+FloatArray = npt.NDArray[np.float64]
+Value = TypeVar("Value")
+_CIRCLE = 12
+_REMEMBERED = 512
+
+
+def per_model(function: Callable[[ObjectModel], Value]) -> Callable[[ObjectModel], Value]:
+    """Remember what a function made of each of the last few hundred models (by identity: they never change)."""
+    known: dict[int, tuple[ObjectModel, Value]] = {}
+
+    def recall(model: ObjectModel) -> Value:
+        entry = known.get(id(model))
+        if entry is None:
+            if len(known) >= _REMEMBERED:
+                known.clear()
+            entry = known[id(model)] = (model, function(model))
+        return entry[1]
+
+    return recall
+
+
+@dataclass(frozen=True)
+class Prism:
+    """An upright prism: a convex outline (K, 2), counter-clockwise, between two heights, metres."""
+
+    outline: FloatArray
+    low: float
+    high: float
+    owner: int = -1
+
+    @cached_property
+    def box(self) -> tuple[float, float, float, float]:
+        """(x low, y low, x high, y high)."""
+        low, high = self.outline.min(axis=0), self.outline.max(axis=0)
+        return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+
+def convex_hull(points: FloatArray) -> FloatArray:
+    """The convex hull of points (N, 2) as a counter-clockwise outline (K, 2)."""
+    ordered = sorted({(round(float(x), 7), round(float(y), 7)) for x, y in points})
+    if len(ordered) < 3:
+        return np.array(ordered, dtype=np.float64)
+
+    def half(sequence: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+        chain: list[tuple[float, float]] = []
+        for x, y in sequence:
+            while len(chain) >= 2:
+                (ax, ay), (bx, by) = chain[-2], chain[-1]
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 1e-12:
+                    break
+                chain.pop()
+            chain.append((x, y))
+        return chain
+
+    lower, upper = half(ordered), half(reversed(ordered))
+    return np.array(lower[:-1] + upper[:-1], dtype=np.float64)
+
+
+def shape_points(shape: Shape, bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Points (3, N) whose convex hull holds the shape, object frame; a mesh counts as ``bounds``."""
+    if shape.kind == "mesh":
+        low, high = bounds
+        corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij"))
+        return corners.reshape(3, -1)
+    if shape.kind == "box":
+        half = np.asarray(shape.size) / 2
+        points = np.array(np.meshgrid(*[(-h, h) for h in half], indexing="ij")).reshape(3, -1)
+    else:
+        radius = shape.size[0]
+        half_length = shape.size[1] / 2 if shape.kind == "cylinder" else radius
+        angle = np.arange(_CIRCLE) * (2 * np.pi / _CIRCLE)
+        ring = radius / np.cos(np.pi / _CIRCLE) * np.array([np.cos(angle), np.sin(angle)])
+        ends = np.repeat([-half_length, half_length], _CIRCLE)
+        points = np.vstack([np.hstack([ring, ring]), ends])
+    turned = transforms.IDENTITY if shape.kind == "sphere" else shape.quaternion
+    return transforms.apply((shape.position, turned), points)
+
+
+@per_model
+def _local_points(model: ObjectModel) -> tuple[FloatArray, ...]:
+    bounds = (np.asarray(model.bounds[0]), np.asarray(model.bounds[1]))
+    return tuple(shape_points(shape, bounds) for shape in model.colliders)
+
+
+@per_model
+def _hanging(model: ObjectModel) -> list[tuple[FloatArray, float]]:
+    """For each collider the points (3, N) of it that turn with the object, and how far it reaches from them anyhow."""
+    found: list[tuple[FloatArray, float]] = []
+    for shape, local in zip(model.colliders, _local_points(model), strict=True):
+        center = np.asarray(shape.position)[:, None]
+        ball = shape.kind == "sphere"
+        found.append((center, float((local - center)[2].min())) if ball else (local, 0.0))
+    return found
+
+
+@per_model
+def _hanging_upright(model: ObjectModel) -> float:
+    """The height of the lowest point of an object's colliders above its origin, whichever way it is turned upright."""
+    return min((float(points[2].min()) + drop for points, drop in _hanging(model)), default=0.0)
+
+
+def _points(model: ObjectModel, pose: Pose) -> list[FloatArray]:
+    """Points (3, N) whose convex hull holds a collider, for each of an object at ``pose``; a ball's never turn."""
+    found: list[FloatArray] = []
+    for shape, local in zip(model.colliders, _local_points(model), strict=True):
+        if shape.kind == "sphere":
+            center = np.asarray(shape.position)[:, None]
+            found.append(transforms.apply(pose, center) + (local - center))
+        else:
+            found.append(transforms.apply(pose, local))
+    return found
+
+
+def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
+    """One prism for each collider of an object at ``pose``."""
+    return [
+        Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
+        for points in _points(model, pose)
+    ]
+
+
+def lowest(model: ObjectModel, pose: Pose) -> float:
+    """The height of the lowest point of an object's colliders at ``pose``, metres."""
+    x, y, z, w = transforms.quat(pose[1])
+    if x == y == 0:
+        return pose[0][2] + _hanging_upright(model)
+    upward = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])  # what turns into height
+    return pose[0][2] + min((float((upward @ points).min()) + drop for points, drop in _hanging(model)), default=0.0)
+
+
+def footprint(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
+    """One prism around the whole object at ``pose``; a mark without colliders is a flat one."""
+    if model.colliders:
+        points = np.hstack(_points(model, pose))
+    else:
+        corners = np.array(np.meshgrid(*zip(*model.bounds, strict=True), indexing="ij"), dtype=np.float64)
+        points = transforms.apply(pose, corners.reshape(3, -1))
+    return Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
+
+
+def rectangle(center: tuple[float, float], size: tuple[float, float], yaw: float) -> FloatArray:
+    """The outline (4, 2) of a turned rectangle."""
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.asarray(size) / 2
+    return corners @ turn(yaw).T + np.asarray(center)
+
+
+def turn(yaw: float) -> FloatArray:
+    """The 2 x 2 rotation by ``yaw`` radians."""
+    return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+
+
+def _normals(outline: FloatArray) -> FloatArray:
+    normals = np.empty_like(outline)
+    x, y = outline[:, 0], outline[:, 1]
+    normals[:-1, 0], normals[-1, 0] = y[1:] - y[:-1], y[0] - y[-1]
+    normals[:-1, 1], normals[-1, 1] = x[:-1] - x[1:], x[-1] - x[0]
+    return normals / np.maximum(np.sqrt((normals * normals).sum(axis=1, keepdims=True)), 1e-12)
+
+
+def gaps(moving: FloatArray, still: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Signed gap (N,) between two convex outlines, with ``moving`` shifted by each of ``offsets`` (N, 2).
+
+    Positive: at least that far apart along some axis. Negative: they overlap.
+    """
+    if len(moving) < 3 or len(still) < 3:
+        return np.full(len(offsets), np.inf)
+    axes = np.vstack([_normals(moving), _normals(still)])
+    own, other, shift = moving @ axes.T, still @ axes.T, offsets @ axes.T
+    before = other.min(axis=0) - (own.max(axis=0) + shift)
+    after = own.min(axis=0) + shift - other.max(axis=0)
+    return np.maximum(before, after).max(axis=1)
+
+
+def inside_margin(moving: FloatArray, around: FloatArray, offsets: FloatArray) -> FloatArray:
+    """How far (N,) an outline shifted by ``offsets`` stays inside a convex outline; negative: it sticks out."""
+    axes = _normals(around)
+    limit = (around * axes).sum(axis=1)
+    return (limit - ((moving @ axes.T).max(axis=0) + offsets @ axes.T)).min(axis=1)
+
+
+def rest_heights(body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, gap: float) -> FloatArray:
+    """The height (N,) at which a body lowered at each offset would come to rest; 0 is the table top."""
+    heights = np.zeros(len(offsets))
+    if not len(offsets):
+        return heights
+    low, high = body.outline.min(axis=0) + offsets.min(axis=0), body.outline.max(axis=0) + offsets.max(axis=0)
+    for obstacle in obstacles:
+        x0, y0, x1, y1 = obstacle.box
+        if x0 > high[0] + gap or y0 > high[1] + gap or x1 < low[0] - gap or y1 < low[1] - gap:
+            continue
+        touching = gaps(body.outline, obstacle.outline, offsets) < gap
+        np.maximum(heights, obstacle.high, out=heights, where=touching)
+    return heights
+
+
+def rest_height(body: Sequence[Prism], obstacles: Sequence[Prism], offset: FloatArray, gap: float) -> float:
+    """The height at which the underside of a body of several prisms comes to rest, lowered at one offset (1, 2).
+
+    Unlike one prism around it, the body goes into what its outline alone does not fit into: an L into an L.
+    """
+    low = min(prism.low for prism in body)
+    return max(float(rest_heights(prism, obstacles, offset, gap)[0]) - (prism.low - low) for prism in body)
+
+
+def near(prism: Prism, others: Iterable[Prism], offset: Sequence[float], reach: float) -> list[Prism]:
+    """Those of the others that may be within ``reach`` (m) of a prism shifted by an offset (2,), seen from above."""
+    (x0, y0, x1, y1), (dx, dy) = prism.box, offset
+    x0, y0, x1, y1 = x0 + dx - reach, y0 + dy - reach, x1 + dx + reach, y1 + dy + reach
+    return [
+        other for other in others
+        if other.box[0] <= x1 and other.box[1] <= y1 and other.box[2] >= x0 and other.box[3] >= y0
+    ]  # fmt: skip
+
+
+def nearest_point(outline: FloatArray, point: FloatArray) -> FloatArray:
+    """The point (2,) of a convex outline, or inside it, that is nearest to ``point`` (2,)."""
+    edges = np.roll(outline, -1, axis=0) - outline
+    length = np.maximum((edges**2).sum(axis=1), 1e-12)
+    share = np.clip(((point - outline) * edges).sum(axis=1) / length, 0.0, 1.0)
+    feet = outline + share[:, None] * edges
+    away = np.linalg.norm(feet - point, axis=1)
+    inside = inside_margin(np.zeros((1, 2)), outline, point[None])[0] >= 0
+    return point if inside else np.asarray(feet[int(np.argmin(away))])
+
+
+def overlap(first: FloatArray, second: FloatArray) -> FloatArray:
+    """What two convex outlines have in common, as an outline (K, 2); empty where they are apart."""
+    kept = first
+    for start, normal in zip(second, _normals(second), strict=True):
+        if not len(kept):
+            break
+        depth = (kept - start) @ normal
+        after, beyond = np.roll(kept, -1, axis=0), np.roll(depth, -1)
+        share = np.where(depth == beyond, 0.0, depth / np.where(depth == beyond, 1.0, depth - beyond))
+        crossing = (depth > 0) != (beyond > 0)
+        rows = np.stack([kept, kept + share[:, None] * (after - kept)], axis=1).reshape(-1, 2)
+        kept = rows[np.stack([depth <= 0, crossing], axis=1).ravel()]
+    return kept
+
+
+def distance(first: FloatArray, second: FloatArray) -> float:
+    """The distance between two convex outlines, metres; 0 where they overlap."""
+    if gaps(first, second, np.zeros((1, 2)))[0] <= 0:
+        return 0.0
+    return min(_to_edges(first, second), _to_edges(second, first))
+
+
+def _to_edges(points: FloatArray, outline: FloatArray) -> float:
+    """The least distance from any of the points (N, 2) to any edge of an outline."""
+    edges = np.roll(outline, -1, axis=0) - outline
+    length = np.maximum((edges**2).sum(axis=1), 1e-12)
+    offset = points[:, None] - outline[None]
+    share = np.clip((offset * edges).sum(axis=2) / length, 0.0, 1.0)
+    return float(np.linalg.norm(offset - share[..., None] * edges, axis=2).min())

@@ -1,0 +1,285 @@
+"""Stepping a world: settling, contacts, suction, and arm paths."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Quat, Vec3
+from grs_agents.engine import mujoco
+from grs_agents.geometry import transforms
+from grs_agents.sim.arms import joint_paths
+from grs_agents.sim.arms.robot import DOWN
+from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance.instance import InstanceObject
+from grs_agents.sim.world.budget import Budget
+from grs_agents.sim.world.compilation import World, place
+from grs_agents.sim.world.suction import Cup
+
+FloatArray = npt.NDArray[np.float64]
+_STILL: Final = 0.01
+"""Slower than this is at rest, m/s."""
+_GLANCE, _SURGE = 4, 0.2
+"""Steps that show whether all rests as it was put down, and how much of that speed may be gained in one of them."""
+_ARRIVED: Final = 0.002
+"""Radians from the end of a motion at which the next one begins: 1 mm of the tip."""
+_GENTLE: Final = 0.15
+"""Fastest a body may be pushed out of another while the scene settles at reset, m/s."""
+_WARNINGS: Final = (
+    "a body without inertia", "too many contacts", "too many constraints", "positions out of bounds",
+    "speeds out of bounds", "accelerations out of bounds", "controls out of bounds",
+)  # fmt: skip
+"""What MuJoCo's warnings mean, in their order."""
+_CROWD: Final = 24
+_MOST_CONTACTS: Final = 4000
+"""More loose bodies than the first must not have more contacts than the second: 200 grains in a heap have 1500."""
+_SOLID: Final = np.array([1, 0, 0, 1, 0, 0], dtype=np.uint8)
+"""Geom groups that a ray meets: objects' colliders and the table, not the arm."""
+
+
+class Physics:
+    """One running world.
+
+    Args:
+        world: the compiled model.
+        budget: shared by the worlds of one environment.
+        objects: where everything stands.
+        joints: joint positions (dof,) to start from, None for home.
+    """
+
+    def __init__(
+        self, world: World, budget: Budget, objects: Sequence[InstanceObject], joints: FloatArray | None = None
+    ) -> None:
+        self.world, self.budget = world, budget
+        self.model: Any = world.model
+        self.data: Any = world.data
+        place(world, objects)
+        self.timestep = float(self.model.opt.timestep)
+        self.arm, self.dof = world.arm, world.arm.dof
+        if joints is None:
+            joints = self.arm.home
+        self.data.qpos[: self.dof] = joints
+        self.data.ctrl[: self.dof] = joints
+        gain = self.model.actuator_gainprm[: self.dof, 0]
+        self._lead: FloatArray = -self.model.actuator_biasprm[: self.dof, 2] / gain
+        self.cup = Cup(world, self.data)
+        self.observer: Callable[[], None] | None = None
+        self._refuse_tangles()
+        mujoco.mj_forward(self.model, self.data)
+
+    @property
+    def joints(self) -> FloatArray:
+        """Joint positions (dof,) of the arm: radians, or metres of a slide."""
+        return np.array(self.data.qpos[: self.dof])
+
+    @property
+    def commanded(self) -> FloatArray:
+        """The joint positions (dof,) that the arm is told to keep."""
+        return np.array(self.data.ctrl[: self.dof])
+
+    @property
+    def tip(self) -> Vec3:
+        """Where the suction cup is, metres."""
+        return transforms.vec3(self.data.site_xpos[self.world.tip_site])
+
+    def tip_rotation(self) -> Quat:
+        """How the tool is turned from straight down, xyzw."""
+        matrix = np.asarray(self.data.site_xmat[self.world.tip_site]).reshape(3, 3) @ DOWN
+        rotation = np.empty(4)
+        mujoco.mju_mat2Quat(rotation, np.ascontiguousarray(matrix).ravel())
+        return transforms.quat(rotation[[1, 2, 3, 0]])
+
+    def pose(self, number: int) -> Pose:
+        """Position and rotation (xyzw) of an object."""
+        body = self.world.bodies[number]
+        w, i, j, k = self.data.xquat[body].tolist()
+        x, y, z = self.data.xpos[body].tolist()
+        return (x, y, z), transforms.quat((i, j, k, w))
+
+    def _refuse_tangles(self) -> None:
+        """Many bodies one inside another would take minutes a step.
+
+        Raises:
+            SimulationError: there are too many contacts.
+        """
+        if len(self.world.addresses) <= _CROWD:
+            return
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
+        if self.data.ncon > _MOST_CONTACTS:
+            raise SimulationError(
+                f"{len(self.world.addresses)} objects have {self.data.ncon} contacts, {_MOST_CONTACTS} are the most",
+                "place objects apart from one another",
+            )
+
+    def check(self) -> None:
+        """See that the simulation so far is to be trusted; MuJoCo itself would start anew from where nothing stood.
+
+        Raises:
+            SimulationError: it has diverged, or there were more contacts than fit.
+        """
+        counts = self.data.warning.number
+        if counts.any():
+            causes = ", ".join(_WARNINGS[index] for index in np.flatnonzero(counts))
+            raise SimulationError(
+                f"the physics diverged at {self.data.time:.2f} s: {causes}",
+                "do not start objects inside each other, and do not tie together what cannot be",
+            )
+
+    def snapshot(self, onto: Any = None) -> Any:
+        """A copy of the whole state, sleep included, for ``restore``; ``onto`` an older copy, which it replaces."""
+        saved = mujoco.MjData(self.model) if onto is None else onto
+        mujoco.mj_copyData(saved, self.model, self.data)
+        return saved
+
+    def restore(self, saved: Any) -> None:
+        """Take up a state that ``snapshot`` gave, of the same model."""
+        mujoco.mj_copyData(self.data, self.model, saved)
+
+    def teleport(self, number: int, pose: Pose) -> None:
+        """Set a free object down at a pose, at rest."""
+        (position, (x, y, z, w)), start = pose, self.world.addresses[number]
+        self.data.qpos[start : start + 7] = (*position, w, x, y, z)
+        mujoco.mj_forward(self.model, self.data)
+
+    def step(self, count: int = 1) -> None:
+        """Simulate ``count`` time steps; what pulls too hard at the cup meanwhile is let go (``cup.slip``)."""
+        self.budget.spend(count)
+        cup = self.cup
+        if self.observer is None and (cup.held is None or count < cup.due):
+            mujoco.mj_step(self.model, self.data, count)
+            cup.due -= count if cup.held is not None else 0
+            return
+        while count > 0:
+            part = 1 if self.observer is not None else min(count, cup.due)
+            mujoco.mj_step(self.model, self.data, part)
+            if self.observer is not None:
+                self.observer()
+            count -= part
+            cup.watch(part)
+
+    def mass(self, number: int) -> float:
+        """Of an object, kg."""
+        return float(self.model.body_mass[self.world.bodies[number]])
+
+    def speed(self) -> float:
+        """The fastest free body, m/s (turning counts a radian as 0.1 m)."""
+        return self._fastest(self.data.qvel[self.dof :])
+
+    def _fastest(self, velocities: FloatArray) -> float:
+        if not len(velocities):
+            return 0.0
+        velocity = np.abs(velocities.reshape(-1, 6))
+        return float(max(velocity[:, :3].max(), 0.1 * velocity[:, 3:].max()))
+
+    def speed_of(self, number: int) -> float:
+        """The speed of one object, m/s (turning counts a radian as 0.1 m); 0 for what cannot move."""
+        if number not in self.world.addresses:
+            return 0.0
+        start = self.model.body_dofadr[self.world.bodies[number]]
+        velocity = np.abs(self.data.qvel[start : start + 6])
+        return float(max(velocity[:3].max(), 0.1 * velocity[3:].max()))
+
+    def settle(self, seconds: float = 1.2) -> None:
+        """Wait until everything rests, at most ``seconds`` of simulated time; errors as ``check``."""
+        chunk = 12
+        if not self._rests_already():
+            for _ in range(int(seconds / self.timestep / chunk)):
+                self.step(chunk)
+                if self.speed() < _STILL:
+                    break
+        self.check()
+
+    def _rests_already(self) -> bool:
+        """Whether a few steps show that everything is slow, and that nothing gathers speed: falls, tips or rolls."""
+        self.step(_GLANCE - 1)
+        before = np.array(self.data.qvel[self.dof :])
+        self.step()
+        return max(self.speed(), self._fastest(self.data.qvel[self.dof :] - before) / _SURGE) < _STILL
+
+    def relax(self, seconds: float = 0.8) -> None:
+        """Let overlapping bodies part slowly rather than burst: their speed is held down at every step."""
+        velocity = self.data.qvel[self.dof :]
+        for _ in range(int(seconds / self.timestep)):
+            if self.data.ncon == 0 or float(self.data.contact.dist.min()) > -0.001:
+                return
+            self.step()
+            np.clip(velocity, -_GENTLE, _GENTLE, out=velocity)
+
+    def touched(self) -> set[int]:
+        """Ids of the objects that the suction cup touches."""
+        if self.data.ncon == 0:
+            return set()
+        pairs = self.data.contact.geom
+        rows = pairs[(pairs == self.world.cup_geom).any(axis=1)]
+        return {self.world.owners[int(geom)] for geom in rows.ravel()} - {-1}
+
+    def supported(self, number: int) -> bool:
+        """Whether something other than the robot holds the object up."""
+        if self.data.ncon == 0:
+            return False
+        owners = np.asarray(self.world.owners)
+        pairs = self.data.contact.geom
+        mine = (owners[pairs] == number).any(axis=1)
+        upright = np.abs(self.data.contact.frame[:, 2]) > 0.7
+        robot = (self.model.geom_contype[pairs] == 2).any(axis=1)
+        return bool((mine & upright & ~robot).any())
+
+    @property
+    def held(self) -> int | None:
+        """Id of the object on the cup."""
+        return self.cup.held
+
+    def follow(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
+        """Drive the arm through joint positions (N, dof), one row a time step.
+
+        Args:
+            path: finite joint positions, one for each time step.
+            stop: asked after each command; the arm halts where it is as soon as it is true.
+
+        Returns:
+            Whether ``stop`` halted the arm.
+        """
+        rate = joint_paths.rates(path, self.timestep)
+        # A free hand is content with half the rate; what is held would be shaken off by its coarser steps.
+        stride = 2 if self.cup.held is None else 1
+        commands = path[stride - 1 :: stride] + rate[stride - 1 :: stride] * self._lead
+        control, dof = self.data.ctrl, self.dof
+        for command in commands:
+            control[:dof] = command
+            self.step(stride)
+            if stop is not None and stop():
+                control[:dof] = self.data.qpos[:dof]
+                return True
+        control[:dof] = path[-1]
+        return False
+
+    def arrive(self, joints: FloatArray, steps: int = 60) -> None:
+        """Let the arm, which lags behind a fast motion, come to joint positions (dof,) in at most ``steps`` steps."""
+        for _ in range(0, steps, 4):
+            if float(np.abs(self.data.qpos[: self.dof] - joints).max()) < _ARRIVED:
+                return
+            self.step(4)
+
+    def height_below(self, x: float, y: float, top: float = 1.0) -> tuple[float, int]:
+        """Where a ray straight down first meets something that can be touched: (height, object id or -1)."""
+        distance, owner = self.ray((x, y, top), (0.0, 0.0, -1.0))
+        return (0.0, -1) if distance < 0 else (top - distance, owner)
+
+    def ray(self, start: Sequence[float] | FloatArray, direction: Sequence[float] | FloatArray) -> tuple[float, int]:
+        """How far off a ray first meets something that can be touched, and its object's id or -1.
+
+        Args:
+            start: metres.
+            direction: of unit length.
+
+        Returns:
+            (metres, id); (-1, -1) where it meets nothing.
+        """
+        geom = np.array([-1], dtype=np.int32)
+        distance = float(
+            mujoco.mj_ray(self.model, self.data, np.asarray(start), np.asarray(direction), _SOLID, 1, -1, geom)
+        )
+        return (distance, self.world.owners[int(geom[0])]) if distance >= 0 else (-1.0, -1)

@@ -1,0 +1,57 @@
+"""A rollout's motion, sampled about 30 times a simulated second."""
+
+import io
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.files import write_bytes
+from grs_agents.sim.world.physics import Physics
+
+RATE: Final = 30.0
+
+
+class Recording:
+    """Watches an environment's physics from now on.
+
+    Args:
+        physics: of a reset environment.
+        ids: the id to record by the environment's id: ``{recorded: environment's}``.
+    """
+
+    def __init__(self, physics: Physics, ids: dict[int, int]) -> None:
+        self._physics = physics
+        bodies = {f"object_{own}": self._physics.world.bodies[number] for own, number in ids.items()}
+        model = self._physics.model
+        bodies |= {name: int(model.body(name).id) for name in physics.world.arm.links}
+        self.names = tuple(bodies)
+        self._rows = np.array(list(bodies.values()))
+        self._every = max(1, round(1 / RATE / self._physics.timestep))
+        self._count = 0
+        self._start = float(self._physics.data.time)
+        self._frames: list[tuple[float, npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]] = []
+        self._physics.observer = self._observe
+        self._observe()
+
+    def _observe(self) -> None:
+        if self._count % self._every == 0:
+            data = self._physics.data
+            tool = np.array(self._physics.tip)
+            self._frames.append(
+                (data.time - self._start, data.xpos[self._rows].copy(), data.xquat[self._rows].copy(), tool)
+            )
+        self._count += 1
+
+    def save(self, path: Path) -> Path:
+        """Write ``times``, ``positions``, ``quaternions`` (xyzw), ``names`` and ``tool`` to an .npz file."""
+        self._physics.observer = None
+        times, positions, quaternions, tool = (np.array(column) for column in zip(*self._frames, strict=True))
+        buffer = io.BytesIO()
+        np.savez_compressed(
+            buffer, times=times, positions=positions.astype(np.float32),
+            quaternions=quaternions[..., [1, 2, 3, 0]].astype(np.float32), names=np.array(self.names),
+            tool=tool.astype(np.float32),
+        )  # fmt: skip
+        return write_bytes(path, buffer.getvalue())

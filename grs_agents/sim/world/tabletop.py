@@ -1,0 +1,351 @@
+"""The table: typed objects, where they stand, and the running world that is compiled from them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.base import Pose, Vec3
+from grs_agents.geometry import transforms
+from grs_agents.library import Library, ObjectModel
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.instance.episode import NoFreeSpaceError, Recorder, SimulationError
+from grs_agents.sim.instance.instance import InstanceObject, InstanceTie
+from grs_agents.sim.world import budget, compilation, footprints, templates
+from grs_agents.sim.world.collision_volumes import Volume, volume_of
+from grs_agents.sim.world.colors import rgba
+from grs_agents.sim.world.physics import Physics
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Rested:
+    """A scene before it settled, its state afterwards, and the steps that this took."""
+
+    before: object
+    world: compilation.World
+    state: Any
+    steps: int
+
+
+CATEGORIES = ("fixed", "rigid", "deformable")
+_Outline = tuple[Pose, list[footprints.Prism], footprints.Prism]
+
+
+class Tabletop:
+    """Objects on a table, compiled into a world when they have changed.
+
+    Args:
+        library: 3D assets.
+        steps: simulated steps that its worlds may use together.
+        arm: the robot behind it.
+        seed: of ``rng``; None for the process's default.
+
+    Attributes:
+        bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
+        recorder: of the current episode.
+        places: where every object stood when the scene had settled, by id.
+    """
+
+    def __init__(self, library: Library, steps: budget.Budget, arm: Arm, seed: int | None = None) -> None:
+        self.library, self.budget, self.arm = library, steps, arm
+        self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
+        self.recorder = Recorder()
+        self.places: dict[int, Pose] = {}
+        self.seed(seed)
+        self.timestep = compilation.TIMESTEP
+        self.tool: compilation.Tool = "suction"
+        self.background = templates.default_background()
+        self.warnings: list[str] = []
+        self._objects: dict[int, InstanceObject] = {}
+        self._ties: list[InstanceTie] = []
+        self._models: dict[int, ObjectModel] = {}
+        self._outlines: dict[int, _Outline] = {}
+        self._volumes: dict[int, tuple[ObjectModel, Volume]] = {}
+        self._physics: Physics | None = None
+        self._stale, self._vertices = False, 0
+        self._world: tuple[object, compilation.World] | None = None
+        self._rested: _Rested | None = None
+
+    def seed(self, seed: int | None = None) -> int:
+        """Seed ``rng``, which places objects at random; returns the seed used."""
+        self.seed_used = templates.default_seed() if seed is None else int(seed)
+        self.rng = np.random.default_rng(self.seed_used)
+        return self.seed_used
+
+    def clear(self) -> None:
+        """Take everything off the table; the arm goes home."""
+        self._objects.clear()
+        self._ties.clear()
+        self._models.clear()
+        self._outlines.clear()
+        self._physics, self._stale, self._vertices, self.background = None, False, 0, templates.default_background()
+
+    def add_object(
+        self,
+        urdf: str,
+        pose: Any,
+        category: Literal["fixed", "rigid", "deformable"] = "rigid",
+        color: str | Sequence[float] | None = None,
+        **_: Any,
+    ) -> int:
+        """Put an object on the table.
+
+        Args:
+            urdf: library-relative name, e.g. ``"HOPE/Milk.urdf"``, or what ``task.fill_template`` returned.
+            pose: ``((x, y, z), (qx, qy, qz, qw))`` of the centre of its bounding box, metres, robot frame.
+            category: ``"rigid"`` can be moved, ``"fixed"`` (containers, zones) cannot; ``"deformable"`` is moved
+                as rigid.
+            color: a name of ``utils.COLORS`` or (r, g, b) 0..1, laid over the asset's own.
+
+        Returns:
+            The object's id.
+
+        Raises:
+            UnknownNameError: no such asset; the message lists the nearest names.
+            NoFreeSpaceError: ``pose`` is None, as ``get_random_pose`` returns when nothing is free.
+        """
+        name = templates.asset_name(urdf, self.library)
+        if pose is None or pose[0] is None:
+            raise NoFreeSpaceError(
+                f"add_object({name!r}) was given the pose None: no free place was found for it",
+                "add fewer or smaller objects, or give a fixed pose",
+            )
+        filling = templates.filled(name)
+        if filling is None:
+            self.library.asset(name)
+            if defaults := self.library.template_defaults(name):
+                self.warn(f"{name} was not filled in: it takes its defaults, {templates.listed(defaults)}")
+        if category not in CATEGORIES:
+            raise SimulationError(f"add_object: category {category!r} is unknown", f"use one of {CATEGORIES}")
+        if category == "deformable":
+            self.warn(f"add_object({name!r}): 'deformable' moves as 'rigid' does")
+        return self.insert(
+            InstanceObject(
+                id=self._next, asset=filling.template if filling else name,
+                fill=dict(filling.values) if filling else {}, color=None if color is None else rgba(color),
+                pose=as_pose(pose, f"add_object({name!r})"), category=category,
+            )
+        )  # fmt: skip
+
+    def insert(self, item: InstanceObject) -> int:
+        """Add a typed object; returns the id it has here.
+
+        Raises:
+            SimulationError: the table is too full for it, or it is too large, or too thin.
+        """
+        budget.check_objects(len(self._objects) + 1)
+        number, shapes = self._next, compilation.model_of(item, self.library)
+        self._vertices = budget.with_vertices(self._vertices, shapes, self.library)
+        self._objects[number] = item if item.id == number else item.model_copy(update={"id": number})
+        self._models[number], self._stale = shapes, True
+        return number
+
+    @property
+    def _next(self) -> int:
+        """The id of the next object."""
+        return max(self._objects, default=0) + 1
+
+    def tie(self, tie: InstanceTie) -> int:
+        """Keep two objects together; returns the number of the tie.
+
+        Raises:
+            SimulationError: there is no such object.
+        """
+        for number in (tie.parent, tie.child):
+            self.object(number)
+        self._ties.append(tie)
+        self._stale = True
+        return len(self._ties)
+
+    @property
+    def ties(self) -> tuple[InstanceTie, ...]:
+        """What keeps objects together."""
+        return tuple(self._ties)
+
+    def warn(self, text: str) -> None:
+        """Note, once, what had to be assumed; it goes into the task instance."""
+        if text not in self.warnings:
+            self.warnings.append(text)
+
+    def set_color(self, obj: int, color: str | Sequence[float]) -> None:
+        """Recolour an object: a name of ``utils.COLORS`` or (r, g, b) 0..1."""
+        self._objects[obj] = self.object(obj).model_copy(update={"color": rgba(color)})
+
+    set_object_color = set_color
+
+    @property
+    def objects(self) -> tuple[InstanceObject, ...]:
+        """Every object with its present pose."""
+        return tuple(self._as_it_stands(item) for item in self._objects.values())
+
+    def _as_it_stands(self, item: InstanceObject) -> InstanceObject:
+        pose = self.get_object_pose(item.id)
+        return item if pose is item.pose else item.model_copy(update={"pose": pose})
+
+    @property
+    def obj_ids(self) -> dict[str, list[int]]:
+        """Ids of objects by category: ``fixed``, ``rigid``, ``deformable``."""
+        return {kind: [item.id for item in self._objects.values() if item.category == kind] for kind in CATEGORIES}
+
+    def object(self, obj: Any) -> InstanceObject:
+        """The object with an id.
+
+        Raises:
+            SimulationError: there is none.
+        """
+        found = self._objects.get(obj) if obj.__hash__ else None  # a list has no hash
+        if found is None:
+            ids = ", ".join(map(str, list(self._objects)[:20])) or "none yet"
+            more = ", ..." if len(self._objects) > 20 else ""
+            raise SimulationError(f"there is no object {obj!r}"[:150], f"use one of the ids {ids}{more}")
+        return found
+
+    def shapes(self, obj: int) -> ObjectModel:
+        """What an object is made of."""
+        return self._models[self.object(obj).id]
+
+    def volume(self, obj: int) -> Volume:
+        """The collision volume of an object as points in its own frame."""
+        shapes = self.shapes(obj)
+        known = self._volumes.get(id(shapes))
+        if known is None or known[0] is not shapes:
+            known = self._volumes[id(shapes)] = (shapes, volume_of(shapes, self.library))
+        return known[1]
+
+    def is_free(self, obj: int) -> bool:
+        """Whether an object can be moved."""
+        return compilation.is_free(self.object(obj), self.shapes(obj))
+
+    def get_object_pose(self, obj: int) -> Pose:
+        """Position (m) of the centre of an object's box and its rotation (xyzw)."""
+        item = self.object(obj)
+        if self._physics is not None and obj in self._physics.world.addresses:
+            return self._physics.pose(obj)
+        return item.pose
+
+    def get_object_size(self, obj: int) -> Vec3:
+        """Upright extents x, y, z of an object, metres."""
+        return self.shapes(obj).size
+
+    def outlines(self) -> list[footprints.Prism]:
+        """The upright prisms of every object's colliders as it stands now."""
+        return [prism for number in self._objects for prism in self._outline(number)[1]]
+
+    def outline(self, obj: int) -> footprints.Prism:
+        """One upright prism around a whole object as it stands now."""
+        return self._outline(obj)[2]
+
+    def _outline(self, number: int) -> _Outline:
+        """Pose, prisms and outline of an object; made anew only when it has moved."""
+        pose, known = self.get_object_pose(number), self._outlines.get(number)
+        if known is None or known[0] != pose:
+            shapes = self.shapes(number)
+            parts = footprints.prisms(shapes, pose, number)
+            known = (pose, parts, parts[0] if len(parts) == 1 else footprints.footprint(shapes, pose, number))
+            self._outlines[number] = known
+        return known
+
+    @property
+    def is_static(self) -> bool:
+        """Whether everything rests."""
+        return self.physics.speed() < 0.01
+
+    @property
+    def physics(self) -> Physics:
+        """The running world, compiled from the objects when they have changed."""
+        if self._physics is None or self._stale:
+            joints = None if self._physics is None else self._physics.joints
+            current = self.objects
+            self._objects = {item.id: item for item in current}
+            observer = None if self._physics is None else self._physics.observer
+            self._physics = Physics(self._built(current), self.budget, current, joints)
+            self._physics.observer = observer
+            self._stale = False
+        return self._physics
+
+    def _built(self, objects: Sequence[InstanceObject]) -> compilation.World:
+        """The compiled world of these objects; the last one again if only their places differ."""
+        kinds = tuple((item.id, item.asset, tuple(sorted(item.fill.items())), item.category) for item in objects)
+        key = (self.timestep, kinds, self.ties, self.tool, self.background)
+        if self._world is None or self._world[0] != key:
+            built = compilation.build(objects, self.library, self.timestep, False, *key[2:4], self.arm, self.background)
+            self._world = (key, built)
+        return self._world[1]
+
+    def come_to_rest(self) -> None:
+        """Let everything settle; a scene that was settled before is taken up as it came to rest then."""
+        before, known = (self.timestep, self.objects, self.ties, self.tool, self.background), self._rested
+        if known is not None and known.before == before:
+            self.budget.spend(known.steps)
+            self.physics.restore(known.state)
+            return
+        start = self.budget.left
+        self.lift_out_of_table()
+        self.physics.relax()
+        self.physics.settle()
+        older = known.state if known is not None and known.world is self.physics.world else None
+        state = self.physics.snapshot(older)
+        self._rested = _Rested(before, self.physics.world, state, start - self.budget.left)
+
+    def step_simulation(self, steps: int = 1) -> None:
+        """Simulate a number of time steps; errors as ``Physics.check``."""
+        self.physics.step(steps)
+        self.physics.check()
+
+    def lift_out_of_table(self) -> None:
+        """Raise what reaches below the table top, as objects placed from noisy depth may."""
+        for number, item in list(self._objects.items()):
+            if not compilation.is_free(item, self._models[number]):
+                continue
+            pose = self.get_object_pose(number)
+            low = footprints.lowest(self._models[number], pose)
+            if low < 0:
+                (x, y, z), rotation = pose
+                self.place_object(number, ((x, y, z - low + 0.0002), rotation))
+
+    def place_object(self, obj: int, pose: Pose) -> None:
+        """Set an object down at a pose at once, without the arm."""
+        self._objects[obj] = self.object(obj).model_copy(update={"pose": pose})
+        if not self.is_free(obj):
+            self._stale = True
+        elif self._physics is not None and not self._stale:
+            self._physics.teleport(obj, pose)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is one real number, of Python or of numpy."""
+    return bool(np.isscalar(value))
+
+
+def is_vector(value: Any, *lengths: int) -> bool:
+    """Whether something is a flat row of as many numbers as one of ``lengths``."""
+    try:
+        return len(value) in lengths and all(is_number(number) for number in value)
+    except TypeError:
+        return False
+
+
+def as_pose(value: Any, what: str) -> Pose:
+    """A pose from a pair of position (m) and quaternion (xyzw), or from a position alone.
+
+    Raises:
+        SimulationError: it is not such a pair of finite numbers.
+    """
+    if (plain := transforms.plain_pose(value)) is not None:
+        return plain
+    try:
+        if is_vector(value, 3):
+            value = (value, transforms.IDENTITY)
+        position = np.asarray(value[0], dtype=np.float64).ravel()
+        rotation = np.asarray(
+            value[1] if len(value) > 1 and value[1] is not None else transforms.IDENTITY, dtype=np.float64
+        )
+    except (TypeError, ValueError, IndexError) as error:
+        raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw))") from error
+    if position.shape != (3,) or rotation.shape != (4,) or not np.isfinite([*position, *rotation]).all():
+        raise SimulationError(f"{what}: {value!r} is not a pose", "give ((x, y, z), (qx, qy, qz, qw)), all finite")
+    return (transforms.vec3(position), transforms.quat(rotation))

@@ -1,0 +1,176 @@
+"""What moved in a rollout: its recording as arrays, and when something was held."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import InputError
+from grs_agents.foreign import read_bytes
+from grs_agents.foreign.arrays import read_npz
+from grs_agents.sim.instance.instance import MAX_BYTES, InstanceError, TaskInstance, read_instance
+
+Array = npt.NDArray[np.float32]
+_REMEDY = "restore the file or run again"
+_ARRAYS = {
+    "times": "seconds",
+    "names": "of the bodies",
+    "positions": "metres",
+    "quaternions": "xyzw",
+    "tool": "metres",
+}
+_MOST_BYTES = 96 << 20
+"""Of a recording in memory: that of the sample scene takes 0.3 MiB, the longest episode of 60 bodies about 90."""
+_LONGEST = 36_000.0
+"""Simulated seconds; 200 actions, the most that a task has, take about 1,200."""
+_MOVES = 0.02
+"""Metres a second below which a thing does not move."""
+_CLINGS = 0.25
+"""Metres from the tool within which a thing that moves as the tool does is taken to be held."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion of N frames of B bodies in the robot frame.
+
+    Attributes:
+        times: (N,) simulated seconds from the start, rising.
+        names: of the bodies: ``object_<id>``, or a link of the arm.
+        positions: (N, B, 3) metres.
+        quaternions: (N, B, 4) xyzw.
+        tool: (N, 3) metres, the tip of the tool.
+    """
+
+    times: npt.NDArray[np.float64]
+    names: tuple[str, ...]
+    positions: Array
+    quaternions: Array
+    tool: Array
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        return float(self.times[-1]) if self.times.size else 0.0
+
+    def thinned(self, rate: float) -> "Motion":
+        """At most ``rate`` frames a second, the last one kept."""
+        if self.times.size < 2:
+            return self
+        wanted = np.arange(0, self.times[-1], 1 / rate)
+        kept = np.unique(np.append(np.searchsorted(self.times, wanted), self.times.size - 1))
+        return Motion(self.times[kept], self.names, self.positions[kept], self.quaternions[kept], self.tool[kept])
+
+    def frame(self, seconds: float) -> int:
+        """The number of the frame that shows the moment ``seconds``."""
+        return int(np.clip(np.searchsorted(self.times, seconds), 0, self.times.size - 1))
+
+
+@dataclass(frozen=True)
+class Hold:
+    """The tool holds a body from frame ``start`` until frame ``end``."""
+
+    body: str
+    start: int
+    end: int
+
+
+def instance_of(file: Path) -> TaskInstance:
+    """The task instance of a rollout.
+
+    Raises:
+        InputError: the file is missing or no task instance.
+    """
+    try:
+        return read_instance(read_bytes(file, _REMEDY, MAX_BYTES))
+    except InstanceError as error:
+        raise InputError(f"{file}: {error.message}", _REMEDY) from error
+
+
+def read_motion(file: Path) -> Motion:
+    """Read the recording of a rollout.
+
+    Raises:
+        InputError: the file is missing or no recording, or the motion in it is too long.
+    """
+    found = read_npz(file, _ARRAYS, {}, _MOST_BYTES, ("names",))
+    times, names = _since_start(found["times"], file), found["names"]
+    frames, bodies = len(times), len(np.atleast_1d(names))
+    shapes: dict[str, tuple[int, ...]] = {
+        "names": (bodies,),
+        "positions": (frames, bodies, 3),
+        "quaternions": (frames, bodies, 4),
+    }
+    shapes["tool"] = (frames, 3)
+    for name, shape in shapes.items():
+        if found[name].shape != shape:
+            wanted = f"{frames} frames of {bodies} bodies"
+            raise InputError(f"{name} in {file} has the shape {found[name].shape}, not that of {wanted}", _REMEDY)
+        if name != "names" and not np.isfinite(found[name]).all():
+            raise InputError(f"{name} in {file} are not all finite", _REMEDY)
+    return Motion(
+        times=times,
+        names=tuple(str(name) for name in names),
+        positions=found["positions"].astype(np.float32, copy=False),
+        quaternions=found["quaternions"].astype(np.float32, copy=False),
+        tool=found["tool"].astype(np.float32, copy=False),
+    )
+
+
+def read_seconds(file: Path) -> float:
+    """How long the recording of a rollout is, without the rest of it.
+
+    Raises:
+        InputError: the file is missing or no recording.
+    """
+    return _since_start(read_npz(file, {"times": "seconds"}, {}, _MOST_BYTES)["times"], file)[-1]
+
+
+def _since_start(times: npt.NDArray[Any], file: Path) -> npt.NDArray[np.float64]:
+    """``times`` (N,) from 0.
+
+    Raises:
+        InputError: they are no such times.
+    """
+    if times.ndim != 1 or not np.isfinite(times).all():
+        raise InputError(f"times in {file} are no list of numbers", _REMEDY)
+    found = times.astype(np.float64) - float(times[0])
+    if (np.diff(found) < 0).any() or found[-1] > _LONGEST:
+        raise InputError(f"times in {file} do not rise, or by more than {_LONGEST:g} s", _REMEDY)
+    return found
+
+
+def holds(motion: Motion) -> list[Hold]:
+    """When the tool held which body, in order: the body moved as the tool did, near it."""
+    found: list[Hold] = []
+    if motion.times.size < 2:
+        return found
+    seconds = np.diff(motion.times)
+    tool_step = np.diff(motion.tool, axis=0)
+    for index, name in enumerate(motion.names):
+        if not name.startswith("object_"):
+            continue
+        step = np.diff(motion.positions[:, index], axis=0)
+        near = np.linalg.norm(motion.positions[1:, index] - motion.tool[1:], axis=1) < _CLINGS
+        moves = np.linalg.norm(tool_step, axis=1) > _MOVES * seconds
+        slip = np.linalg.norm(step - tool_step, axis=1)
+        along = slip < 0.5 * np.linalg.norm(tool_step, axis=1)
+        found.extend(_runs(name, near & moves & along, near & ~moves, motion.times))
+    return sorted(found, key=lambda hold: hold.start)
+
+
+def _runs(
+    name: str, held: npt.NDArray[np.bool_], waits: npt.NDArray[np.bool_], times: npt.NDArray[np.float64]
+) -> list[Hold]:
+    """Stretches of ``held`` steps; a waiting tool does not end one, and what lasts a moment was a push."""
+    found: list[Hold] = []
+    start = last = -1
+    for step in [*range(len(held)), None]:
+        if step is not None and held[step]:
+            start, last = (step if start < 0 else start), step
+        elif start >= 0 and (step is None or not waits[step]):
+            if times[last + 1] - times[start] > 0.2:
+                found.append(Hold(name, start, last + 1))
+            start = -1
+    return found

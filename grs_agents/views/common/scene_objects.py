@@ -1,0 +1,174 @@
+"""The objects of a scene as events tell them: number in the label picture, name, pose, asset.
+
+The described scene can be shown as its assets where the photo shows them, seen by the camera of the photo.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from pydantic import ValidationError
+
+from grs_agents.base import Pose
+from grs_agents.library import Library, Shape
+from grs_agents.library.asset_views import FINER, Lens, paint, samples_of
+from grs_agents.library.colors import COLORS
+from grs_agents.library.shapes import moved, rotation_matrix
+from grs_agents.sim.instance.instance import InstanceObject
+from grs_agents.sim.world.compilation import model_of
+
+Rectangle = tuple[int, int, int, int]
+"""Left, top, width and height in pixels."""
+
+
+def label_of(item: dict[str, Any], index: int) -> int:
+    """The pixel value of an object in the label picture: given, or its id, or its place in the list from 1."""
+    for key in ("label", "id"):
+        if isinstance(item.get(key), int):
+            return item[key]
+    return index + 1
+
+
+def name_of(item: dict[str, Any]) -> str:
+    """What an object is called, as well as is known."""
+    return str(item.get("name") or item.get("description") or f"object {item.get('id', '')}")
+
+
+def rectangles(labels: npt.NDArray[Any]) -> dict[int, Rectangle]:
+    """The box around each label of a label picture (H, W), 0 left out."""
+    found: dict[int, Rectangle] = {}
+    for label in np.flatnonzero(np.bincount(labels.ravel())):
+        if label:
+            left, top, width, height = cv2.boundingRect((labels == label).astype(np.uint8))
+            found[int(label)] = (left, top, width, height)
+    return found
+
+
+FloatArray = npt.NDArray[np.float64]
+_NEAREST = 0.01
+"""Depth (m) from which a triangle is drawn; what reaches behind the camera has no picture."""
+_MARK = 0.002
+"""A mark on the table may lie so much (m) below its top and is seen all the same."""
+_TABLE_MIDDLE, _TABLE_HALF = (0.4, 0.0), 1.2
+"""The simulated table top, m."""
+_WOOD, _SKY = (0.60, 0.52, 0.42), (0.90, 0.90, 0.90)
+
+
+def run_library(folder: Path, library: Library) -> Library:
+    """``library`` with the assets laid over that the run has made so far."""
+    own = folder / "assets"
+    return _overlaid(library, own, changed(own / "manifest.json")) if own.is_dir() else library
+
+
+@lru_cache(maxsize=2)
+def _overlaid(library: Library, own: Path, _written: int) -> Library:
+    """Kept, since reading a manifest takes longer than showing its assets."""
+    return library.overlay(own)
+
+
+def changed(file: Path) -> int:
+    """When ``file`` was written last (ns), by which what was read of it can be kept; 0 where there is none."""
+    return file.stat().st_mtime_ns if file.is_file() else 0
+
+
+def twin_objects(objects: Sequence[dict[str, Any]], library: Library) -> list[InstanceObject]:
+    """The matched objects of a scene's summary, where they came to rest in the twin if it says so."""
+    found: list[InstanceObject] = []
+    for item in objects:
+        if item.get("asset") in library and item.get("position") and item.get("orientation") and "id" in item:
+            x, y, z = item["position"]
+            qx, qy, qz, qw = item["orientation"]
+            pose = item.get("settled") or ((x, y, z), (qx, qy, qz, qw))
+            try:
+                thing = InstanceObject(id=int(item["id"]), asset=str(item["asset"]), pose=pose)
+            except ValidationError:  # farther than a simulated scene reaches
+                continue
+            found.append(thing.model_copy(update={"pose": _about_origin(thing, library)}))
+    return found
+
+
+def _about_origin(thing: InstanceObject, library: Library) -> Pose:
+    """A scene tells where an asset's centre is; a world places its origin."""
+    low, high = model_of(thing, library).bounds
+    middle = (np.array(low) + np.array(high)) / 2
+    x, y, z = np.array(thing.pose[0]) - rotation_matrix(thing.pose[1]) @ middle
+    return ((float(x), float(y), float(z)), thing.pose[1])
+
+
+def twin_picture(
+    objects: Sequence[InstanceObject],
+    library: Library,
+    camera: dict[str, Any],
+    background: str | None = None,
+    width: int = 480,
+) -> npt.NDArray[np.uint8]:
+    """Objects on the table (H, ``width``, 3) as the camera of the photo would see them, in their own colours.
+
+    It is drawn by the z-buffer, alike on every machine and without OpenGL.
+
+    Args:
+        objects: what stands there, each placed by its origin: of :func:`twin_objects` or of a task instance.
+        library: 3D assets.
+        camera: ``fx``, ``fy``, ``cx``, ``cy``, ``width``, ``height`` in pixels and ``T_robot_cam``.
+        background: library name of what stands around, or None.
+        width: of the picture; its shape is the photo's.
+    """
+    scale = float(camera["width"]) / (width * FINER)
+    lens = Lens(
+        float(camera["fx"]) / scale,
+        float(camera["fy"]) / scale,
+        (float(camera["cx"]) + 0.5) / scale - 0.5,
+        (float(camera["cy"]) + 0.5) / scale - 0.5,
+        width * FINER,
+        min(round(float(camera["height"]) / scale / FINER), 4 * width) * FINER,  # no photo is narrower
+    )
+    pose = np.asarray(camera["T_robot_cam"], dtype=np.float64)
+    shapes = [shape for thing in objects for shape in _shown(thing, library)]
+    shapes += library.model(background).visuals if background else ()
+    fine, deep = _table(lens, pose)
+    if shapes:
+        painted = paint(library, shapes)
+        local = (painted.corners - pose[:3, 3]) @ pose[:3, :3]
+        ahead = (local[:, :, 2] > _NEAREST).all(axis=1)
+        part = replace(
+            painted,
+            corners=painted.corners[ahead],
+            uvs=painted.uvs[ahead],
+            colors=painted.colors[ahead],
+            texture=painted.texture[ahead],
+        )
+        colors, depth = samples_of(part, local[ahead], lens)
+        seen = (colors[:, :, 3] > 0) & (depth < deep + _MARK)
+        fine[seen] = colors[seen, :3]
+    pixels = fine.reshape(lens.height // FINER, FINER, width, FINER, 3).mean(axis=(1, 3))
+    return np.rint(pixels * 255).astype(np.uint8)
+
+
+def _shown(thing: InstanceObject, library: Library) -> list[Shape]:
+    """The shapes that are seen of an object, in the robot's frame."""
+    model = model_of(thing, library)
+    shapes = model.visuals or model.colliders
+    if thing.color:
+        return [moved(shape, thing.pose).model_copy(update={"color": thing.color, "texture": None}) for shape in shapes]
+    named = COLORS.get(library.asset(thing.asset).color if thing.asset in library else "", COLORS["gray"])
+    bare = {"color": (*named, 1.0)}
+    placed = [moved(shape, thing.pose) for shape in shapes]
+    return [shape if shape.color or shape.texture else shape.model_copy(update=bare) for shape in placed]
+
+
+def _table(lens: Lens, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Colour (H, W, 3) of table and sky, and depth (H, W) of the table, m; infinite where there is none."""
+    rays = np.ones((lens.height, lens.width, 3))
+    rays[..., 0] = (np.arange(lens.width) - lens.cx) / lens.fx
+    rays[..., 1] = ((np.arange(lens.height) - lens.cy) / lens.fy)[:, None]
+    turned = rays @ pose[:3, :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = -pose[2, 3] / turned[..., 2]
+        points = pose[:2, 3] + far[..., None] * turned[..., :2]
+        hit = (far > 0) & (np.abs(points - _TABLE_MIDDLE) < _TABLE_HALF).all(axis=-1)
+    return np.where(hit[..., None], _WOOD, _SKY), np.where(hit, far, np.inf)

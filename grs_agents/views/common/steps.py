@@ -1,0 +1,227 @@
+"""Events folded into steps (one visit of one node each), and each event as one line: a mark, a phrase and a level."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from grs_agents.trace import (
+    Decision,
+    Event,
+    Finding,
+    NodeEnded,
+    NodeStarted,
+    Note,
+    ProgramVersion,
+    Prompt,
+    Reply,
+    Rollout,
+    RunEnded,
+    RunStarted,
+    SceneStage,
+    TaskDefined,
+    TestsRun,
+)
+from grs_agents.views.common.event_documents import cases_of, count_cases
+
+Status = Literal["running", "done", "failed", "interrupted"]
+
+
+@dataclass
+class Step:
+    """One visit of a node.
+
+    Attributes:
+        number: from 1, in order.
+        node, visit: which node, and for the how-manieth time.
+        attempt: fixes made before it.
+        started: seconds since 1970.
+        status: how it stands; ``interrupted`` if the run died in it.
+        seconds: wall time once it is done.
+        input_tokens, output_tokens: of its model calls.
+        cost: of its model calls in US dollars; None where no provider told it.
+        details: what came of it, one phrase each.
+        events: all that happened in it, its start and end included.
+    """
+
+    number: int
+    node: str
+    visit: int
+    attempt: int
+    started: float
+    status: Status = "running"
+    seconds: float = 0.0
+    input_tokens: int = 0
+    output_tokens: int = 0
+    cost: float | None = None
+    details: list[str] = field(default_factory=list[str])
+    events: list[Event] = field(default_factory=list[Event])
+
+    @property
+    def tokens(self) -> int:
+        """Input and output together."""
+        return self.input_tokens + self.output_tokens
+
+    @property
+    def replies(self) -> list[Reply]:
+        """The answers of its models."""
+        return [event for event in self.events if isinstance(event, Reply)]
+
+    @property
+    def trouble(self) -> str:
+        """What went wrong in it, in a phrase: its own error, failing tests or checks; empty if nothing did."""
+        if self.status in ("failed", "interrupted"):
+            return self.details[-1] if self.details else self.status
+        found = ""
+        for event in self.events:
+            if isinstance(event, TestsRun) and event.report.get("outcome") != "passed":
+                found = f"tests: {phrase(event)}"
+            elif isinstance(event, Finding) and not event.passed:
+                found = f"{event.check}: {event.detail}"
+        return found
+
+    @property
+    def detail(self) -> str:
+        """All that came of it, the latest first where one replaces another."""
+        return "; ".join(self.details)
+
+
+class Steps:
+    """Folds events, one at a time, into ``rows``."""
+
+    def __init__(self) -> None:
+        self.rows: list[Step] = []
+        self.ended: RunEnded | None = None
+        self.decision: Decision | None = None
+
+    @property
+    def current(self) -> Step | None:
+        """The step that is running."""
+        return self.rows[-1] if self.rows and self.rows[-1].status == "running" else None
+
+    def add(self, event: Event) -> None:
+        """Take one more event in."""
+        if isinstance(event, NodeStarted):
+            if self.current:
+                self.current.status = "interrupted"
+            step = Step(len(self.rows) + 1, event.node, event.visit, event.attempt, event.time)
+            step.events.append(event)
+            self.rows.append(step)
+        elif isinstance(event, NodeEnded):
+            self._close(event)
+        elif isinstance(event, RunEnded):
+            self.ended = event
+            if self.current:
+                self.current.status = "interrupted"
+        elif self.current:
+            self._note(self.current, event)
+
+    def _close(self, event: NodeEnded) -> None:
+        for step in reversed(self.rows):
+            if step.node == event.node and step.status == "running":
+                step.status = "failed" if event.error else "done"
+                step.seconds = event.seconds
+                step.events.append(event)
+                if event.error:
+                    step.details.append(event.error)
+                return
+
+    def _note(self, step: Step, event: Event) -> None:
+        step.events.append(event)
+        if isinstance(event, Decision):
+            self.decision = event
+        if isinstance(event, Reply):
+            step.input_tokens += event.input_tokens
+            step.output_tokens += event.output_tokens
+            if event.cost is not None:
+                step.cost = (step.cost or 0.0) + event.cost
+        text = phrase(event)
+        if text:
+            step.details.append(text)
+
+
+def phrase(event: Event) -> str:
+    """What ``event`` adds to a step, as a phrase; empty for events that speak for themselves."""
+    text = ""
+    match event:
+        case SceneStage():
+            objects: list[Any] | None = event.summary.get("objects")
+            text = event.stage if objects is None else f"{event.stage}: {len(objects)} objects"
+        case TaskDefined():
+            text = str(event.task.get("task-name") or event.task.get("name") or "")
+        case ProgramVersion():
+            text = f"{event.program} v{event.number}"
+        case TestsRun():
+            counts = count_cases(cases_of(event))
+            text = ", ".join(f"{number} {outcome}" for outcome, number in counts.items())
+            text = text or str(event.report.get("outcome"))
+        case Decision():
+            text = f"→ {event.verdict}: {event.explanation}"
+        case Rollout():
+            text = f"seed {event.seed}: {event.outcome}, reward {event.reward:.2f}"
+        case Finding(passed=False):
+            text = f"{event.check} failed: {event.detail}"
+        case Reply(error=error) if error:
+            text = f"reply of {event.role} not used: {error}"
+        case Note(level="warning" | "error"):
+            text = event.text
+        case _:
+            pass
+    return text
+
+
+def steps(events: list[Event]) -> list[Step]:
+    """The steps of a whole run."""
+    folded = Steps()
+    for event in events:
+        folded.add(event)
+    return folded.rows
+
+
+Level = Literal["DEBUG", "INFO", "WARN", "ERROR"]
+_NOTE_LEVELS: dict[str, Level] = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
+_MARKS = {
+    "run_started": "●", "run_ended": "●", "node_started": "▶", "node_ended": "■", "prompt": "→", "reply": "←",
+    "finding": "✓",
+}  # fmt: skip
+
+
+def line(event: Event) -> str:
+    """``event`` in words, after a mark that tells its kind at a glance."""
+    return f"{_MARKS.get(event.kind, '•')} {_words(event)}"
+
+
+def _words(event: Event) -> str:
+    text = ""
+    match event:
+        case RunStarted():
+            text = f"run {event.run_id} starts"
+        case RunEnded():
+            text = f"{event.status}: {event.reason}"
+        case NodeStarted():
+            text = f"{event.node}, visit {event.visit}"
+        case NodeEnded():
+            text = f"{event.node} {event.seconds:.2f} s {event.error}"
+        case Prompt():
+            text = f"prompt of {event.role}"
+        case Reply():
+            text = f"reply of {event.role}, {event.input_tokens + event.output_tokens} tokens {event.error}"
+        case Finding(passed=True):
+            text = f"{event.check}: {event.detail}"
+        case Note():
+            text = event.text
+        case _:
+            text = phrase(event)
+    return text.rstrip()
+
+
+def level(event: Event) -> Level:
+    """How much attention ``event`` asks for."""
+    if isinstance(event, Note):
+        return _NOTE_LEVELS[event.level]
+    if isinstance(event, NodeEnded | Prompt | Reply):
+        return "ERROR" if isinstance(event, NodeEnded) and event.error else "DEBUG"
+    wants_attention = (
+        event.kind == "decision"
+        or (isinstance(event, Finding) and not event.passed)
+        or (isinstance(event, RunEnded) and event.status != "accepted")
+    )
+    return "WARN" if wants_attention else "INFO"

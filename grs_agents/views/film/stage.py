@@ -1,0 +1,227 @@
+"""A rollout as MuJoCo shows it: the arm, the table and the objects with their textures, moved by the recording.
+
+Where there is no graphics library, the picture is made of rays.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.engine import mujoco
+from grs_agents.errors import InputError
+from grs_agents.library import Library, Shape
+from grs_agents.sim.arms.arm import Arm
+from grs_agents.sim.arms.robot import fit_spatula
+from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
+from grs_agents.sim.world import compilation
+from grs_agents.sim.world.colors import COLORS
+from grs_agents.views.common.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+_KINDS: dict[str, Any] = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
+}
+_GREY = (0.7, 0.7, 0.7, 1.0)
+_LARGEST_PICTURE = 2048
+"""Pixels of a side that an off-screen picture may have."""
+_SHADOWS = 1024
+"""Pixels of a side of the map of shadows; MuJoCo's own 4096 take 0.1 s a frame without a graphics card."""
+
+
+@dataclass(frozen=True)
+class Props:
+    """What a stage shows.
+
+    Attributes:
+        objects: what stands on the table.
+        arm: the robot; None leaves it out.
+        push: the robot has a spatula.
+        background: library name of what stands fixed around it.
+        textures: False paints textured things in their one named colour, for pictures made of rays.
+        samples: taken of each pixel of an off-screen picture; 0 is quick and leaves edges rough.
+    """
+
+    objects: Sequence[InstanceObject]
+    arm: Arm | None = None
+    push: bool = False
+    background: str | None = None
+    textures: bool = True
+    samples: int = 4
+
+
+def props_of(instance: TaskInstance, arm: Arm) -> Props:
+    """What shows a task instance."""
+    return Props(instance.objects, arm, instance.primitive == "push", instance.background)
+
+
+class Stage:
+    """A model that is only looked at: its objects have no weight and stand where they are put.
+
+    Args:
+        props: what it shows.
+        library: 3D assets.
+
+    Attributes:
+        model, data: MuJoCo's, in the state last shown.
+    """
+
+    def __init__(self, props: Props, library: Library) -> None:
+        spec = compilation.new_spec(compilation.TIMESTEP)
+        spec.visual.global_.offwidth = spec.visual.global_.offheight = _LARGEST_PICTURE
+        spec.visual.quality.offsamples, spec.visual.quality.shadowsize = props.samples, _SHADOWS
+        spec.visual.headlight.ambient = (0.35, 0.35, 0.35)
+        _add_sky(spec)
+        if props.arm is not None:
+            props.arm.add(spec)
+            if props.push:
+                fit_spatula(spec)
+        for item in props.objects:
+            body = spec.worldbody.add_body(name=f"object_{item.id}", mocap=True)
+            shapes = compilation.model_of(item, library)
+            for index, shape in enumerate(shapes.visuals or shapes.colliders):
+                paint = _color(item, shape, library, props.textures)
+                _add_shape(spec, body, shape, library, f"object_{item.id}_{index}", paint)
+        if props.background is not None:
+            body = spec.worldbody.add_body(name="background")
+            for index, shape in enumerate(library.model(props.background).visuals):
+                geom = _add_shape(spec, body, shape, library, f"background_{index}", shape.color or _GREY)
+                if shape.kind == "mesh":  # it is open, so it has no volume
+                    spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+        try:
+            self.model: Any = spec.compile()
+        except ValueError as error:  # meshes and textures of a run's own that MuJoCo does not take
+            raise InputError(f"MuJoCo cannot show the scene: {error}", "mend the assets that it names") from error
+        self.data: Any = mujoco.MjData(self.model)
+        names = [f"object_{item.id}" for item in props.objects]
+        self._mocap = {name: int(self.model.body(name).mocapid[0]) for name in names}
+        for name, item in zip(names, props.objects, strict=True):
+            self._move(name, np.array(item.pose[0]), np.array(item.pose[1]))
+        if props.arm is not None:
+            self.data.qpos[: props.arm.dof] = props.arm.home
+        mujoco.mj_forward(self.model, self.data)
+
+    def show(self, motion: Motion, frame: int, joints: FloatArray) -> None:
+        """Bring everything where it was in ``frame``; ``joints`` are those of :func:`joint_positions`."""
+        for index, name in enumerate(motion.names):
+            if name in self._mocap:
+                self._move(name, motion.positions[frame, index], motion.quaternions[frame, index])
+        self.data.qpos[:] = joints[frame]
+        mujoco.mj_forward(self.model, self.data)
+
+    def _move(self, name: str, position: npt.NDArray[Any], quaternion: npt.NDArray[Any]) -> None:
+        self.data.mocap_pos[self._mocap[name]] = position
+        self.data.mocap_quat[self._mocap[name]] = quaternion[[3, 0, 1, 2]]
+
+
+def joint_positions(model: Any, motion: Motion) -> FloatArray:
+    """Joint positions (N, nq) that bring the links of the arm where the recording saw them.
+
+    Each joint is told by how its link is turned (or shifted) in the frame of the link before it.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    rows = {name: index for index, name in enumerate(motion.names)}
+    found = np.tile(np.asarray(data.qpos), (len(motion.times), 1))
+    for joint in range(model.njnt):
+        body = int(model.jnt_bodyid[joint])
+        name, parent = str(model.body(body).name), int(model.body_parentid[body])
+        if name not in rows:
+            continue
+        before = str(model.body(parent).name)
+        if before in rows:
+            turns = motion.quaternions[:, rows[before]].astype(np.float64)[:, [3, 0, 1, 2]]
+            places = motion.positions[:, rows[before]].astype(np.float64)
+        else:
+            turns = np.tile(np.asarray(data.xquat[parent]), (len(motion.times), 1))
+            places = np.tile(np.asarray(data.xpos[parent]), (len(motion.times), 1))
+        own = motion.quaternions[:, rows[name]].astype(np.float64)[:, [3, 0, 1, 2]]
+        start = _product(turns, np.asarray(model.body_quat[body])[None])
+        axis, address = np.asarray(model.jnt_axis[joint]), int(model.jnt_qposadr[joint])
+        if int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_HINGE):
+            turned = _product(start * (1, -1, -1, -1), own)
+            angle = 2 * np.arctan2(turned[:, 1:] @ axis, turned[:, 0])
+            found[:, address] = (angle + np.pi) % (2 * np.pi) - np.pi + model.qpos0[address]
+        else:
+            shift = motion.positions[:, rows[name]] - places - _rotated(turns, np.asarray(model.body_pos[body]))
+            found[:, address] = np.einsum("ni,ni->n", shift, _rotated(start, axis)) + model.qpos0[address]
+    return found
+
+
+def _product(first: FloatArray, second: FloatArray) -> FloatArray:
+    """The product of quaternions (N, 4), wxyz."""
+    w, v, s, u = first[:, :1], first[:, 1:], second[:, :1], second[:, 1:]
+    real = w * s - (v * u).sum(axis=1, keepdims=True)
+    return np.concatenate([real, w * u + s * v + np.cross(v, u)], axis=1)
+
+
+def _rotated(turns: FloatArray, vector: FloatArray) -> FloatArray:
+    """``vector`` (3,) turned by each quaternion (N, 4), wxyz."""
+    pure = np.concatenate([np.zeros(1), vector])[None]
+    return _product(_product(turns, pure), turns * (1, -1, -1, -1))[:, 1:]
+
+
+def _color(item: InstanceObject, shape: Shape, library: Library, textures: bool) -> tuple[float, ...] | None:
+    """What to paint a shape with; None leaves it to its texture."""
+    if item.color or not shape.texture:
+        return item.color or shape.color or _GREY
+    if textures:
+        return None
+    name = library.asset(item.asset).color if item.asset in library else ""
+    return (*COLORS.get(name, _GREY[:3]), 1.0)
+
+
+def _add_sky(spec: Any) -> None:
+    spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=(0.93, 0.95, 0.97), rgb2=(0.75, 0.79, 0.84), width=64, height=64,
+    )  # fmt: skip
+
+
+def _add_shape(spec: Any, body: Any, shape: Shape, library: Library, name: str, color: tuple[float, ...] | None) -> Any:
+    x, y, z, w = shape.quaternion
+    geom = body.add_geom(name=name, type=_KINDS[shape.kind], pos=shape.position, quat=(w, x, y, z))
+    geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 0, 0.0, 2
+    if shape.kind == "mesh":
+        spec.add_mesh(name=name, file=str(library.mesh_path(shape.mesh or "")), scale=shape.size)
+        geom.meshname = name
+    elif shape.kind == "box":
+        geom.size = tuple(extent / 2 for extent in shape.size)
+    elif shape.kind == "cylinder":
+        geom.size = (shape.size[0], shape.size[1] / 2, 0.0)
+    else:
+        geom.size = (shape.size[0], 0.0, 0.0)
+    if color is not None:
+        geom.rgba = color
+    else:
+        file = str(library.mesh_path(shape.texture or ""))
+        spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, file=file)
+        material = spec.add_material(name=name)
+        material.textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
+        geom.material = name
+    return geom
+
+
+_LIGHT = np.array([0.2, -0.3, 0.93])
+_GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
+_SKY = 0.90
+
+
+def paint(
+    model: Any, data: Any, eye: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
+) -> npt.NDArray[np.uint8]:
+    """(H, W, 3) colours that rays (H, W, 3) from ``eye`` (m) meet, lit from above."""
+    shape, count = directions.shape[:2], directions.shape[0] * directions.shape[1]
+    geom, distance, normal = np.full(count, -1, np.int32), np.empty(count), np.empty(3 * count)
+    mujoco.mj_multiRay(
+        model, data, eye, np.ascontiguousarray(directions).ravel(), _GROUPS, 1, -1, geom, distance, normal, count, 1e10,
+    )  # fmt: skip
+    hit = geom >= 0
+    shade = np.clip(np.abs(normal.reshape(-1, 3) @ _LIGHT), 0.3, 1.0)
+    color = np.where(hit[:, None], np.asarray(model.geom_rgba)[geom, :3] * shade[:, None], _SKY)
+    return (color * 255).astype(np.uint8).reshape(*shape, 3)

@@ -1,0 +1,134 @@
+"""The process that draws a film or opens MuJoCo's window: ``python -m grs_agents.views.film.worker``.
+
+It is a process of its own because MuJoCo decides when it is imported which graphics library it draws with. An order
+(JSON) comes on stdin; the frames go to stdout one after the other, (height, width, 3) bytes each.
+"""
+
+import importlib
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+from grs_agents.errors import InputError
+from grs_agents.terminal import say
+
+STILLS = 24
+"""Up to so many pictures are drawn with smooth edges."""
+Image = npt.NDArray[np.uint8]
+
+
+def _mujoco() -> Any:
+    """MuJoCo with the graphics library of ``MUJOCO_GL``; must be called before anything else imports it."""
+    return importlib.import_module("mujoco")
+
+
+def _stage(order: dict[str, Any], textures: bool) -> tuple[Any, Any, Any]:
+    """The stage, the motion and the joints of the arm in it."""
+    from grs_agents.library import Library
+    from grs_agents.sim.arms.registry import get_arm
+    from grs_agents.views.common.motion import instance_of, read_motion
+    from grs_agents.views.film.stage import Stage, joint_positions, props_of
+
+    instance = instance_of(Path(order["instance"]))
+    library = Library(*(Path(root) for root in order["roots"]))
+    samples = 4 if len(order["seconds"]) <= STILLS else 0
+    props = replace(props_of(instance, get_arm(order["robot"])), textures=textures, samples=samples)
+    stage = Stage(props, library)
+    motion = read_motion(Path(order["recording"]))
+    return stage, motion, joint_positions(stage.model, motion)
+
+
+def _camera(mujoco: Any, order: dict[str, Any]) -> Any:
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = order["target"]
+    camera.distance, camera.azimuth, camera.elevation = order["distance"], order["azimuth"], order["elevation"]
+    return camera
+
+
+def draw(order: dict[str, Any], output: BinaryIO) -> None:
+    """Write the ordered frames, with OpenGL or, if ``order["rays"]``, without."""
+    if order["rays"]:
+        stage, motion, joints = _stage(order, textures=False)
+        picture = _ray_painter(stage, order)
+    else:
+        mujoco = _mujoco()
+        stage, motion, joints = _stage(order, textures=True)
+        picture = _gl_painter(mujoco, stage, order)
+    for seconds in order["seconds"]:
+        stage.show(motion, motion.frame(seconds), joints)
+        output.write(np.ascontiguousarray(picture()).tobytes())
+    output.flush()
+
+
+def _gl_painter(mujoco: Any, stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
+    camera = _camera(mujoco, order)
+    renderer = mujoco.Renderer(stage.model, order["height"], order["width"])
+
+    def paint() -> Image:
+        renderer.update_scene(stage.data, camera)
+        return renderer.render()
+
+    return paint
+
+
+def _ray_painter(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
+    from grs_agents.sim.world.rendering import View, rays
+    from grs_agents.views.film.stage import paint
+
+    azimuth, elevation = np.deg2rad(order["azimuth"]), np.deg2rad(order["elevation"])
+    ahead = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    eye = np.array(order["target"]) - order["distance"] * ahead
+    x, y, z = (float(value) for value in eye)
+    view = View((x, y, z), tuple(order["target"]), 45.0, order["height"], order["width"])
+    directions = rays(view).reshape(order["height"], order["width"], 3)
+    return lambda: paint(stage.model, stage.data, eye, directions)
+
+
+def watch(order: dict[str, Any]) -> None:
+    """Play the motion in MuJoCo's window, again and again, until it is closed."""
+    mujoco = _mujoco()
+    viewer_module = importlib.import_module("mujoco.viewer")
+    stage, motion, joints = _stage(order, textures=True)
+    with viewer_module.launch_passive(stage.model, stage.data, show_left_ui=False, show_right_ui=False) as viewer:
+        camera = _camera(mujoco, order)
+        viewer.cam.lookat[:], viewer.cam.distance = camera.lookat, camera.distance
+        viewer.cam.azimuth, viewer.cam.elevation = camera.azimuth, camera.elevation
+        for seconds in _clock(motion.seconds + 1.0):
+            if not viewer.is_running():
+                return
+            with viewer.lock():
+                stage.show(motion, motion.frame(min(seconds, motion.seconds)), joints)
+            viewer.sync()
+            time.sleep(1 / 60)
+
+
+def _clock(period: float) -> Iterator[float]:
+    """Seconds since the beginning, from 0 again after each ``period``."""
+    begin = time.monotonic()
+    while True:
+        yield (time.monotonic() - begin) % period
+
+
+def main() -> None:
+    """Do what the order on stdin says; whatever a library prints goes to stderr, not among the frames."""
+    order = json.load(sys.stdin)
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        try:
+            (watch if order["window"] else partial(draw, output=output))(order)
+        except InputError as error:
+            say(str(error), error=True)
+            sys.exit(error.exit_status)
+
+
+if __name__ == "__main__":
+    main()

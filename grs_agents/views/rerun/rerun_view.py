@@ -1,0 +1,125 @@
+"""The rerun recording of a run: a subscriber of the event log that writes ``trace.rrd`` as the run goes on."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+from grs_agents.library import Library
+from grs_agents.trace import Event, read_events
+from grs_agents.views.rerun.blueprint import comparison
+from grs_agents.views.rerun.event_view import EventView
+from grs_agents.views.rerun.recording import Recording
+from grs_agents.views.rerun.state_machine import MachineView
+
+TRACE = "trace.rrd"
+
+
+class RerunView:
+    """Shows every event in rerun; each is in the file a moment later, so that a killed run leaves its film.
+
+    A run that is resumed goes on in ``trace.1.rrd`` and so on, with the same recording id, so that all parts
+    open as one recording; :meth:`finish` leaves a single ``trace.rrd``.
+
+    Args:
+        run_folder: the run; its ``events.jsonl`` may hold earlier events.
+        library: where the meshes of assets lie, the run's own proxies laid over.
+        live: address of a viewer that shows the run as it goes on, or None.
+    """
+
+    def __init__(self, run_folder: Path, library: Library, live: str | None = None) -> None:
+        self._folder, self._library = run_folder, library
+        log = run_folder / "events.jsonl"
+        earlier = read_events(log) if log.exists() else []
+        self._resumed = bool(earlier) and (run_folder / TRACE).exists()
+        self._live = live is not None
+        file = _next_part(run_folder) if self._resumed else run_folder / TRACE
+        self._view = EventView(run_folder, library, file, live)
+        show = self._view.skip if self._resumed else self._view.write
+        with ExitStack() as opened:
+            opened.callback(self._view.close)
+            for event in earlier:
+                show(event)
+            opened.pop_all()
+
+    def __call__(self, event: Event) -> None:
+        """Show one event and put it into the file."""
+        self._view.write(event)
+
+    def finish(self) -> None:
+        """Close the file.
+
+        After a resumption ``trace.rrd`` is written anew from the events, of all parts; so it is if a viewer was shown
+        the run, since one that is closed half-way takes the file down with it.
+        """
+        self._view.close()
+        if self._resumed or self._live:
+            rebuild(self._folder, self._library)
+
+
+def _next_part(folder: Path) -> Path:
+    """The first free name among trace.1.rrd, trace.2.rrd, ..."""
+    number = 1
+    while (folder / f"trace.{number}.rrd").exists():
+        number += 1
+    return folder / f"trace.{number}.rrd"
+
+
+def compare(runs: Sequence[tuple[Path, Library]], path: Path) -> Path:
+    """Write runs into one recording, side by side, on timelines that begin together.
+
+    Args:
+        runs: the folder and the assets of each; its entities lie below ``/run_1``, ``/run_2``, ...
+        path: the file to write.
+
+    Raises:
+        InputError: a folder has no readable event log.
+    """
+    logs = [read_events(folder / "events.jsonl") for folder, _ in runs]
+    names = _distinct([folder.resolve().name for folder, _ in runs])
+    columns: list[tuple[str, str, tuple[str, ...]]] = []
+    for number, (name, events) in enumerate(zip(names, logs, strict=True), start=1):
+        machine = MachineView()
+        for event in events:
+            machine.follow(event)
+        columns.append((name, f"/run_{number}", machine.nodes))
+    recording = Recording(path, " and ".join(names), comparison(columns))
+    with closing(recording):
+        for (folder, library), (_, prefix, _), events in zip(runs, columns, logs, strict=True):
+            view = EventView(folder, library, recording.below(prefix))
+            for event in events:
+                view.write(event)
+    return path
+
+
+def _distinct(names: list[str]) -> list[str]:
+    """``names``, numbered where two are the same."""
+    same = len(set(names)) < len(names)
+    return [f"{number} {name}" if same else name for number, name in enumerate(names, start=1)]
+
+
+def record(run_folder: Path, library: Library, path: Path) -> bool:
+    """Write the recording of a run, as far as it has come, into the file ``path``; False if it has no event yet.
+
+    Raises:
+        InputError: the folder has no readable event log.
+    """
+    events = read_events(run_folder / "events.jsonl")
+    # A stream that is left open blocks the making of the next one in this process for ever (rerun 0.41).
+    with closing(EventView(run_folder, library, path)) as view:
+        for event in events:
+            view.write(event)
+    return bool(events)
+
+
+def rebuild(run_folder: Path, library: Library) -> Path:
+    """Make ``trace.rrd`` anew from ``events.jsonl`` and the files it names; parts of resumed runs go away.
+
+    Raises:
+        InputError: the folder has no readable event log.
+    """
+    temporary = run_folder / f".{TRACE}"
+    if record(run_folder, library, temporary):
+        temporary.replace(run_folder / TRACE)
+        for part in run_folder.glob("trace.[0-9]*.rrd"):
+            part.unlink()
+    return run_folder / TRACE

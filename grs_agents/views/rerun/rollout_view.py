@@ -1,0 +1,292 @@
+"""Rollouts in the recording: meshes of assets once, poses as columns, the robot as links, the tool's path."""
+
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+import trimesh
+
+from grs_agents.base import Pose
+from grs_agents.errors import InputError
+from grs_agents.foreign import member, present
+from grs_agents.foreign.pictures import read_picture
+from grs_agents.library import Library, Shape
+from grs_agents.library.mesh_files import read_surface
+from grs_agents.library.shapes import rotation_matrix
+from grs_agents.sim.instance.instance import InstanceGoal, InstanceObject, TaskInstance
+from grs_agents.sim.world.compilation import model_of
+from grs_agents.trace import Rollout
+from grs_agents.views.common.motion import Motion, holds, instance_of, read_motion, read_seconds
+from grs_agents.views.common.safe_text import drawable
+from grs_agents.views.common.scene_objects import run_library
+from grs_agents.views.rerun.recording import Paths, Recording
+
+TEXTURE_EDGE = 256
+"""Pixels; larger textures are shown smaller to keep recordings small."""
+_GREY = (0.7, 0.7, 0.72, 1.0)
+Rgba = tuple[float, float, float, float]
+
+
+def show_asset(recording: Recording, path: str, name: str, library: Library) -> None:
+    """The library's asset ``name`` in its own frame, below ``path``."""
+    model = library.model(name)
+    for number, shape in enumerate(model.visuals or model.colliders):
+        recording.log(f"{path}/{number}", geometry(shape, library, None))
+
+
+def geometry(shape: Shape, library: Library, color: Rgba | None) -> rr.AsComponents:
+    """``shape`` in the frame of its object.
+
+    Args:
+        shape: a box, cylinder, sphere or mesh.
+        library: where its mesh and texture lie.
+        color: rgba 0..1 laid over the shape's own, or None.
+    """
+    rgba = [round(255 * channel) for channel in color or shape.color or _GREY]
+    where: dict[str, Any] = {"centers": [shape.position], "quaternions": [shape.quaternion], "colors": [rgba]}
+    if shape.kind == "box":
+        return rr.Boxes3D(sizes=[shape.size], fill_mode="solid", **where)
+    if shape.kind == "sphere":
+        return rr.Ellipsoids3D(half_sizes=[shape.size * 3], fill_mode="solid", **where)
+    if shape.kind == "cylinder":
+        radius, length = shape.size
+        return rr.Cylinders3D(radii=[radius], lengths=[length], fill_mode="solid", **where)
+    texture = library.mesh_path(shape.texture) if shape.texture and color is None else None
+    pose = (shape.position, shape.quaternion)
+    return _mesh(library.mesh_path(shape.mesh or ""), texture, shape.size, pose, color or shape.color)
+
+
+@lru_cache(maxsize=64)
+def _mesh(path: Path, texture_path: Path | None, scale: tuple[float, ...], pose: Pose, color: Rgba | None) -> rr.Mesh3D:
+    """Kept, since an object's mesh is shown in the twin and in the rollouts; ``color`` is for what has no texture."""
+    mesh = _load_mesh(path)
+    turn = rotation_matrix(pose[1])
+    vertices = np.asarray(mesh.vertices) * scale @ turn.T + pose[0]
+    uv: npt.NDArray[np.float64] | None = getattr(mesh.visual, "uv", None)
+    texture = texcoords = None
+    if texture_path and uv is not None:
+        texture = _load_texture(texture_path)
+        texcoords = np.column_stack([uv[:, 0], 1 - uv[:, 1]])  # rerun's origin is the top left corner
+    rgba = [round(255 * channel) for channel in (color if texture is None else None) or (1,) * 4]
+    return rr.Mesh3D(
+        vertex_positions=vertices,
+        triangle_indices=np.asarray(mesh.faces),
+        vertex_normals=_vertex_normals(mesh) @ turn.T,
+        vertex_texcoords=texcoords if texture is not None else None,
+        albedo_texture=texture,
+        albedo_factor=rgba,
+    )
+
+
+@lru_cache(maxsize=128)
+def _load_mesh(path: Path) -> Any:
+    """The mesh of an OBJ file, one vertex for each of its texture coordinates.
+
+    Raises:
+        InputError: it is no mesh.
+    """
+    read_surface(path)  # its errors are named, trimesh's are of many kinds
+    return trimesh.load_mesh(path, process=False, skip_materials=True)
+
+
+def _vertex_normals(mesh: Any) -> npt.NDArray[np.float64]:
+    """(N, 3) unit normals, weighted by area; trimesh's own want scipy."""
+    faces = np.asarray(mesh.faces)
+    corners = np.asarray(mesh.vertices, dtype=np.float64)[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros((len(mesh.vertices), 3))
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], across)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
+@lru_cache(maxsize=128)
+def _load_texture(path: Path) -> Any:
+    """HxWx3 uint8 red, green, blue; None where the file cannot be read, the mesh is then plain."""
+    try:
+        image = read_picture(path, cv2.IMREAD_COLOR)
+    except InputError:
+        return None
+    scale = TEXTURE_EDGE / max(image.shape[:2])
+    if scale < 1:
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+Array = npt.NDArray[np.float64]
+FRAMES_PER_SECOND = 25.0
+_TABLE = ((0.5, 0.0, -0.011), (0.62, 1.1, 0.02), (152, 128, 98))  # centre, size, colour
+_WHITE, _ORANGE, _YELLOW, _GREEN = (240, 240, 240), (235, 130, 35), (255, 210, 60), (70, 215, 120)
+_BLUE, _PINK = (90, 170, 255), (255, 120, 200)
+
+
+def _motion(folder: Path, event: Rollout) -> Motion | None:
+    """What moved, at a bounded frame rate; None where the rollout left no recording."""
+    return None if event.recording is None else read_motion(member(folder, event.recording)).thinned(FRAMES_PER_SECOND)
+
+
+def duration(folder: Path, event: Rollout) -> float:
+    """Simulated seconds of the rollout's recording; 0 where it has none."""
+    file = None if event.recording is None else present(folder, event.recording)
+    return 0.0 if file is None else read_seconds(file)
+
+
+class RolloutView:
+    """Shows rollouts one after the other in one world; shapes are logged again only where they differ."""
+
+    def __init__(self, folder: Path, library: Library) -> None:
+        self._folder, self._library = folder, library
+        self._shown: set[str] = set()
+        self._laid = self._surrounded = False
+
+    def show(self, recording: Recording, event: Rollout) -> float:
+        """Show ``event`` and return its simulated seconds; without a recording, objects where they start."""
+        instance = self._instance(event)
+        motion = _motion(self._folder, event)
+        if instance:
+            self._show_objects(recording, instance, set(motion.names) if motion else set())
+            _show_goals(recording, instance)
+        if motion is None or not motion.times.size:
+            return 0.0
+        names = {f"object_{item.id}": _spoken(item) for item in instance.objects} if instance else {}
+        _show_motion(recording, motion)
+        _show_holds(recording, motion, names)
+        return motion.seconds
+
+    def _instance(self, event: Rollout) -> TaskInstance | None:
+        if event.instance is None:
+            return None
+        return instance_of(member(self._folder, event.instance))
+
+    def _show_objects(self, recording: Recording, instance: TaskInstance, moving: set[str]) -> None:
+        """What stands on the table, and where, but for the bodies ``moving``, of which each pose is shown."""
+        self._show_table(recording)
+        library = run_library(self._folder, self._library)
+        present: set[str] = set()
+        for item in instance.objects:
+            body = f"object_{item.id}"
+            if body not in moving:
+                position, quaternion = item.pose
+                pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion))
+                recording.log(f"{Paths.WORLD}/{body}", pose)
+            path = _shapes_path(item)
+            present.add(path)
+            if path not in self._shown:
+                _show_shapes(recording, path, item, library)
+        if instance.background and not self._surrounded:
+            self._surrounded = True
+            show_asset(recording, f"{Paths.WORLD}/background", instance.background, library)
+        for path in self._shown - present:
+            recording.log(path, rr.Clear(recursive=True))
+        self._shown = present
+
+    def _show_table(self, recording: Recording) -> None:
+        """What all rollouts have in common, with the first of them."""
+        if self._laid:
+            return
+        self._laid = True
+        recording.log(Paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        center, size, color = _TABLE
+        table = rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid")
+        recording.log(f"{Paths.WORLD}/table", table)
+        robot = rr.LineStrips3D.from_fields(radii=[0.028], colors=[_ORANGE])
+        recording.log(f"{Paths.WORLD}/robot", robot, static=True)
+        recording.log(f"{Paths.WORLD}/tool", rr.Points3D.from_fields(radii=[0.012], colors=[_YELLOW]), static=True)
+
+
+def _spoken(item: InstanceObject) -> str:
+    """The object's name for people: of a template, what it is, e.g. a zone."""
+    return drawable(Path(item.asset).stem.removesuffix("-template").replace("_", " "))
+
+
+def _show_shapes(recording: Recording, path: str, item: InstanceObject, library: Library) -> None:
+    """What the object looks like, and its name above it."""
+    model = model_of(item, library)
+    for number, shape in enumerate(model.visuals or model.colliders):
+        recording.log(f"{path}/{number}", geometry(shape, library, item.color))
+    top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
+    recording.log(f"{path}/name", rr.Points3D(top, labels=[_spoken(item)], colors=[_WHITE], radii=[0.0005]))
+
+
+def _shapes_path(item: InstanceObject) -> str:
+    """Where the shapes of ``item`` lie: below its pose, under a name that differs where its looks differ.
+
+    So nothing is ever cleared and shown at one path in one instant, which the viewer shows without its pose.
+    """
+    looks = item.model_dump_json(include={"asset", "fill", "color"})
+    return f"{Paths.WORLD}/object_{item.id}/looks_{sha256(looks.encode()).hexdigest()[:8]}"
+
+
+def _show_goals(recording: Recording, instance: TaskInstance) -> None:
+    targets = [pose[0] for goal in instance.goals for pose in goal.targets]
+    points = rr.Points3D(targets, radii=[0.012], colors=[_GREEN])
+    recording.log(f"{Paths.WORLD}/targets", points)
+    zones = [zone for goal in instance.goals for zone in goal.zones]
+    boxes = rr.Boxes3D(
+        centers=[zone.pose[0] for zone in zones],
+        quaternions=[zone.pose[1] for zone in zones],
+        sizes=[zone.size for zone in zones],
+        colors=[_GREEN] * len(zones),
+    )
+    recording.log(f"{Paths.WORLD}/zones", boxes)
+    recording.log(f"{Paths.WORLD}/task", rr.TextDocument(_languages(instance.goals)))
+
+
+def _languages(goals: tuple[InstanceGoal, ...]) -> str:
+    return "\n".join(goal.language for goal in goals)
+
+
+def _show_motion(recording: Recording, motion: Motion) -> None:
+    seconds = motion.times
+    links: list[int] = []
+    for index, name in enumerate(motion.names):
+        if name.startswith("object_"):
+            _show_object(recording, name, seconds, motion.positions[:, index], motion.quaternions[:, index])
+        else:
+            links.append(index)
+    if len(links) > 1:
+        strips = rr.LineStrips3D.columns(strips=motion.positions[:, links])
+        recording.columns(f"{Paths.WORLD}/robot", seconds, strips)
+    points = rr.Points3D.columns(positions=motion.tool)
+    recording.columns(f"{Paths.WORLD}/tool", seconds, points)
+    recording.log(f"{Paths.WORLD}/tool_path", rr.LineStrips3D([motion.tool], colors=[_YELLOW], radii=[0.0015]))
+
+
+def _show_holds(recording: Recording, motion: Motion, names: dict[str, str]) -> None:
+    """Where and when the tool takes something up and lets it go; a line in the list of events for each."""
+    moments: list[tuple[int, str, tuple[int, int, int]]] = []
+    for number, hold in enumerate(holds(motion), start=1):
+        name = names.get(hold.body, hold.body)
+        moments += [(hold.start, f"{number} takes {name}", _BLUE), (hold.end, f"{number} lets {name} go", _PINK)]
+    spots = rr.Points3D(
+        [motion.tool[frame] for frame, _, _ in moments],
+        labels=[text for _, text, _ in moments],
+        colors=[color for _, _, color in moments],
+        radii=[0.009],
+        show_labels=False,
+    )
+    recording.log(f"{Paths.WORLD}/grasps", spots)
+    if moments:
+        moments.sort(key=lambda moment: moment[0])
+        lines = rr.TextLog.columns(text=[f"• {text}" for _, text, _ in moments], level=["INFO"] * len(moments))
+        recording.columns(Paths.GRASPS, np.array([motion.times[frame] for frame, _, _ in moments]), lines)
+
+
+def _show_object(
+    recording: Recording,
+    name: str,
+    seconds: Array,
+    positions: npt.NDArray[np.float32],
+    quaternions: npt.NDArray[np.float32],
+) -> None:
+    """The poses of one body, (N, 3) and (N, 4) xyzw; a row only where it moves."""
+    step = np.abs(np.diff(positions, axis=0)).max(axis=1) + np.abs(np.diff(quaternions, axis=0)).max(axis=1)
+    moves = step > 1e-5
+    kept = np.concatenate([[True], moves]) | np.concatenate([moves, [False]])
+    transforms = rr.Transform3D.columns(translation=positions[kept], quaternion=quaternions[kept])
+    recording.columns(f"{Paths.WORLD}/{name}", seconds[kept], transforms)

@@ -1,0 +1,159 @@
+"""The state machine in the recording: where each node stands, what leads where, its colour, and the lane of nodes."""
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any
+
+import rerun as rr
+
+from grs_agents.trace import Event, NodeStarted, RunEnded, RunStarted
+from grs_agents.views.rerun.recording import Paths, Recording
+
+Color = tuple[int, int, int]
+Edge = tuple[str, str]
+
+END = "end"
+COLUMN, ROW = 190.0, 110.0
+_PERCEPTION = ("read", "find_table", "segment", "describe", "match", "register", "settle")
+_ROWS = (
+    ("read", "find_table", "segment", "describe"),
+    ("generate_task", "settle", "register", "match"),
+    ("generate_sim", "generate_tests", "run_tests", "audit"),
+    ("", "fix_code", "route", "conclude"),
+    ("", "fix_tests", "", END),
+)
+"""Where the nodes stand: perception goes right in the first row and back in the second."""
+_PLACES: dict[str, tuple[float, float]] = {
+    **{node: (column, row) for row, names in enumerate(_ROWS) for column, node in enumerate(names) if node},
+    "hide_image": (-0.9, 1),
+}
+_EDGES: tuple[Edge, ...] = (
+    *pairwise((*_PERCEPTION, "generate_task", "generate_sim", "generate_tests", "run_tests")),
+    ("register", "describe"),
+    ("run_tests", "route"),
+    ("run_tests", "audit"),
+    ("audit", "route"),
+    ("audit", END),
+    ("audit", "conclude"),
+    ("conclude", END),
+    ("route", "fix_code"),
+    ("route", "fix_tests"),
+    ("fix_code", "run_tests"),
+    ("fix_tests", "run_tests"),
+)
+_OPTIONAL = frozenset({"conclude", "hide_image"})
+_WITHOUT: dict[str, frozenset[str]] = {
+    "router": frozenset({*_PERCEPTION, "generate_task"}),
+    "scene": frozenset(_PLACES) - {*_PERCEPTION, END},
+}
+_COLORS: dict[str, Color] = {
+    "read": (91, 120, 239),
+    "find_table": (91, 141, 239),
+    "segment": (93, 156, 237),
+    "describe": (95, 170, 235),
+    "match": (80, 190, 215),
+    "register": (75, 195, 195),
+    "settle": (70, 200, 175),
+    "generate_task": (155, 120, 235),
+    "generate_sim": (190, 110, 220),
+    "generate_tests": (215, 120, 190),
+    "run_tests": (241, 196, 15),
+    "route": (231, 96, 76),
+    "fix_code": (230, 140, 40),
+    "fix_tests": (200, 160, 80),
+    "audit": (26, 188, 156),
+    "conclude": (46, 180, 90),
+    END: (46, 204, 113),
+}
+_SPARE: tuple[Color, ...] = ((140, 160, 190), (170, 190, 110), (210, 130, 130), (120, 200, 200))
+QUIET: Color = (150, 150, 160)
+
+
+def color(node: str) -> Color:
+    """The colour of ``node`` in the graph and in the lane of nodes."""
+    return _COLORS.get(node) or _SPARE[sum(node.encode()) % len(_SPARE)]
+
+
+def expected_nodes(graph: str) -> tuple[str, ...]:
+    """The nodes to show before any has run, for a graph of which only the name is known."""
+    without = _WITHOUT.get(graph, frozenset()) | _OPTIONAL
+    return tuple(node for node in _PLACES if node not in without)
+
+
+def places(nodes: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """Positions in the plane, x right and y down; unknown nodes stand in columns to the right."""
+    found: dict[str, tuple[float, float]] = {}
+    unknown = 0
+    for node in nodes:
+        if node in _PLACES:
+            column, row = _PLACES[node]
+        else:
+            column, row = 4 + unknown // 4, unknown % 4
+            unknown += 1
+        found[node] = (column * COLUMN, row * ROW)
+    return found
+
+
+def edges(nodes: Iterable[str]) -> tuple[Edge, ...]:
+    """The usual edges between those of ``nodes`` that are there."""
+    present = set(nodes)
+    return tuple(edge for edge in _EDGES if set(edge) <= present)
+
+
+_START, _END = "__start__", "__end__"  # as LangGraph calls them
+
+
+def _shown(node: str) -> str:
+    """The name under which a node of the graph is drawn."""
+    return END if node == _END else node
+
+
+class MachineView:
+    """Knows the nodes of the run's graph, how often each was visited and which is active."""
+
+    def __init__(self) -> None:
+        self.nodes: tuple[str, ...] = expected_nodes("")
+        self._edges: tuple[Edge, ...] = edges(self.nodes)
+        self._visits: dict[str, int] = {}
+        self._active = ""
+        self._placed: tuple[str, ...] = ()
+
+    def follow(self, event: Event) -> None:
+        """Take in an event without showing it."""
+        if isinstance(event, RunStarted):
+            nodes = [_shown(node) for node in event.nodes if node != _START] or expected_nodes(event.graph)
+            self.nodes = tuple(dict.fromkeys((*nodes, END)))
+            joined = tuple((_shown(tail), _shown(head)) for tail, head in event.edges if tail != _START)
+            self._edges = joined or edges(self.nodes)
+        elif isinstance(event, NodeStarted):
+            self.nodes = tuple(dict.fromkeys((*self.nodes, event.node)))
+            self._visits[event.node] = max(event.visit, self._visits.get(event.node, 0))
+            self._active = event.node
+        elif isinstance(event, RunEnded):
+            self._active = END
+
+    def prepare(self, recording: Recording) -> None:
+        """What holds for the whole run: edges, and the colours of the lane."""
+        recording.log(Paths.MACHINE, rr.GraphEdges(self._edges, graph_type="directed"), static=True)
+        names = list(self.nodes)
+        colors = [color(name) for name in names]
+        recording.log(Paths.NODE, rr.StateConfiguration(values=names, labels=names, colors=colors), static=True)
+
+    def show(self, recording: Recording) -> None:
+        """The machine as it stands, and the active node in the lane."""
+        looks: dict[str, Any] = {
+            "labels": [self._label(node) for node in self.nodes],
+            "colors": [color(node) if node == self._active else QUIET for node in self.nodes],
+        }
+        if self.nodes != self._placed:
+            spots = list(places(self.nodes).values())
+            recording.log(Paths.MACHINE, rr.GraphNodes(self.nodes, positions=spots, show_labels=True, **looks))
+            self._placed = self.nodes
+        else:
+            recording.row(Paths.MACHINE, rr.GraphNodes, **looks)
+        if self._active:
+            recording.row(Paths.NODE, rr.StateChange, state=[self._active])
+
+    def _label(self, node: str) -> str:
+        visits = self._visits.get(node, 0)
+        return f"{'● ' if node == self._active else ''}{node}{f' ×{visits}' if visits else ''}"

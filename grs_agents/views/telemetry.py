@@ -1,0 +1,191 @@
+"""A run as OpenTelemetry spans with the semantic conventions for generative AI (attributes ``gen_ai.*``).
+
+Any backend that speaks OTLP shows the same tree: the run, its nodes, and in each node its model calls, tools and
+decisions. Spans are made from events, live or later, with the events' own times.
+"""
+
+import importlib
+import json
+from typing import Any
+
+from grs_agents.errors import ConfigError
+from grs_agents.trace import (
+    Decision,
+    Event,
+    Finding,
+    NodeEnded,
+    NodeStarted,
+    Note,
+    ProgramVersion,
+    Prompt,
+    Reply,
+    Rollout,
+    RunEnded,
+    RunStarted,
+    TestsRun,
+)
+from grs_agents.views.common.steps import phrase
+
+_PROVIDERS = {"openai": "openai", "anthropic": "anthropic", "google": "gcp.gemini", "ollama": "ollama"}
+_SCOPE = "grs_agents"
+
+
+def otlp_provider() -> Any:
+    """A tracer provider that sends spans over OTLP/HTTP to where the standard ``OTEL_*`` variables say.
+
+    Raises:
+        ConfigError: the extra is not installed.
+    """
+    try:
+        trace = importlib.import_module("opentelemetry.sdk.trace")
+        export = importlib.import_module("opentelemetry.sdk.trace.export")
+        resources = importlib.import_module("opentelemetry.sdk.resources")
+        otlp = importlib.import_module("opentelemetry.exporter.otlp.proto.http.trace_exporter")
+    except ImportError as error:
+        raise ConfigError("OpenTelemetry is not installed", 'pip install "grs-agents[otel]"') from error
+    provider = trace.TracerProvider(resource=resources.Resource.create({"service.name": "grs-agents"}))
+    provider.add_span_processor(export.BatchSpanProcessor(otlp.OTLPSpanExporter()))
+    return provider
+
+
+class SpanView:
+    """A subscriber of the event log that tells a run as spans.
+
+    Args:
+        provider: an OpenTelemetry ``TracerProvider``.
+        content: whether prompts and replies go along; they hold what the user's photo shows.
+    """
+
+    def __init__(self, provider: Any, content: bool = True) -> None:
+        self._provider, self._content = provider, content
+        self._trace = importlib.import_module("opentelemetry.trace")
+        self._tracer = provider.get_tracer(_SCOPE)
+        self._run: Any = None
+        self._node: Any = None
+        self._prompts: dict[str, Prompt] = {}
+        self._last = 0
+
+    def __call__(self, event: Event) -> None:
+        """Take in one event."""
+        self._last = round(event.time * 1e9)
+        match event:
+            case RunStarted():
+                self._close()
+                shown = {"gen_ai.conversation.id": event.run_id, "grs.graph": event.graph, "grs.seed": event.seed}
+                self._run = self._start(f"invoke_agent {event.graph}", None, _agent("grs") | shown)
+            case NodeStarted():
+                self._end(self._node)
+                shown = _agent(event.node) | {"grs.visit": event.visit, "grs.attempt": event.attempt}
+                self._node = self._start(f"invoke_agent {event.node}", self._run, shown)
+            case NodeEnded():
+                self._end(self._node, event.error)
+                self._node = None
+            case Prompt():
+                self._prompts[event.call] = event
+            case Reply():
+                self._call(event)
+            case RunEnded():
+                self._finish(event)
+            case _:
+                self._tell(event)
+
+    def finish(self) -> None:
+        """End what is open and send what is left."""
+        self._close()
+        self._provider.force_flush()
+        self._provider.shutdown()
+
+    def _start(
+        self, name: str, parent: Any, attributes: dict[str, Any], at: int | None = None, kind: str = "INTERNAL"
+    ) -> Any:
+        context = self._trace.set_span_in_context(parent) if parent is not None else None
+        return self._tracer.start_span(
+            name, context=context, kind=getattr(self._trace.SpanKind, kind), attributes=attributes,
+            start_time=at or self._last,
+        )  # fmt: skip
+
+    def _end(self, span: Any, error: str = "") -> None:
+        if span is None:
+            return
+        if error:
+            span.set_status(self._trace.Status(self._trace.StatusCode.ERROR, error))
+            span.set_attribute("error.type", error.partition(":")[0])
+        span.end(end_time=self._last)
+
+    def _close(self) -> None:
+        self._end(self._node)
+        self._end(self._run)
+        self._node = self._run = None
+
+    def _finish(self, event: RunEnded) -> None:
+        if self._run is not None:
+            self._run.set_attributes({"grs.status": event.status, "grs.reason": event.reason})
+        self._end(self._node)
+        self._end(self._run, event.reason if event.status == "failed" else "")
+        self._node = self._run = None
+
+    def _call(self, event: Reply) -> None:
+        """A model call: one span from its prompt to its reply."""
+        asked = self._prompts.pop(event.call, None)
+        provider, _, name = event.model.rpartition(":")
+        attributes: dict[str, Any] = {
+            "gen_ai.operation.name": "chat",
+            "gen_ai.provider.name": _PROVIDERS.get(provider, provider or "grs"),
+            "gen_ai.request.model": name,
+            "gen_ai.agent.name": event.role,
+            "gen_ai.usage.input_tokens": event.input_tokens,
+            "gen_ai.usage.output_tokens": event.output_tokens,
+            "gen_ai.usage.cache_read.input_tokens": event.cached_tokens,
+        }
+        if event.finish_reason:
+            attributes["gen_ai.response.finish_reasons"] = [event.finish_reason]
+        if event.cost is not None:
+            attributes["grs.cost_usd"] = event.cost
+        if self._content:
+            if asked is not None:
+                attributes["gen_ai.input.messages"] = _message("user", asked.text)
+            attributes["gen_ai.output.messages"] = _message("assistant", event.text, event.finish_reason or "stop")
+        begin = round(asked.time * 1e9) if asked else self._last - round(event.seconds * 1e9)
+        self._end(self._start(f"chat {name}", self._node or self._run, attributes, begin, "CLIENT"), event.error)
+
+    def _tell(self, event: Event) -> None:
+        """Whatever else happens is an event of the node's span; a rollout and a test run are tools."""
+        span = self._node or self._run
+        if span is None:
+            return
+        if isinstance(event, TestsRun | Rollout):
+            tool = "run_tests" if isinstance(event, TestsRun) else "rollout"
+            seconds = float(event.report.get("seconds") or 0) if isinstance(event, TestsRun) else 0.0
+            named = {"gen_ai.operation.name": "execute_tool", "gen_ai.tool.name": tool, "grs.result": phrase(event)}
+            begin = self._last - round(seconds * 1e9)
+            self._end(self._start(f"execute_tool {tool}", span, named, begin))
+            return
+        values = _values(event)
+        if values:
+            span.add_event(f"grs.{event.kind}", values, timestamp=self._last)
+
+
+def _agent(name: str) -> dict[str, Any]:
+    return {"gen_ai.operation.name": "invoke_agent", "gen_ai.agent.name": name}
+
+
+def _message(role: str, text: str, finish: str = "") -> str:
+    """One message in the form that the conventions give for attributes."""
+    message: dict[str, Any] = {"role": role, "parts": [{"type": "text", "content": text}]}
+    return json.dumps([message | ({"finish_reason": finish} if finish else {})], ensure_ascii=False)
+
+
+def _values(event: Event) -> dict[str, Any]:
+    match event:
+        case Decision():
+            found: dict[str, Any] = {"verdict": event.verdict, "explanation": event.explanation, "policy": event.policy}
+        case Finding():
+            found = {"check": event.check, "passed": event.passed, "detail": event.detail}
+        case ProgramVersion():
+            found = {"program": event.program, "number": event.number, "sha256": event.sha256, "diff": event.diff}
+        case Note():
+            found = {"level": event.level, "text": event.text}
+        case _:
+            text = phrase(event)
+            found = {"text": text} if text else {}
+    return found

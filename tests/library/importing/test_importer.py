@@ -1,0 +1,200 @@
+"""Importing whole sources through the door: what comes out, what is refused, and that it goes on."""
+
+from pathlib import Path
+
+import pytest
+
+from grs_agents.library import Library
+from grs_agents.library.importing.archives import opened
+from grs_agents.library.importing.drop_test import colliders_of, rest, verify
+from grs_agents.library.importing.importer import Importing
+from grs_agents.library.importing.journal import Journal
+from grs_agents.library.importing.types import ImportOptions, Outcome
+from grs_agents.library.importing.writing import view_path
+from tests.library.importing import models
+
+
+def run(
+    source: Path, root: Path, collection: str = "mine", again: bool = False, faces: int = 12_000
+) -> dict[str, tuple[Outcome, bool]]:
+    """Import a source; each outcome by its item's name, and whether it was known before."""
+    told: dict[str, tuple[Outcome, bool]] = {}
+    options = ImportOptions(faces=faces)
+    with opened(str(source), options) as found:
+        order = Importing(root, collection, options, Library().assets(), again)
+        order.run(found, lambda outcome, old: told.update({outcome.item: (outcome, old)}))
+    return told
+
+
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, tuple[Outcome, bool]]]:
+    """A mixed folder with a copy and a broken file, imported once."""
+    source, root = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("root")
+    models.write_many(source)
+    (source / "copy.ply").write_bytes((source / "bowl.ply").read_bytes())
+    (source / "broken.obj").write_text("v 0 0 0\n")
+    return root, run(source, root)
+
+
+def test_a_mixed_folder_is_imported_and_what_is_broken_is_refused(
+    imported: tuple[Path, dict[str, tuple[Outcome, bool]]],
+) -> None:
+    _, told = imported
+    states = {name: outcome.status for name, (outcome, _) in told.items()}
+    assert states == {
+        "block": "imported", "bowl": "imported", "broken": "refused", "can": "imported", "carton": "imported",
+        "copy": "duplicate", "crate": "imported", "tin": "imported",
+    }  # fmt: skip
+    assert "same files as mine/bowl.urdf" in told["copy"][0].reason
+    assert "broken.obj" in told["broken"][0].reason
+
+
+def test_every_import_is_whole_and_rests_two_seconds_on_a_table(
+    imported: tuple[Path, dict[str, tuple[Outcome, bool]]],
+) -> None:
+    library = Library(imported[0])
+    assert len(library.assets()) == 6
+    for asset in library.assets():
+        verdict = verify(library, asset)
+        assert verdict.ok and verdict.rests, verdict
+        assert all(view_path(imported[0], asset.name, number).is_file() for number in range(3))
+
+
+def test_units_up_axes_and_sizes_are_metric(imported: tuple[Path, dict[str, tuple[Outcome, bool]]]) -> None:
+    library = Library(imported[0])
+    sizes = {asset.kind: asset.size for asset in library.assets()}
+    assert sizes["tin"] == pytest.approx((0.066, 0.066, 0.08), abs=1e-3)  # millimetres
+    assert sizes["crate"] == pytest.approx((0.06, 0.10, 0.16), abs=1e-4)  # glTF has y up
+    assert sizes["can"] == pytest.approx((0.066, 0.066, 0.084), abs=1e-4)
+    assert sizes["bowl"] == pytest.approx((0.16, 0.16, 0.06), abs=2e-3)
+
+
+def test_physics_tell_where_they_come_from(imported: tuple[Path, dict[str, tuple[Outcome, bool]]]) -> None:
+    physics = {asset.kind: asset.physical() for asset in Library(imported[0]).assets()}
+    assert physics["block"].mass.value == 0.4
+    assert physics["block"].mass.provenance == "catalogue"
+    assert physics["block"].friction.value == 0.9
+    assert physics["bowl"].mass.provenance == "estimate"
+    assert physics["crate"].mass.provenance == "default"
+    assert physics["crate"].mass.deviation > physics["bowl"].mass.deviation > physics["block"].mass.deviation
+
+
+def test_a_bowl_is_hollow_and_a_box_is_not(imported: tuple[Path, dict[str, tuple[Outcome, bool]]]) -> None:
+    hollow = {asset.kind for asset in Library(imported[0]).assets() if asset.hollow}
+    assert hollow == {"bowl"}
+
+
+def test_colours_come_from_textures_and_materials(imported: tuple[Path, dict[str, tuple[Outcome, bool]]]) -> None:
+    colors = {asset.kind: asset.color for asset in Library(imported[0]).assets()}
+    assert colors["crate"] == "green" and colors["block"] == "yellow" and colors["carton"] in ("red", "blue")
+
+
+def test_a_second_import_goes_on_where_the_first_ended(tmp_path: Path) -> None:
+    source, root = tmp_path / "source", tmp_path / "root"
+    models.textured_box(source, "one", (0.05, 0.06, 0.07))
+    models.picture(source / "texture_map.png")
+    assert not run(source, root)["one"][1]
+    journal = Journal(root, "mine").path
+    journal.write_bytes(journal.read_bytes() + b'{"item": "two", "sour')  # stopped while it wrote
+    models.textured_box(source, "two", (0.04, 0.06, 0.12))
+    told = run(source, root)
+    assert told["one"][1] and not told["two"][1]
+    (root / "mine" / "meshes" / "one.obj").unlink()
+    told = run(source, root)
+    assert not told["one"][1] and told["two"][1]
+    assert [asset.kind for asset in Library(root).assets()] == ["one", "two"]
+    models.picture(source / "texture_map.png", models.BLUE, models.BLUE)
+    assert not any(old for _, old in run(source, root).values())
+
+
+def test_the_same_shape_is_a_copy_only_with_the_same_look(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    for name in ("first", "second", "third"):
+        models.textured_box(source / name, name, (0.05, 0.06, 0.07), f"{name}.png")
+    models.picture(source / "first" / "first.png")
+    models.picture(source / "second" / "second.png", (222, 31, 29), (31, 60, 201))
+    models.picture(source / "third" / "third.png", (20, 200, 40), (20, 200, 40))
+    told = run(source, tmp_path / "root")
+    assert told["second"][0].status == "duplicate" and "shape and look" in told["second"][0].reason
+    assert told["third"][0].status == "imported" and "has the shape of mine/first.urdf" in told["third"][0].notes[-1]
+    assert not (tmp_path / "root" / "mine" / "second.urdf").exists()
+
+
+def test_known_layouts_are_read_as_what_they_are(tmp_path: Path) -> None:
+    source, root = tmp_path / "source", tmp_path / "root"
+    models.write_ycb(source / "ycb")
+    models.write_gso(source / "gso")
+    models.write_hope(source / "hope")
+    told = run(source, root)
+    assert set(told) == {"006_mustard_bottle", "Red_Block_Toy", "milk", "bbq_sauce", "cookies"}
+    assets = {asset.kind: asset for asset in Library(root).assets()}
+    mustard, block, milk = assets["006_mustard_bottle"], assets["Red_Block_Toy"], assets["milk"]
+    assert mustard.mass == 0.603 and mustard.physical().mass.provenance == "measured"
+    assert block.color == "red" and block.origin is not None and block.origin.license == "CC-BY-4.0"
+    assert milk.size == pytest.approx((0.072, 0.073, 0.19), abs=1e-4)
+    assert milk.origin is not None and milk.origin.license == "CC-BY-NC-SA-4.0"
+    assert assets["bbq_sauce"].size[2] == pytest.approx(0.148, abs=1e-4)  # z is up in this one
+    assert assets["cookies"].size == pytest.approx((0.123, 0.04, 0.167), abs=1e-4)
+    for asset in assets.values():
+        assert rest(colliders_of(Library(root), Library(root).model(asset.name)), asset.mass, 0.6).stable
+
+
+def test_a_dae_says_its_unit_and_what_is_up(tmp_path: Path) -> None:
+    towers = {
+        "Y_UP": ("0.01", (0.06, 0.20, 0.08)),
+        "Z_UP": ("0.001", (0.06, 0.08, 0.21)),
+        "X_UP": ("1", (0.22, 0.06, 0.08)),
+    }
+    for up, (meter, size) in towers.items():
+        x, y, z = (extent / float(meter) for extent in size)
+        models.write_dae(tmp_path / "source" / f"{up}.dae", (x, y, z), meter, up)
+    told = run(tmp_path / "source", tmp_path / "root")
+    assert len(told) == 3
+    for up, (_, size) in towers.items():
+        asset = told[up][0].asset
+        assert asset is not None, told[up][0].reason
+        assert (asset.size[2], asset.color) == (pytest.approx(max(size), abs=1e-4), "red")
+        assert sorted(asset.size) == pytest.approx(sorted(size), abs=1e-4)
+        assert not told[up][0].notes
+
+
+def test_with_the_real_packages_a_fine_bowl_is_made_simpler_and_stays_hollow(tmp_path: Path) -> None:
+    (tmp_path / "source").mkdir()
+    bowl = models.bowl()
+    bowl.subdivide_to_size(0.02).export(tmp_path / "source" / "bowl.ply")
+    ((outcome, _),) = run(tmp_path / "source", tmp_path / "root", faces=600).values()
+    assert outcome.asset is not None and outcome.asset.hollow, outcome.reason
+    assert any("faces became" in note for note in outcome.notes)
+    model = Library(tmp_path / "root").model(outcome.asset.name)
+    assert 4 <= len(model.colliders) <= 16
+
+
+def test_malformed_files_are_refused_by_name_and_the_rest_goes_on(tmp_path: Path) -> None:
+    source, root = tmp_path / "source", tmp_path / "root"
+    reasons = models.write_malformed(source)
+    models.textured_box(source / "good", "good", (0.05, 0.06, 0.07))
+    models.picture(source / "good" / "texture_map.png")
+    told = {outcome.source: outcome for outcome, _ in run(source, root).values()}
+    assert told.pop("good/good.obj").status == "imported"
+    assert set(reasons) <= set(told)
+    for name, reason in reasons.items():
+        assert told[name].status == "refused", name
+        assert reason in told[name].reason, told[name].reason
+    assert [asset.kind for asset in Library(root).assets()] == ["good"]
+
+
+def test_a_bomb_among_archives_is_refused_and_the_others_are_unpacked(tmp_path: Path) -> None:
+    source, home = tmp_path / "source", tmp_path / "home"
+    models.textured_box(home, "crate", (0.05, 0.06, 0.07))
+    models.picture(home / "texture_map.png")
+    source.mkdir()
+    models.zipped(source / "good.zip", {file.name: file.read_bytes() for file in home.iterdir()})
+    models.zip_bomb(source / "bomb.zip")
+    models.zipped(source / "slip.zip", {"../../outside.obj": b"v 0 0 0\n"})
+    (source / "noise.zip").write_bytes(b"PK nothing")
+    told = {name: outcome for name, (outcome, _) in run(source, tmp_path / "root").items()}
+    assert told["crate"].status == "imported"
+    assert "unpacks to more than" in told["bomb.zip"].reason
+    assert "leaves the folder" in told["slip.zip"].reason
+    assert told["noise.zip"].status == "refused"
+    assert not (tmp_path.parent / "outside.obj").exists()

@@ -1,0 +1,17 @@
+"""Names of colours."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grs_agents.library.colors import COLORS, color_name
+
+
+@pytest.mark.parametrize("name", COLORS)
+def test_every_colour_of_the_palette_has_its_own_name(name: str) -> None:
+    assert color_name(COLORS[name]) == name
+
+
+@given(st.tuples(*[st.floats(0, 1)] * 3))
+def test_every_colour_has_a_name_of_the_palette(rgb: tuple[float, float, float]) -> None:
+    assert color_name(rgb) in COLORS

@@ -1,0 +1,73 @@
+"""From a candidate and the agents' words to an object of the scene."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from grs_agents.agents import Description
+from grs_agents.library import Library
+from grs_agents.nodes.authoring import fixtures_for_prompt, scene_for_prompt
+from grs_agents.nodes.scene_objects import Matched, drop_reason, object_of
+from grs_agents.nodes.services import Services
+from grs_agents.perception import CandidateRecord, MatchEvidence, SceneDescription
+
+RECORD = CandidateRecord.model_validate(
+    {
+        "id": 4,
+        "mask": "scene/mask_04.png",
+        "crop": "scene/crop_04.png",
+        "box": {"low": (0.45, 0.05, 0.0), "high": (0.55, 0.15, 0.19)},
+        "upright": {"center": (0.5, 0.1, 0.095), "size": (0.073, 0.072, 0.19), "yaw": 0.3},
+        "color": (0.9, 0.9, 1.0),
+        "shape": "box",
+        "points": 900,
+    }
+)
+WORDS = Description(is_object=True, description="a white carton", color="white", shape="box", category="carton")
+
+
+@pytest.fixture
+def services(tmp_path: Path) -> Services:
+    """As much of the services as matching uses."""
+    return cast(Services, SimpleNamespace(folder=tmp_path, library=Library()))
+
+
+def test_a_match_stands_where_the_photo_shows_it(services: Services) -> None:
+    reply = MatchEvidence(match="asset", asset="HOPE/Milk.urdf", reason="size and colour", confidence=0.9)
+    found = object_of(Matched(RECORD, WORDS, reply), services, [])
+    assert (found.name, found.asset, found.matched, found.reachable) == ("milk_1", "HOPE/Milk.urdf", True, True)
+    assert found.position == pytest.approx((0.5, 0.1, 0.095), abs=0.002)
+    assert found.evidence == "size and colour"
+    assert found.match == reply
+
+
+def test_what_nothing_matches_becomes_a_proxy(services: Services) -> None:
+    reply = MatchEvidence(match="no_asset", reason="nothing alike")
+    found = object_of(Matched(RECORD, WORDS, reply), services, ["white_carton_1"])
+    assert (found.name, found.asset, found.matched) == ("white_carton_2", "proxy/white_carton_2.urdf", False)
+    assert found.size == pytest.approx((0.073, 0.072, 0.19))
+    library = Library().overlay(services.folder / "assets")
+    assert library.asset(found.asset).description == "a white carton"
+
+
+def test_what_is_no_object_is_dropped_with_a_reason() -> None:
+    glare = WORDS.model_copy(update={"is_object": False, "description": "a glare"})
+    assert "glare" in drop_reason(Matched(RECORD, glare, None))
+    assert "shadow" in drop_reason(Matched(RECORD, WORDS, MatchEvidence(match="no_object", reason="a shadow")))
+    lacking = Matched(RECORD, WORDS, MatchEvidence(match="no_asset"))
+    assert drop_reason(lacking) == ""
+    assert "match.proxies" in drop_reason(lacking, proxies=False)
+
+
+def test_prompts_tell_the_scene_and_the_fixtures(services: Services) -> None:
+    found = object_of(Matched(RECORD, WORDS, MatchEvidence(match="asset", asset="HOPE/Milk.urdf")), services, [])
+    frame: dict[str, Any] = {"T_robot_cam": ((1.0,),), "origin": "calibrated", "residual": 0.0, "inliers": 1.0}
+    scene = SceneDescription.model_validate({"source": "s", "image": "i", "frame": frame, "objects": (found,)})
+    told = scene_for_prompt(scene, services.library)
+    assert told["objects"][0]["asset"] == "HOPE/Milk.urdf"
+    assert told["objects"][0]["hollow"] is False
+    assert {"container/container-template.urdf", "zone/zone.urdf"} <= {
+        fixture["name"] for fixture in fixtures_for_prompt(services.library)
+    }

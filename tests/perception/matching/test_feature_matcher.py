@@ -1,0 +1,113 @@
+"""Matching by features and by a model, on a small synthesised scene with its true masks."""
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grs_agents.errors import ConfigError
+from grs_agents.library import Library
+from grs_agents.library.asset import Manifest
+from grs_agents.perception import MatchEvidence, Shown
+from grs_agents.perception.matching.clip_matcher import Picture, by_clip, open_clip_embedder
+from grs_agents.perception.matching.feature_matcher import by_features, offered
+from grs_agents.perception.matching.model_matcher import by_both, by_model, shuffled
+from grs_agents.perception.matching.types import MatchRequest, Segment
+from grs_agents.synth import Recipe
+from tests.perception.matching.photo import request_of, unasked
+
+LIBRARY = Library()
+
+
+@pytest.fixture(scope="module")
+def photo() -> tuple[MatchRequest, dict[int, str]]:
+    """Three things of the library and a strange one, with the names of the assets by segment."""
+    return request_of(Recipe(seed=3, objects=4, distractors=1, tilt=45, width=480, height=360), LIBRARY)
+
+
+def test_features_find_most_assets_and_leave_the_strange_alone(photo: tuple[MatchRequest, dict[int, str]]) -> None:
+    request, names = photo
+    found = by_features(request, LIBRARY, "match_features").matches
+    right = [number for number, name in names.items() if name and found[number].asset == name]
+    assert len(right) >= 2
+    for number in right:
+        answer = found[number]
+        assert answer.method == "match_features"
+        assert answer.confidence is not None
+        assert 0.3 < answer.confidence <= 1
+        assert answer.runner_up != answer.asset
+        assert sum(answer.scores.values()) <= 1 + 1e-3
+        assert "mm off the points" in answer.reason
+    assert all(found[number].asset is None for number, name in names.items() if not name)
+
+
+def test_a_sliver_is_no_object(photo: tuple[MatchRequest, dict[int, str]]) -> None:
+    request, _ = photo
+    one = request.segments[0]
+    flat = one.upright.model_copy(update={"size": (0.1, 0.05, 0.002)})
+    thin = Segment(one.id, one.mask, flat, one.crop, one.points)
+    alone = MatchRequest([thin], request.frame, request.table, unasked)
+    assert by_features(alone, LIBRARY, "match_features").matches[one.id].match == "no_object"
+
+
+def test_a_model_is_shown_everything_in_a_seeded_order(photo: tuple[MatchRequest, dict[int, str]]) -> None:
+    request, _ = photo
+    told: list[tuple[int, list[str], bool, bool]] = []
+
+    def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
+        told.append((segment.id, [one.name for one in assets], worded, pictured))
+        return MatchEvidence(match="asset", asset=assets[0].name, reason="the first")
+
+    asked = MatchRequest(request.segments, request.frame, request.table, ask, seed=4)
+    found = by_model(asked, LIBRARY, "match_image", worded=False, pictured=True).matches
+    everything = sorted(one.name for one in offered(LIBRARY))
+    assert all(sorted(names) == everything and not worded and pictured for _, names, worded, pictured in told)
+    assert len({tuple(names) for _, names, _, _ in told}) == len(told)
+    assert {one.method for one in found.values()} == {"match_image"}
+    assert shuffled(offered(LIBRARY), 4, 1) == shuffled(offered(LIBRARY), 4, 1)
+
+
+def test_the_hybrid_shows_five(photo: tuple[MatchRequest, dict[int, str]]) -> None:
+    request, _ = photo
+    counts: list[int] = []
+
+    def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
+        counts.append(len(assets))
+        return MatchEvidence(match="no_object", reason="a shadow")
+
+    asked = MatchRequest(request.segments[:1], request.frame, request.table, ask)
+    found = by_both(asked, LIBRARY, "match_hybrid").matches
+    assert counts == [5]
+    assert [one.match for one in found.values()] == ["no_object"]
+
+
+def test_clip_takes_the_most_similar_or_none(photo: tuple[MatchRequest, dict[int, str]], tmp_path: Path) -> None:
+    request, _ = photo
+    names = ("HOPE/Corn.urdf", "HOPE/Milk.urdf", "HOPE/Mustard.urdf")  # drawing all assets takes 13 s
+    shutil.copytree(LIBRARY.roots[0] / "HOPE", tmp_path / "HOPE")
+    manifest = Manifest(assets=tuple(LIBRARY.asset(name) for name in names))
+    (tmp_path / "manifest.json").write_text(manifest.model_dump_json())
+    few = Library(tmp_path)
+
+    def colors(pictures: Sequence[Picture]) -> np.ndarray:
+        means = np.array([picture.reshape(-1, 3).mean(axis=0) for picture in pictures]) + 1.0
+        return means / np.linalg.norm(means, axis=1, keepdims=True)
+
+    alike = by_clip(request, few, colors).matches
+    assert all(
+        one.match == "asset" and one.scores[one.asset or ""] >= 0.5 and one.asset in names for one in alike.values()
+    )
+
+    def opposite(pictures: Sequence[Picture]) -> np.ndarray:
+        return colors(pictures) * (-1.0 if len(pictures) == len(request.segments) else 1.0)
+
+    assert all(one.match == "no_object" for one in by_clip(request, few, opposite).matches.values())
+
+
+def test_clip_without_weights_says_how_to_get_them(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"match\.model"):
+        open_clip_embedder(None)
+    with pytest.raises(ConfigError, match="open_clip_config"):
+        open_clip_embedder(str(tmp_path))

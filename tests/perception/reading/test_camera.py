@@ -1,0 +1,143 @@
+"""``camera.json`` as other tools write it: understood, told in the notes, or refused with the likely meaning."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from grs_agents.errors import InputError
+from grs_agents.perception import RGBDFrame, read_scene
+from tests.perception.reading.conftest import FORMS, Truth, png
+
+POSE = [[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0.5], [0, 0, 0, 1]]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, truth: Truth) -> Path:
+    """A scene folder with a complete ``camera.json``."""
+    return FORMS["folder"](tmp_path, truth)
+
+
+def camera_in(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "camera.json").read_text())
+
+
+def read_with(folder: Path, *without: str, **values: object) -> RGBDFrame:
+    """The scene after a change of its ``camera.json``."""
+    told = {key: value for key, value in camera_in(folder).items() if key not in without}
+    (folder / "camera.json").write_text(json.dumps(told | values))
+    return read_scene(folder)
+
+
+def matrix_of(folder: Path) -> list[list[float]]:
+    told = camera_in(folder)
+    return [[told["fx"], 0, told["cx"]], [0, told["fy"], told["cy"]], [0, 0, 1]]
+
+
+@pytest.mark.parametrize("key", ["K", "k"])
+@pytest.mark.parametrize("flat", [True, False])
+def test_the_intrinsic_matrix_stands_for_its_numbers(folder: Path, key: str, flat: bool) -> None:
+    plain, matrix = read_scene(folder), matrix_of(folder)
+    value = [number for row in matrix for number in row] if flat else matrix
+    found = read_with(folder, "fx", "fy", "cx", "cy", **{key: value})
+    assert found.camera == plain.camera
+    assert not found.notes
+
+
+def test_a_matrix_and_numbers_that_disagree_are_refused(folder: Path) -> None:
+    matrix = matrix_of(folder)
+    assert read_with(folder, K=matrix).camera.fx == matrix[0][0]
+    matrix[0][0] += 1
+    with pytest.raises(InputError, match="K says fx = 61, but fx = 60"):
+        read_with(folder, K=matrix)
+
+
+@pytest.mark.parametrize("matrix", [[1, 2], "wide", [[60, 0, 0], [0, 60, 0], [30, 20, 1]], [[[60.0]]] * 9])
+def test_what_is_no_matrix_is_refused(folder: Path, matrix: object) -> None:
+    with pytest.raises(InputError, match=r"camera\.json: K = "):
+        read_with(folder, "fx", "fy", "cx", "cy", K=matrix)
+
+
+@pytest.mark.parametrize("key", ["D", "d", "distortion", "distortion_coefficients"])
+def test_a_distorted_lens_is_refused_and_one_that_is_not_is_read(folder: Path, key: str) -> None:
+    plain = read_scene(folder)
+    for zero in ([0.0] * 5, [], [[0, 0, 0, 0]]):
+        found = read_with(folder, **{key: zero})
+        assert (found.camera, found.notes) == (plain.camera, ())
+    with pytest.raises(InputError, match=f"{key} = .*distorted") as caught:
+        read_with(folder, **{key: [0.1, -0.2, 0, 0, 0]})
+    assert "rectify" in caught.value.remedy
+
+
+def test_a_convention_other_than_opencvs_is_refused_with_a_calibration(folder: Path) -> None:
+    assert not read_with(folder, T_robot_cam=POSE, convention="OpenCV").notes
+    with pytest.raises(InputError, match="convention = 'opengl'") as caught:
+        read_with(folder, T_robot_cam=POSE, convention="opengl")
+    assert "second and third columns" in caught.value.remedy
+    assert "'convention'" in str(read_with(folder, "T_robot_cam", convention="opengl").notes)
+
+
+def test_keys_that_say_nothing_are_told(folder: Path) -> None:
+    plain = read_scene(folder)
+    found = read_with(folder, serial="0815", **{"fps\x1b[31m": 30})
+    assert found.camera == plain.camera
+    (note,) = found.notes
+    assert "'serial'" in note
+    assert "\x1b" not in note
+
+
+@pytest.mark.parametrize(
+    ("missing", "key"),
+    [
+        ("depth_scale", "depthscale"),
+        ("depth_scale", "depth_factor"),
+        ("width", "image_width"),
+        ("cx", "ppx"),
+        ("T_robot_cam", "T_robot_camera"),
+        ("T_robot_cam", "extrinsics"),
+    ],
+)
+def test_another_name_of_a_missing_key_is_refused_with_its_own(folder: Path, missing: str, key: str) -> None:
+    value = (camera_in(folder) | {"T_robot_cam": POSE})[missing]
+    with pytest.raises(InputError, match=f"'{key}', and {missing} is missing") as caught:
+        read_with(folder, missing, **{key: value})
+    assert f"give {missing}: " in caught.value.remedy
+    assert read_with(folder, key, **{missing: value, "serial": 1})
+
+
+def test_millimetres_are_inferred_where_they_are_plausible_and_told(folder: Path) -> None:
+    plain = read_scene(folder)
+    found = read_with(folder, "depth_scale")
+    assert np.array_equal(found.depth, plain.depth)
+    (note,) = found.notes
+    assert "no depth_scale" in note and "0.001" in note
+
+
+@pytest.mark.parametrize("units_per_metre", [5000, 10000])
+def test_a_unit_that_is_not_plausible_must_be_given(folder: Path, truth: Truth, units_per_metre: int) -> None:
+    (folder / "depth.png").write_bytes(png(np.rint(truth.depth * units_per_metre).astype(np.uint16)))
+    with pytest.raises(InputError, match="depth_scale is missing, and with millimetres") as caught:
+        read_with(folder, "depth_scale")
+    assert "depth_scale" in caught.value.remedy
+    assert np.abs(read_with(folder, depth_scale=1 / units_per_metre).depth - truth.depth).max() < 1e-3
+
+
+def test_integers_of_another_size_have_no_usual_unit(folder: Path, truth: Truth) -> None:
+    (folder / "depth.png").unlink()
+    np.save(folder / "depth.npy", np.rint(truth.depth * 1000).astype(np.int32))
+    with pytest.raises(InputError, match="depth_scale is missing, and integers of type int32"):
+        read_with(folder, "depth_scale")
+
+
+@pytest.mark.parametrize("name", ["image.png", "photo.jpg"])
+def test_a_picture_that_may_be_the_photo_is_suggested(folder: Path, truth: Truth, name: str) -> None:
+    (folder / "rgb.png").unlink()
+    with pytest.raises(InputError, match=r"rgb\.png does not exist; put"):
+        read_scene(folder)
+    cv2.imwrite(str(folder / name), truth.rgb)
+    with pytest.raises(InputError, match=f"'{name}' is there") as caught:
+        read_scene(folder)
+    assert f"rename it to rgb{Path(name).suffix}" in caught.value.remedy

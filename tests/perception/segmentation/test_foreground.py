@@ -1,0 +1,68 @@
+"""What stands on the table, and nothing else."""
+
+import numpy as np
+
+from grs_agents.perception import find_table
+from grs_agents.perception.segmentation.patches import foreground, jumps, smoothed
+from grs_agents.perception.table import robot_points
+from tests.perception.conftest import Rendered, Thing, render
+
+
+def _foreground(scene: Rendered) -> np.ndarray:
+    smooth = smoothed(scene.frame)
+    table = find_table(scene.frame, np.random.default_rng(0))
+    return foreground(robot_points(smooth, table), smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
+
+
+def test_the_foreground_is_the_things(rendered: Rendered) -> None:
+    found, truth = _foreground(rendered), rendered.labels > 0
+    assert (found & truth).sum() > 0.85 * (found | truth).sum()  # a floor of 5 mm counts as table here
+
+
+def test_a_table_that_things_cut_into_pieces_stays_one() -> None:
+    wall = [Thing("box", (0.45, 0.1 * i), (0.05, 0.098, 0.12)) for i in range(-4, 5)]
+    scene = render([*wall, Thing("box", (0.75, 0.1), (0.08, 0.08, 0.1))])
+    found = _foreground(scene)
+    assert found[scene.labels == 10].mean() > 0.9
+
+
+def test_a_heap_that_hides_half_a_metre_of_the_table_leaves_it_one() -> None:
+    wall = [Thing("box", (0.4, 0.1 * i), (0.16, 0.098, 0.25)) for i in range(-7, 8)]
+    scene = render([*wall, Thing("box", (1.0, 0.1), (0.08, 0.08, 0.1))])
+    found = _foreground(scene)
+    assert found[scene.labels == len(wall) + 1].mean() > 0.9
+
+
+def test_another_table_of_the_same_height_is_left_out_where_the_gap_is_seen() -> None:
+    tables = [Thing("box", (0.35, 0.0), (0.4, 0.9, 0.5)), Thing("box", (0.83, 0.0), (0.3, 0.9, 0.5))]
+    on_them = [
+        Thing("box", (0.4, 0.1), (0.1, 0.1, 0.1), bottom=0.5),
+        Thing("box", (0.85, 0.0), (0.1, 0.1, 0.1), bottom=0.5),
+    ]
+    scene = render([*tables, *on_them], eye=(-0.6, 0.0, 1.35))
+    found = _foreground(scene)
+    assert found[scene.labels == 3].mean() > 0.9
+    assert found[scene.labels == 4].mean() < 0.05
+
+
+def test_what_lies_beyond_the_table_is_left_out() -> None:
+    scene = render([Thing("box", (0.5, 0.0), (0.1, 0.1, 0.1)), Thing("box", (1.5, 0.0), (0.3, 0.9, 0.3))])
+    found = _foreground(scene)
+    assert found[scene.labels == 1].mean() > 0.9
+    assert found[scene.labels == 2].mean() < 0.05
+
+
+def test_small_holes_are_filled(rendered: Rendered) -> None:
+    depth = rendered.frame.depth.copy()
+    depth[200:202, 200:202] = 0
+    frame = type(rendered.frame)(rendered.frame.rgb, depth, rendered.frame.camera, rendered.frame.source)
+    assert (smoothed(frame).depth[200:202, 200:202] > 0).all()
+
+
+def test_jumps_lie_between_surfaces() -> None:
+    depth = np.ones((4, 6), np.float32)
+    depth[:, 3:] = 1.2
+    below, right = jumps(depth)
+    assert not below.any()
+    assert right[:, 2].all()
+    assert right.sum() == 4

@@ -1,0 +1,42 @@
+"""Arms are no objects; objects that the picture cuts are."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from grs_agents.perception import RGBDFrame, find_table, segment
+from tests.perception.conftest import THINGS, Rendered, Thing, render
+
+
+def _segment(frame: RGBDFrame) -> np.ndarray:
+    return segment(frame, find_table(frame, np.random.default_rng(0)))
+
+
+def _with_bar(scene: Rendered, rows: slice, columns: slice, near: float, far: float) -> RGBDFrame:
+    """A round bar, from ``far`` to ``near`` metres from the camera down the picture."""
+    depth = scene.frame.depth.copy()
+    across = np.linspace(-1, 1, columns.stop - columns.start)
+    axis = np.linspace(far, near, rows.stop - rows.start)[:, None]
+    depth[rows, columns] = axis - 0.04 * np.sqrt(1 - 0.9 * across**2)
+    return replace(scene.frame, depth=depth)
+
+
+def test_an_arm_from_the_near_side_is_no_object(rendered: Rendered) -> None:
+    labels = _segment(_with_bar(rendered, slice(200, 360), slice(220, 280), 0.35, 0.6))
+    assert labels.max() == len(THINGS)
+    assert not labels[210:, 235:265].any()
+
+
+def test_an_arm_from_above_is_no_object(rendered: Rendered) -> None:
+    labels = _segment(_with_bar(rendered, slice(0, 100), slice(210, 250), 0.7, 0.7))
+    assert labels.max() == len(THINGS)
+    assert not labels[10:90, 220:240].any()
+
+
+def test_a_box_that_the_picture_cuts_is_an_object() -> None:
+    scene = render([Thing("box", (0.03, 0.0), (0.16, 0.15, 0.1)), *THINGS])
+    cut = scene.labels == 1
+    assert cut[-1].any()
+    labels = _segment(scene.frame)
+    assert labels.max() == len(THINGS) + 1
+    assert np.unique(labels[cut & (labels > 0)]).size == 1

@@ -1,0 +1,60 @@
+"""Parts of one object are merged; neighbours are not."""
+
+import numpy as np
+import pytest
+
+from grs_agents.perception.segmentation.merging import covered, gap, merge_parts, part_of
+
+
+def _plate(x: float, y: float, z: float, side: float = 0.05) -> np.ndarray:
+    a, b = np.meshgrid(np.linspace(0, side, 20), np.linspace(0, side, 20))
+    return np.stack([x + a, y + b, np.full_like(a, z)], axis=-1)
+
+
+def _labels(*pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    labels = np.concatenate([np.full(piece.shape[:2], i, np.int32) for i, piece in enumerate(pieces, 1)])
+    return labels, np.concatenate(pieces)
+
+
+def test_two_level_boxes_that_touch_stay_two() -> None:
+    labels, points = _labels(_plate(0, 0, 0.1), _plate(0.05, 0, 0.1))
+    assert len(np.unique(merge_parts(labels, points))) == 2
+
+
+def test_the_near_and_far_half_of_a_bowl_are_one() -> None:
+    angle, radius = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0.03, 0.08, 20))
+    height = 0.06 * ((radius - 0.03) / 0.05)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), height + 0.01], axis=-1)
+    labels = np.where(points[..., 0] > -0.02, 1, 2).astype(np.int32)
+    assert len(np.unique(merge_parts(labels, points))) == 1
+
+
+def test_the_halves_of_a_large_open_box_are_one_though_samples_of_them_lie_apart() -> None:
+    x, y = np.meshgrid(np.linspace(0, 0.5, 120), np.linspace(0, 0.4, 110))
+    edge = np.minimum(np.minimum(x, 0.5 - x), np.minimum(y, 0.4 - y))
+    points = np.stack([x, y, np.where(edge < 0.012, 0.09, 0.012)], axis=-1)
+    labels = np.where(x < 0.25, 1, 2).astype(np.int32)
+    assert len(np.unique(merge_parts(labels, points))) == 1
+
+
+def test_a_small_cap_belongs_to_its_bottle() -> None:
+    labels, points = _labels(*(_plate(0, 0, z) for z in (0.05, 0.08, 0.1)), _plate(0.02, 0.02, 0.11, side=0.01))
+    labels[labels < 4] = 1
+    assert len(np.unique(merge_parts(labels, points))) == 1
+
+
+def test_a_box_on_a_box_stays() -> None:
+    labels, points = _labels(_plate(0, 0, 0.05, 0.2), _plate(0.05, 0.05, 0.1, 0.08))
+    assert len(np.unique(merge_parts(labels, points))) == 2
+
+
+def test_gap_and_cover_of_two_plates() -> None:
+    one, other = part_of(_plate(0, 0, 0.1).reshape(-1, 3)), part_of(_plate(0, 0, 0.13).reshape(-1, 3))
+    assert one is not None
+    assert other is not None
+    assert gap(one, other) == pytest.approx(0.03, abs=0.002)
+    assert covered(one, other) > 0.95
+
+
+def test_a_handful_of_points_is_no_part() -> None:
+    assert part_of(np.full((100, 3), np.nan)) is None

@@ -1,0 +1,42 @@
+"""The pictures that a run keeps."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from grs_agents.perception import annotate, candidates_of, find_table, save_candidates, save_frame
+from tests.perception.conftest import Rendered
+from tests.pictures import read_picture
+
+
+def test_a_frame_is_kept_as_it_was(rendered: Rendered, tmp_path: Path) -> None:
+    files = save_frame(rendered.frame, tmp_path)
+    rgb = cv2.cvtColor(read_picture(tmp_path / files["rgb"], cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    assert np.array_equal(rgb, rendered.frame.rgb)
+    depth = read_picture(tmp_path / files["depth"])
+    assert np.abs(depth * 0.001 - rendered.frame.depth).max() < 0.0006
+
+
+def test_candidates_are_kept_with_their_masks(rendered: Rendered, tmp_path: Path) -> None:
+    table = find_table(rendered.frame, np.random.default_rng(0))
+    found = candidates_of(rendered.frame, table, rendered.labels)
+    records = save_candidates(rendered.frame, found, tmp_path)
+    assert [record.id for record in records] == [1, 2, 3, 4]
+    assert [record.hollow for record in records] == [False, False, True, False]
+    for record, one in zip(records, found, strict=True):
+        mask = read_picture(tmp_path / record.mask)
+        assert np.array_equal(mask > 0, one.mask)
+        assert (tmp_path / record.crop).is_file()
+    labels = read_picture(tmp_path / "scene/masks.png")
+    assert np.array_equal(labels, rendered.labels)
+
+
+def test_the_annotated_photo_marks_the_candidates_only(rendered: Rendered) -> None:
+    table = find_table(rendered.frame, np.random.default_rng(0))
+    picture = annotate(
+        rendered.frame, {one.id: one.mask for one in candidates_of(rendered.frame, table, rendered.labels)}
+    )
+    assert picture.shape == rendered.frame.rgb.shape
+    assert np.array_equal(picture[:20], rendered.frame.rgb[:20])
+    assert (picture != rendered.frame.rgb)[rendered.labels > 0].any(axis=-1).mean() > 0.9

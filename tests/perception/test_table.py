@@ -1,0 +1,196 @@
+"""The table's plane and the frame laid on it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grs_agents.config import TableChoice
+from grs_agents.errors import InputError
+from grs_agents.perception import RGBDFrame, doubts, find_table, read_scene, segment
+from grs_agents.perception.table import projected, robot_points, robot_points_at
+from tests.perception.conftest import Rendered, Thing, look_at, render
+from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
+
+
+def test_a_calibrated_frame_is_kept(rendered: Rendered) -> None:
+    table = find_table(rendered.frame, np.random.default_rng(0))
+    assert table.origin == "calibrated"
+    assert table.height == pytest.approx(0, abs=0.002)
+    given = rendered.frame.camera.T_robot_cam
+    assert given is not None and np.allclose(table.T_robot_cam, given, atol=0.002)
+
+
+def test_a_frame_without_calibration_agrees_with_the_calibrated_one(rendered: Rendered) -> None:
+    camera = rendered.frame.camera.model_copy(update={"T_robot_cam": None})
+    table = find_table(replace(rendered.frame, camera=camera), np.random.default_rng(0))
+    assert table.origin == "table_plane"
+    assert table.note
+    up, true_up = np.array(table.T_robot_cam)[2], np.array(rendered.frame.camera.T_robot_cam)[2]
+    assert np.rad2deg(np.arccos(min(1.0, up[:3] @ true_up[:3]))) < 1.0
+    assert up[3] == pytest.approx(true_up[3], abs=0.005)
+
+
+def test_the_lowest_plane_is_the_table() -> None:
+    books = [Thing("box", (0.35 + 0.33 * i, -0.3 + 0.3 * j), (0.3, 0.27, 0.03)) for i in range(2) for j in range(3)]
+    scene = render(books, calibrated=True)
+    assert find_table(scene.frame, np.random.default_rng(0)).height == pytest.approx(0, abs=0.004)
+
+
+def test_points_are_in_the_robot_frame_and_unknown_ones_are_nan(rendered: Rendered) -> None:
+    points = robot_points(rendered.frame, find_table(rendered.frame, np.random.default_rng(0)))
+    known = rendered.frame.depth > 0
+    assert np.isnan(points[~known]).all()
+    assert float(np.median(points[known & (rendered.labels == 0)][:, 2])) == pytest.approx(0, abs=0.002)
+
+
+def test_no_table_plane_is_refused(rendered: Rendered) -> None:
+    rng = np.random.default_rng(0)
+    rough = rng.uniform(0.4, 4.0, rendered.frame.depth.shape).astype(np.float32)
+    camera = rendered.frame.camera.model_copy(update={"T_robot_cam": None})
+    with pytest.raises(InputError, match="no table plane"):
+        find_table(replace(rendered.frame, depth=rough, camera=camera), rng)
+
+
+def test_a_wall_is_no_table_where_the_camera_is_calibrated(rendered: Rendered) -> None:
+    wall = np.full_like(rendered.frame.depth, 1.0)
+    with pytest.raises(InputError, match="no table plane"):
+        find_table(replace(rendered.frame, depth=wall), np.random.default_rng(0))
+
+
+def test_the_sample_scene_has_its_table_at_zero(sample_scene: Path) -> None:
+    assert find_table(read_scene(sample_scene), np.random.default_rng(0)).height == pytest.approx(0, abs=0.005)
+
+
+def test_projected_points_are_where_their_pixels_are() -> None:
+    frame, table, _ = photo_of([standing(MILK, 0.5, 0.0)], LIBRARY)
+    rows, columns = np.array([20, 90, 150]), np.array([30, 120, 200])
+    x, y, depth = projected(robot_points_at(frame, table, rows, columns), frame.camera, table)
+    assert np.allclose(x, columns) and np.allclose(y, rows)
+    assert np.allclose(depth, frame.depth[rows, columns])
+
+
+EYE = (-0.6, 0.0, 1.35)
+TOP = 0.5
+LOW_TABLE = Thing("box", (0.5, 0.0), (0.5, 0.7, TOP))
+ON_IT = (
+    Thing("box", (0.45, 0.2), (0.1, 0.12, 0.12), bottom=TOP),
+    Thing("cylinder", (0.42, -0.02), (0.08, 0.08, 0.1), bottom=TOP),
+    Thing("box", (0.4, -0.2), (0.08, 0.09, 0.08), bottom=TOP),
+)
+
+
+@pytest.fixture(scope="module")
+def low_table() -> Rendered:
+    """A table of 0.5 m with three things on it, before more floor than table."""
+    return render((LOW_TABLE, *ON_IT), eye=EYE)
+
+
+def table_top(height: float, frame: RGBDFrame) -> RGBDFrame:
+    """The frame calibrated, with the robot's z = 0 at ``height`` over the floor."""
+    pose = look_at(EYE, (0.5, 0.0, 0.0))
+    pose[2, 3] -= height
+    return calibrated(frame, pose)
+
+
+def calibrated(frame: RGBDFrame, pose: np.ndarray) -> RGBDFrame:
+    matrix = tuple(tuple(float(value) for value in row) for row in pose)
+    return replace(frame, camera=frame.camera.model_copy(update={"T_robot_cam": matrix}))
+
+
+def test_a_loaded_plane_well_above_the_floor_is_the_table(low_table: Rendered) -> None:
+    table = find_table(low_table.frame, np.random.default_rng(0))
+    assert table.T_robot_cam[2][3] == pytest.approx(EYE[2] - TOP, abs=0.01)
+    assert segment(low_table.frame, table).max() == len(ON_IT)
+    floor, top = table.planes
+    assert (floor.number, floor.taken, top.number, top.taken) == (1, False, 2, True)
+    assert floor.share > top.share
+    assert floor.height == pytest.approx(-TOP, abs=0.02)
+    assert top.height == pytest.approx(0, abs=0.005)
+    assert any("scene.table=1" in one for one in doubts(table))
+
+
+@pytest.mark.parametrize(("choice", "height"), [("largest", 0.0), ("highest", TOP), (1, 0.0), (2, TOP)])
+def test_the_user_chooses_the_plane(low_table: Rendered, choice: TableChoice, height: float) -> None:
+    table = find_table(low_table.frame, np.random.default_rng(0), choice)
+    assert table.T_robot_cam[2][3] == pytest.approx(EYE[2] - height, abs=0.01)
+
+
+def test_a_plane_that_is_not_there_is_refused_with_those_that_are(low_table: Rendered) -> None:
+    with pytest.raises(InputError, match=r"scene\.table = 3.* 1 \(.*, 2 \(") as caught:
+        find_table(low_table.frame, np.random.default_rng(0), 3)
+    assert "auto" in caught.value.remedy
+
+
+def test_a_bare_plane_above_another_is_no_table() -> None:
+    beside = Thing("box", (0.2, 0.0), (0.06, 0.06, 0.1))
+    scene = render((Thing("box", (0.6, 0.0), (0.5, 0.7, TOP)), beside), eye=EYE)
+    table = find_table(scene.frame, np.random.default_rng(0))
+    assert table.T_robot_cam[2][3] == pytest.approx(EYE[2], abs=0.01)
+    assert any("scene.table=2" in one for one in doubts(table))
+
+
+@pytest.mark.parametrize("height", [0.0, TOP])
+def test_calibration_says_which_plane_is_the_table(low_table: Rendered, height: float) -> None:
+    table = find_table(table_top(height, low_table.frame), np.random.default_rng(0))
+    assert table.T_robot_cam[2][3] == pytest.approx(EYE[2] - height, abs=0.005)
+    assert table.height == pytest.approx(0, abs=0.005)
+    assert not doubts(table)
+
+
+def test_one_table_alone_leaves_no_doubt(rendered: Rendered) -> None:
+    table = find_table(rendered.frame, np.random.default_rng(0))
+    assert [plane.taken for plane in table.planes] == [True]
+    assert not doubts(table)
+
+
+def test_a_tilted_calibration_is_right_under_the_objects(rendered: Rendered) -> None:
+    """A degree of tilt about the camera is 15 mm at the table below the objects, and none below the camera."""
+    angle = np.deg2rad(1.0)
+    tilt = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    pose = np.array(rendered.frame.camera.T_robot_cam)
+    pose[:3, :3] = tilt @ pose[:3, :3]
+    frame = calibrated(rendered.frame, pose)
+    table = find_table(frame, np.random.default_rng(0))
+    ground = robot_points(frame, table)[(rendered.labels == 0) & (frame.depth > 0)]
+    assert float(np.median(ground[:, 2])) == pytest.approx(0, abs=0.003)
+    assert segment(frame, table).max() == len(rendered.things)
+
+
+def inverse(pose: np.ndarray) -> np.ndarray:
+    return np.linalg.inv(pose)
+
+
+def opengl(pose: np.ndarray) -> np.ndarray:
+    return pose @ np.diag((1.0, -1.0, -1.0, 1.0))
+
+
+def view_matrix(pose: np.ndarray) -> np.ndarray:
+    return inverse(opengl(pose))
+
+
+@pytest.mark.parametrize(
+    ("mistake", "words", "remedy"),
+    [
+        (inverse, "is the inverse, from the robot frame", "give its inverse"),
+        (opengl, "has OpenGL's camera axes", "negate its second and third columns"),
+        (view_matrix, "view matrix", "inverse with the second and third columns negated"),
+    ],
+)
+def test_the_usual_mistake_in_a_calibration_is_named(
+    rendered: Rendered, mistake: Callable[[np.ndarray], np.ndarray], words: str, remedy: str
+) -> None:
+    wrong = mistake(np.array(rendered.frame.camera.T_robot_cam))
+    with pytest.raises(InputError, match=words) as caught:
+        find_table(calibrated(rendered.frame, wrong), np.random.default_rng(0))
+    assert remedy in caught.value.remedy
+
+
+def test_a_calibration_that_no_usual_mistake_explains_is_only_refused(rendered: Rendered) -> None:
+    pose = np.array(rendered.frame.camera.T_robot_cam)
+    pose[2, 3] += 0.4
+    with pytest.raises(InputError, match=r"z = \+0\.4") as caught:
+        find_table(calibrated(rendered.frame, pose), np.random.default_rng(0))
+    assert "probably" not in str(caught.value)

@@ -1,0 +1,67 @@
+"""The machinery of verdicts is watched, and what honest programs do to it is let pass."""
+
+import builtins
+import difflib
+import json
+import unittest
+
+import numpy as np
+import pytest
+
+from grs_agents.sandbox.harness import channel, test_run
+from grs_agents.sandbox.harness.tampering import Integrity, overridden, shadowed
+
+
+def nothing(*_: object) -> None:
+    """In the place of an assertion."""
+
+
+PATCHES: dict[str, tuple[object, str]] = {
+    "a method of a test": (unittest.TestCase, "assertEqual"),
+    "what runs a test": (unittest.TestCase, "run"),
+    "the verdict": (unittest.TestResult, "addFailure"),
+    "our verdict": (test_run.Result, "addFailure"),
+    "our channel": (channel, "progress"),
+    "a suite": (unittest.TestSuite, "run"),
+    "numpy": (np.testing, "assert_allclose"),
+    "json": (json, "dumps"),
+    "a built-in function": (builtins, "any"),
+}
+
+
+@pytest.mark.parametrize("name", PATCHES)
+def test_a_replacement_is_named(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    integrity = Integrity(with_numpy=True)
+    owner, attribute = PATCHES[name]
+    assert integrity.broken() is None
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, attribute, nothing)
+        broken = integrity.broken()
+    assert broken is not None and broken[0].endswith(f"{attribute} was replaced")
+    assert integrity.broken() is None
+
+
+def test_what_identity_does_not_show_the_probes_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    integrity = Integrity(with_numpy=False)
+    with monkeypatch.context() as patch:
+        patch.delattr(difflib, "ndiff")
+        assert integrity.broken() == ("unittest's assertEqual no longer fails", None)
+
+
+def test_honest_customs_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    integrity = Integrity(with_numpy=True)
+    monkeypatch.setattr(unittest.TestCase, "maxDiff", None)
+    monkeypatch.setattr(builtins, "print", nothing)
+    monkeypatch.setattr(unittest.TestCase, "assertPlaced", nothing, raising=False)
+
+    class Honest(unittest.TestCase):
+        def setUp(self) -> None: ...
+
+        def assertPlaced(self) -> None: ...
+
+        def id(self) -> str:
+            return "x"
+
+    test = Honest("assertPlaced")
+    test.addTypeEqualityFunc(list, nothing)
+    assert (integrity.broken(), overridden(Honest), shadowed(test, unittest.TestResult())) == (None, None, None)

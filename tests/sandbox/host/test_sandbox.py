@@ -1,0 +1,286 @@
+"""What a hostile snippet gets from a call: an outcome, and nothing else."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+import grs_agents
+from grs_agents.config.model import Limits
+from grs_agents.errors import UnknownNameError
+from grs_agents.sandbox import CallResult, Sandbox, SandboxError
+from tests.sandbox.processes import ends
+
+Execute = Callable[..., CallResult]
+
+OUTCOMES = {
+    "infinite loop": ("while True: pass", "timeout"),
+    "regex loop": ("import re; re.match(r'(a+)+$', 'a' * 40 + 'b')", "timeout"),
+    "stopped": ("import os, signal; os.kill(os.getpid(), signal.SIGSTOP)", "timeout"),
+    "masked signals": (
+        "import signal\nsignal.pthread_sigmask(signal.SIG_BLOCK, range(1, 64))\nwhile True: pass",
+        "timeout",
+    ),
+    "thread storm": (
+        "import threading, time\nthreading.stack_size(32768)\n"
+        "for _ in range(200): threading.Thread(target=time.sleep, args=(5,), daemon=True).start()\ntime.sleep(5)",
+        ("thread_limit", "error"),
+    ),
+    "many files": ("for n in range(3000): open(f'f{n}', 'w').close()", "scratch_limit"),
+    "files, and gone before anybody looked": ("for n in range(300): open(f'f{n}', 'w').close()", "scratch_limit"),
+    "large file": ("open('big', 'wb').write(b'x' * (2 << 20))", "scratch_limit"),
+    "memory": ("x = []\nwhile True: x.append(bytearray(1 << 20))", "memory_limit"),
+    "descriptor flood": ("import os\nwhile True: os.write(1, b'x' * 10000)", "output_limit"),
+    "huge result": ("value = {'x': 'y' * (3 << 20)}", "output_limit"),
+    "exit 0": ("import os; os._exit(0)", "crashed"),
+    "segfault": ("import ctypes; ctypes.string_at(0)", "crashed"),
+    "close all pipes": ("import os, time; os.closerange(0, 128); time.sleep(1000)", "crashed"),
+    "stack overflow": ("def f(): f()\nf()", "error"),
+    "stack overflow in C": (
+        "import sys\nsys.setrecursionlimit(10**9)\nx = []\nfor _ in range(10**5): x = [x]\nrepr(x)",
+        "crashed",
+    ),
+    "KeyboardInterrupt": ("raise KeyboardInterrupt", "error"),
+    "exception that cannot be shown": (
+        "class E(Exception):\n    def __str__(self): raise SystemExit(1)\nraise E()",
+        "error",
+    ),
+    "NaN": ("value = {'x': float('nan')}", "error"),
+    "not an object": ("value = [1]", "error"),
+}
+
+
+@pytest.mark.parametrize("name", OUTCOMES)
+def test_attack_is_an_outcome(name: str, execute: Execute) -> None:
+    code, outcome = OUTCOMES[name]
+    result = execute(code, **({"wall_seconds": 0.7} if outcome == "timeout" else {}))
+    assert result.outcome in (outcome if isinstance(outcome, tuple) else (outcome,)), result
+    assert result.value is None
+    assert result.error
+
+
+def test_what_python_is_refused(execute: Execute) -> None:
+    result = execute(
+        "import os, socket, subprocess\n"
+        "def attempt(action):\n"
+        "    try: action()\n"
+        "    except OSError as error: return type(error).__name__\n"
+        "value = {\n"
+        "    'fork': attempt(os.fork),\n"
+        "    'subprocess': attempt(lambda: subprocess.run(['true'])),\n"
+        "    'shell': attempt(lambda: subprocess.run('true', shell=True)),\n"
+        "    'network': attempt(lambda: socket.create_connection(('127.0.0.1', 9))),\n"
+        "    'descriptors': attempt(lambda: [os.dup(0) for _ in range(500)]),\n"
+        "}"
+    )
+    assert result.value == {
+        "fork": "PermissionError",
+        "subprocess": "PermissionError",
+        "shell": "PermissionError",
+        "network": "PermissionError",
+        "descriptors": "OSError",
+    }
+
+
+def test_value_output_and_cost(execute: Execute) -> None:
+    result = execute("print('hello'); value = {'x': [1, 2.5, None, 'ü']}")
+    assert (result.outcome, result.value, result.error) == ("ok", {"x": [1, 2.5, None, "ü"]}, "")
+    assert result.output == "hello\n"
+    assert result.seconds > 0
+    assert result.cpu_seconds > 0
+    assert "landlock+seccomp" in result.backend
+    assert not result.retried
+
+
+def test_cpu_limit_is_its_own_outcome(execute: Execute) -> None:
+    result = execute("while True: pass", cpu_seconds=1)
+    assert result.outcome == "cpu_limit"
+    assert "line 1" in result.stack
+
+
+def test_timeout_says_where(execute: Execute) -> None:
+    result = execute("def spin():\n    while True: pass\nspin()", wall_seconds=0.7)
+    assert "line 2 in spin" in result.stack
+
+
+def test_nothing_of_the_host_is_in_the_environment(execute: Execute, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", "secret")
+    result = execute("import os; value = dict(os.environ)")
+    assert result.value is not None
+    assert set(result.value) <= {"HOME", "TMPDIR", "LC_ALL"} | {
+        "PYTHONHASHSEED", "MALLOC_ARENA_MAX", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "PYDANTIC_DISABLE_PLUGINS"
+    }  # fmt: skip
+
+
+def test_no_descriptor_of_the_host_is_inherited(execute: Execute, tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("key")
+    with secret.open() as held:
+        os.set_inheritable(held.fileno(), True)
+        result = execute(
+            "import os\nfound = []\n"
+            "for fd in range(128):\n"
+            "    try: found.append(os.readlink(f'/proc/self/fd/{fd}'))\n"
+            "    except OSError: pass\n"
+            "value = {'fds': found}"
+        )
+    assert result.value is not None
+    assert not any("secret" in name for name in result.value["fds"])
+
+
+def test_standard_input_is_empty(execute: Execute) -> None:
+    assert execute("import sys; value = {'read': sys.stdin.read()}").value == {"read": ""}
+
+
+@pytest.mark.parametrize("depth", [2, 900])
+def test_scratch_is_private_and_gone_afterwards(depth: int, execute: Execute) -> None:
+    result = execute(
+        "import os, stat\nhome = os.getcwd()\n"
+        "os.symlink('/usr', 'link')\nopen('file', 'w').write('x')\n"
+        f"for _ in range({depth}): os.mkdir('directory'); os.chdir('directory')\n"
+        "os.chdir(home); os.mkdir('closed', 0)\n"
+        "value = {'home': home == os.environ['HOME']}",
+        scratch_mib=64,
+    )
+    assert result.value == {"home": True}
+    found = execute("import os, stat; value = {'left': os.listdir(), 'mode': stat.S_IMODE(os.stat('.').st_mode)}")
+    assert found.value == {"left": [], "mode": 0o700}
+    assert Path("/usr/bin").exists()
+
+
+RAW = (
+    "import os, struct\nfd = __import__('grs_agents.sandbox.harness.channel').sandbox.harness.channel._descriptor[0]\n"
+)
+FRAMES = {
+    "garbage": b"\xff" * 100,
+    "huge length": b"\xff\xff\xff\xff{}",
+    "unknown kind": b'\x00\x00\x00\x0d{"kind": "x"}',
+    "NaN": b'\x00\x00\x00\x26{"kind": "result", "value": {"x":NaN}}',
+    "nested": b"\x00\x01\x86\xa0" + b"[" * 100_000,
+}
+
+
+@pytest.mark.parametrize("name", FRAMES)
+def test_forged_bytes_are_an_outcome(name: str, execute: Execute) -> None:
+    result = execute(f"{RAW}os.write(fd, {FRAMES[name]!r}); os._exit(0)")
+    assert result.outcome in ("error", "crashed")
+    assert result.value is None
+
+
+def test_events_arrive_even_if_the_worker_dies(execute: Execute) -> None:
+    result = execute("from grs_agents.sandbox import progress\nprogress({'at': 1})\nimport os; os._exit(1)")
+    assert result.outcome == "crashed"
+    assert result.events == ({"at": 1},)
+
+
+def test_next_call_is_not_polluted(execute: Execute) -> None:
+    execute("import json, numpy, builtins; json.dumps = None; numpy.pi = 3; builtins.len = lambda x: 0")
+    assert execute("import numpy; value = {'pi': numpy.pi, 'n': len([1])}").value == {
+        "pi": pytest.approx(3.14159, abs=1e-4),
+        "n": 1,
+    }
+
+
+def test_two_runs_iterate_sets_alike(execute: Execute) -> None:
+    code = "value = {'order': list({f'name{i}' for i in range(50)})}"
+    assert execute(code).value == execute(code).value
+
+
+def test_calls_from_several_threads(execute: Execute) -> None:
+    with ThreadPoolExecutor(3) as pool:
+        results = list(pool.map(lambda n: execute(f"value = {{'n': {n}}}").value, range(3)))
+    assert results == [{"n": 0}, {"n": 1}, {"n": 2}]
+
+
+def test_unknown_tool_lists_the_tools(sandbox: Sandbox) -> None:
+    with pytest.raises(UnknownNameError, match="execute"):
+        sandbox.call("exekute", {})
+
+
+def test_request_must_be_plain_json(sandbox: Sandbox) -> None:
+    with pytest.raises(ValueError, match="JSON"):
+        sandbox.call("execute", {"code": float("nan")})
+
+
+def test_worker_that_cannot_start_is_our_error() -> None:
+    with Sandbox(preload=("no_such_module",)) as broken, pytest.raises(SandboxError, match="no_such_module"):
+        broken.call("execute", {"code": ""})
+
+
+def test_zygote_that_was_killed_between_calls_is_replaced(execute: Execute, sandbox: Sandbox) -> None:
+    execute("")
+    assert sandbox._zygote is not None
+    os.killpg(sandbox._zygote.pid, signal.SIGKILL)
+    result = execute("value = {'n': 1}")
+    assert result.value == {"n": 1}
+    assert result.retried
+
+
+def test_close_ends_every_process() -> None:
+    sandbox = Sandbox()
+    sandbox.call("execute", {"code": ""})
+    assert sandbox._zygote is not None
+    pid = sandbox._zygote.pid
+    sandbox.close()
+    assert ends(pid)
+    assert sandbox.call("execute", {"code": "value = {'n': 1}"}).value == {"n": 1}
+    sandbox.close()
+
+
+HOST = """
+import sys
+from pathlib import Path
+from grs_agents import content
+from grs_agents.sandbox import Sandbox, Limits
+content.add_overlay(Path(sys.argv[1]))
+code = "from grs_agents.sandbox import progress\\nprogress({'at': 1})\\nwhile True: pass"
+with Sandbox() as sandbox:
+    sandbox.call("execute", {"code": ""})
+    print(sandbox._zygote.pid, flush=True)
+    sandbox.call("execute", {"code": code}, Limits(wall_seconds=60))
+"""
+
+
+def test_everything_dies_with_its_host(tool_folder: Path) -> None:
+    host = subprocess.Popen(
+        [sys.executable, "-c", HOST, str(tool_folder)],
+        env={**os.environ, "PYTHONPATH": str(Path(grs_agents.__file__).parent.parent)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert host.stdout is not None
+    with host.stdout:
+        pid = int(host.stdout.readline())
+    host.kill()
+    host.wait()
+    assert ends(pid), "the sandbox outlived its host"
+
+
+def test_calls_leave_nothing_behind(tool_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    before = set(Path("/proc/self/fd").iterdir())
+    with Sandbox() as sandbox:
+        for code in ("open('file', 'w')", "import os; os._exit(1)", "while True: pass", "value = {'x': float('nan')}"):
+            sandbox.call("execute", {"code": code}, Limits(wall_seconds=0.5))
+    assert set(Path("/proc/self/fd").iterdir()) == before
+    assert not list(tmp_path.iterdir())
+
+
+def test_limits_are_checked() -> None:
+    with pytest.raises(ValueError, match="wall_seconds"):
+        Limits(wall_seconds=0)
+
+
+def test_a_tool_of_ones_own_is_imported_before_the_calls(tool_folder: Path) -> None:
+    text = "import os\nIMPORTED = os.getpid()\ndef inside(request):\n    return {'early': IMPORTED != os.getpid()}\n"
+    (tool_folder / "tools" / "early.py").write_text(text)
+    with Sandbox(tools=("early",)) as sandbox:
+        assert sandbox.call("early", {}).value == {"early": True}
+    with Sandbox() as sandbox:
+        assert sandbox.call("early", {}).value == {"early": False}

@@ -1,0 +1,115 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sim_scenes import Scripted, at
+
+from grs_agents.sim import Environment
+from grs_agents.sim.motion.grasp import find_grasp
+
+URDF = """<robot name="thing"><link name="thing">
+  <inertial><mass value="{mass}"/></inertial>
+  <visual><geometry>{shape}</geometry></visual><collision><geometry>{shape}</geometry></collision>
+</link></robot>"""
+
+
+@pytest.fixture
+def single(tmp_path: Path):
+    """An environment with one thing of a shape, a height and a mass."""
+
+    def made(shape: str, size: list[float], x: float, y: float, mass: float = 0.1, robot: str = "ur5e") -> Environment:
+        (tmp_path / "thing.urdf").write_text(URDF.format(mass=mass, shape=shape))
+        asset = {
+            "name": "thing.urdf", "kind": "thing", "category": "thing", "size": size, "mass": mass, "friction": 0.8,
+            "color": "gray", "description": "a thing", "hollow": False, "fixture": False, "template": {},
+        }  # fmt: skip
+        (tmp_path / "manifest.json").write_text(json.dumps({"version": 1, "assets": [asset]}))
+        scene = Scripted(lambda task, env: env.add_object("thing.urdf", at(x, y, size[2] / 2)))
+        env = Environment(str(tmp_path), task=scene, robot=robot)
+        env.reset()
+        return env
+
+    return made
+
+
+def ball(radius: float) -> tuple[str, list[float]]:
+    return f'<sphere radius="{radius}"/>', [2 * radius] * 3
+
+
+def box(x: float, y: float, z: float) -> tuple[str, list[float]]:
+    return f'<box size="{x} {y} {z}"/>', [x, y, z]
+
+
+CUBE = box(0.05, 0.05, 0.05)
+
+
+def test_the_cup_seals_on_a_ball_that_is_large_enough(single) -> None:
+    env = single(*ball(0.016), 0.5, 0)
+    x, y, z = env.get_object_pose(1)[0]
+    assert env.pick_place(at(x, y, z + 0.016), at(0.45, 0.2, 0.04)).grasped == 1
+
+
+def test_the_cup_finds_no_seal_on_a_small_ball_nor_on_an_edge(single) -> None:
+    env = single(*ball(0.009), 0.5, 0)
+    x, y, z = env.get_object_pose(1)[0]
+    result = env.pick_place(at(x, y, z + 0.009), at(0.45, 0.2, 0.04))
+    assert result.grasped is None
+    assert "finds no seal on thing.urdf" in result.note
+    env = single(*box(0.04, 0.04, 0.04), 0.5, 0)
+    assert "finds no seal" in env.pick_place(at(0.519, 0, 0.04), at(0.45, 0.2, 0.04)).note
+    assert env.pick_place(at(0.51, 0, 0.04), at(0.45, 0.2, 0.04)).note == "placed"
+
+
+def test_the_hold_is_where_the_cup_seals(single) -> None:
+    env = single(*box(0.06, 0.03, 0.04), 0.5, 0)
+    hold = find_grasp(env.physics, 1, env.get_object_pose(1)[0], env.outline(1))
+    assert hold.point == pytest.approx((0.5, 0, 0.04), abs=0.002)
+
+
+@pytest.mark.parametrize("robot", ["ur5e", "panda"])
+@pytest.mark.parametrize("mass", [0.05, 0.8, 1.2])
+def test_what_is_light_enough_is_carried(single, mass, robot) -> None:
+    env = single(*CUBE, 0.5, -0.2, mass, robot)
+    assert env.pick_place(at(0.5, -0.2, 0.05), at(0.5, 0.2, 0.05)).note == "placed"
+
+
+@pytest.mark.parametrize("mass", [1.7, 3.0])
+def test_what_is_too_heavy_slips_off_and_the_note_says_so(single, mass) -> None:
+    env = single(*CUBE, 0.5, -0.2, mass)
+    result = env.pick_place(at(0.5, -0.2, 0.05), at(0.5, 0.2, 0.05))
+    assert not result.placed
+    assert f"({mass:.2g} kg) slipped off the cup, which holds 15 N" in result.note
+    assert env.get_object_pose(1)[0] == pytest.approx((0.5, -0.2, 0.025), abs=0.03)
+
+
+def test_the_force_through_the_cup_is_what_accelerates_and_carries_the_object(single) -> None:
+    env = single(*CUBE, 0.5, -0.2, 0.6)
+    physics, forces, inertial = env.physics, list[float](), list[float]()
+    velocity = np.zeros(3)
+
+    def look() -> None:
+        start = physics.model.body_dofadr[physics.world.bodies[1]]
+        now = np.array(physics.data.qvel[start : start + 3])
+        acceleration = (now - velocity) / physics.timestep
+        velocity[:] = now
+        lifted = physics.pose(1)[0][2] > 0.035
+        if physics.held == 1 and lifted:
+            forces.append(float(np.linalg.norm(physics.cup.force())))
+            inertial.append(float(np.linalg.norm(0.6 * (acceleration + np.array([0, 0, 9.81])))))
+
+    physics.observer = look
+    assert env.pick_place(at(0.5, -0.2, 0.05), at(0.5, 0.2, 0.05)).placed
+    assert len(forces) > 100
+    np.testing.assert_allclose(np.median(forces), 0.6 * 9.81, rtol=0.1)
+    assert np.abs(np.subtract(forces, inertial)).max() < 0.2
+
+
+def test_watching_does_not_change_what_happens(single) -> None:
+    ends = []
+    for watched in (False, True):
+        env = single(*CUBE, 0.5, -0.2, 1.7)
+        env.physics.observer = (lambda: None) if watched else None
+        env.pick_place(at(0.5, -0.2, 0.05), at(0.5, 0.2, 0.05))
+        ends.append(np.array(env.physics.data.qpos))
+    assert np.array_equal(*ends)

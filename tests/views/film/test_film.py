@@ -1,0 +1,128 @@
+"""Pictures and films of a rollout, and the motion and the stage they are made from."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from grs_agents.engine import mujoco
+from grs_agents.errors import GrsError, InputError
+from grs_agents.library import Library
+from grs_agents.sim import TaskInstance, rollout
+from grs_agents.sim.arms.registry import get_arm
+from grs_agents.trace import NodeStarted, Rollout
+from grs_agents.views.common.motion import holds, read_motion
+from grs_agents.views.film import film
+from grs_agents.views.film.film import Shot, pictures, rollout_of, watch, write_film
+from grs_agents.views.film.stage import Stage, joint_positions, props_of
+from tests.views.conftest import write_rollout
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory: pytest.TempPathFactory, library: Library) -> tuple[Path, Rollout]:
+    """A rollout of the real oracle."""
+    folder = tmp_path_factory.mktemp("played")
+    event = write_rollout(folder, 0)
+    instance = TaskInstance.model_validate_json((folder / (event.instance or "")).read_bytes())
+    rollout(instance, library, folder / (event.recording or ""))
+    return folder, event
+
+
+@pytest.mark.parametrize("robot", ["ur5e", "panda"])
+def test_the_joints_bring_every_link_where_it_was_recorded(tmp_path: Path, library: Library, robot: str) -> None:
+    event = write_rollout(tmp_path, 0)
+    instance = TaskInstance.model_validate_json((tmp_path / (event.instance or "")).read_bytes())
+    stage = Stage(props_of(instance, get_arm(robot)), library)
+    arm, rng = get_arm(robot), np.random.default_rng(0)
+    wanted = rng.uniform(arm.low, arm.high, (5, arm.dof))
+    wanted = np.clip(wanted, -3.1, 3.1)
+    places: list[npt.NDArray[np.float64]] = []
+    turns: list[npt.NDArray[np.float64]] = []
+    for joints in wanted:
+        stage.data.qpos[:] = joints
+        mujoco.mj_kinematics(stage.model, stage.data)
+        bodies = [stage.model.body(name).id for name in arm.links]
+        places.append(stage.data.xpos[bodies].copy())
+        turns.append(stage.data.xquat[bodies][:, [1, 2, 3, 0]].copy())
+    np.savez(
+        tmp_path / "arm.npz", times=np.arange(5.0), names=np.array(arm.links), positions=np.array(places),
+        quaternions=np.array(turns), tool=np.zeros((5, 3)),
+    )  # fmt: skip
+    motion = read_motion(tmp_path / "arm.npz")
+    found = joint_positions(stage.model, motion)
+    assert np.abs(np.sin((found - wanted) / 2)).max() < 1e-3
+    stage.show(motion, 3, found)
+    assert np.allclose(stage.data.xpos[stage.model.body("cup").id], places[3][-1], atol=1e-4)
+
+
+def test_what_the_tool_carried_is_known_with_its_moments(played: tuple[Path, Rollout]) -> None:
+    folder, event = played
+    motion = read_motion(folder / (event.recording or ""))
+    found = holds(motion)
+    assert [hold.body for hold in found] == ["object_0"]
+    index = motion.names.index("object_0")
+    carried = np.linalg.norm(motion.positions[found[0].end, index] - motion.positions[found[0].start, index])
+    assert carried > 0.2
+    assert holds(motion.thinned(0.01)) == []
+
+
+def test_a_film_shows_what_moves_with_or_without_a_graphics_library(
+    played: tuple[Path, Rollout], library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, event = played
+    shot = Shot(folder, event, library, width=160, height=120)
+    drawn = [image.astype(int) for image in pictures(shot, [0.0, shot.motion.seconds])]
+    monkeypatch.setattr(film, "_backends", lambda: ("nonsense", "rays"))
+    cast = [image.astype(int) for image in pictures(shot, [0.0, shot.motion.seconds])]
+    for first, last in (drawn, cast):
+        assert first.shape == (120, 160, 3)
+        assert first.std() > 10
+        assert np.abs(first - last).max() > 50
+
+
+@pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
+def test_a_film_is_written_in_real_time(
+    played: tuple[Path, Rollout], library: Library, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str
+) -> None:
+    folder, event = played
+    monkeypatch.setattr(film, "_backends", lambda: ("rays",))
+    shot = Shot(folder, event, library, width=96, height=64)
+    frames = write_film(shot, tmp_path / name, rate=2)
+    assert frames == int(shot.motion.seconds * 2) + 1
+    opened = cv2.VideoCapture(str(tmp_path / name))
+    shown = 0
+    while opened.read()[0]:
+        shown += 1
+    assert shown == frames
+
+
+def test_what_cannot_be_played_is_an_input_error(
+    played: tuple[Path, Rollout], library: Library, tmp_path: Path
+) -> None:
+    folder, event = played
+    assert rollout_of([NodeStarted(node="audit"), event], folder) is event
+    with pytest.raises(InputError, match="no rollout of seed 3; name one of 0"):
+        rollout_of([event], folder, 3)
+    with pytest.raises(InputError, match="no recorded rollout"):
+        rollout_of([event.model_copy(update={"recording": "gone.npz"})], folder)
+    shot = Shot(folder, event, library)
+    with pytest.raises(InputError, match=r"ends in \.mp4 or \.gif"):
+        write_film(shot, tmp_path / "film.avi")
+    with pytest.raises(InputError, match="does not exist"):
+        write_film(shot, tmp_path / "nowhere" / "film.gif")
+    (tmp_path / "bad.npz").write_bytes(b"PK")
+    with pytest.raises(InputError, match=r"bad\.npz is not a readable"):
+        read_motion(tmp_path / "bad.npz")
+    broken = Shot(folder, event.model_copy(update={"instance": "gone.json"}), library)
+    with pytest.raises(InputError, match=r"cannot read .*gone\.json"):
+        list(pictures(broken, [0.0]))
+
+
+def test_without_a_display_the_remedy_is_a_film(
+    played: tuple[Path, Rollout], library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(film, "has_display", lambda: False)
+    with pytest.raises(GrsError, match=r"no display.*--out film\.mp4"):
+        watch(Shot(*played, library))

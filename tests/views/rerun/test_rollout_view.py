@@ -1,0 +1,51 @@
+"""Rollouts one after the other in one world."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from grs_agents.errors import InputError
+from grs_agents.library import Library
+from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
+from grs_agents.trace import Rollout
+from grs_agents.views.rerun.blueprint import blueprint
+from grs_agents.views.rerun.recording import Paths, Recording
+from grs_agents.views.rerun.rollout_view import RolloutView, duration
+
+
+def rollout(folder: Path, color: tuple[float, float, float, float] | None) -> Rollout:
+    """One block without a recording."""
+    block = InstanceObject(
+        id=3, asset="block/red_block.urdf", pose=((0.5, 0.0, 0.02), (0.0, 0.0, 0.0, 1.0)), color=color
+    )
+    instance = TaskInstance(task="T", seed=0, max_steps=1, timestep=0.002, objects=(block,), goals=())
+    (folder / "instance.json").write_text(instance.model_dump_json())
+    return Rollout(seed=0, reward=0.0, outcome="nothing_to_do", instance="instance.json")
+
+
+def test_shapes_are_logged_again_only_where_they_differ(tmp_path: Path, library: Library) -> None:
+    view, recording = RolloutView(tmp_path, library), Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
+    for color in (None, None, (0.0, 1.0, 0.0, 1.0)):
+        assert view.show(recording, rollout(tmp_path, color)) == 0.0
+    recording.close()
+    chunks = [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "a.rrd").stream().to_chunks()]
+    paths = [batch.schema.metadata[b"rerun:entity_path"].decode() for batch in chunks]
+    shapes = [path for path in paths if path.startswith(f"{Paths.WORLD}/object_3/looks_") and path.endswith("/0")]
+    assert len(shapes) == len(set(shapes)) == 2
+    cleared = [path for path, batch in zip(paths, chunks, strict=True) if "Clear:is_recursive" in batch.schema.names]
+    assert cleared == [shapes[0].removesuffix("/0")] or cleared == [shapes[1].removesuffix("/0")]
+
+
+def test_a_broken_recording_is_an_input_error_and_a_missing_one_lasts_no_time(tmp_path: Path, library: Library) -> None:
+    event = Rollout(seed=0, reward=0.0, outcome="error", recording="r.npz")
+    recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
+    assert duration(tmp_path, event) == 0.0
+    with pytest.raises(InputError, match=r"cannot read .*r\.npz"):
+        RolloutView(tmp_path, library).show(recording, event)
+
+
+def test_a_rollout_lasts_as_long_as_its_recording(tmp_path: Path) -> None:
+    np.savez(tmp_path / "r.npz", times=np.array([1.0, 1.5, 3.25]))
+    assert duration(tmp_path, Rollout(seed=0, reward=0.0, outcome="success", recording="r.npz")) == 2.25

@@ -1,0 +1,51 @@
+"""The photo in the recording."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from grs_agents.errors import InputError
+from grs_agents.library import Library
+from grs_agents.trace import SceneStage
+from grs_agents.views.rerun.blueprint import blueprint
+from grs_agents.views.rerun.recording import Paths, Recording
+from grs_agents.views.rerun.scene_view import SceneView
+
+CAMERA = {"fx": 50.0, "fy": 50.0, "cx": 16.0, "cy": 12.0, "width": 32, "height": 24, "depth_scale": 0.001}
+
+
+def test_the_cloud_lies_where_the_camera_says(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "rgb.png"), np.full((24, 32, 3), 200, np.uint8))
+    depth = np.zeros((24, 32), np.uint16)
+    depth[12, 16] = 800
+    cv2.imwrite(str(tmp_path / "depth.png"), depth)
+    pose = [[0, -1, 0, 0.5], [-1, 0, 0, 0.1], [0, 0, -1, 0.8], [0, 0, 0, 1]]
+    recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
+    view = SceneView(tmp_path, Library())
+    files = {"rgb": "rgb.png", "depth": "depth.png"}
+    view.show(recording, SceneStage(stage="frame", summary={"camera": CAMERA}, files=files))
+    view.show(recording, SceneStage(stage="segmented", summary={"camera": {**CAMERA, "T_robot_cam": pose}}))
+    recording.close()
+    chunks = RrdReader(tmp_path / "a.rrd").stream().filter(content=f"{Paths.SCENE}/points").to_chunks()
+    points = [row for chunk in chunks for row in chunk.to_record_batch().column("Points3D:positions").to_pylist()]
+    assert np.allclose(points, [[[0.5, 0.1, 0.0]]], atol=1e-6)
+
+
+def test_a_missing_picture_is_an_input_error(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
+    with pytest.raises(InputError, match=r"cannot read .*lost\.png"):
+        SceneView(tmp_path, Library()).show(recording, SceneStage(stage="frame", files={"rgb": "lost.png"}))
+
+
+def test_objects_without_boxes_or_masks_are_still_listed(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "a.rrd", "a", blueprint(("a",)))
+    objects = [{"name": "milk_1", "asset": "HOPE/Milk.urdf"}, {"id": 7, "description": "a box"}]
+    SceneView(tmp_path, Library()).show(recording, SceneStage(stage="described", summary={"objects": objects}))
+    recording.close()
+    chunks = RrdReader(tmp_path / "a.rrd").stream().filter(content=Paths.OBJECTS).to_chunks()
+    text = chunks[0].to_record_batch().column("TextDocument:text").to_pylist()[0][0]
+    assert "| 1 | milk_1 | ? | HOPE/Milk.urdf |" in text
+    assert "| 7 | a box | ? |  |" in text

@@ -1,0 +1,37 @@
+"""The state machine in the recording."""
+
+from pathlib import Path
+
+from rerun.chunk import RrdReader
+
+from grs_agents.trace import NodeStarted, RunEnded, RunStarted
+from grs_agents.views.rerun.blueprint import blueprint
+from grs_agents.views.rerun.recording import Moment, Paths, Recording
+from grs_agents.views.rerun.state_machine import MachineView
+
+
+def test_the_graph_of_the_run_is_shown_with_visits(tmp_path: Path) -> None:
+    view = MachineView()
+    edges = (("__start__", "route"), ("route", "mine"), ("mine", "__end__"))
+    nodes = ("__start__", "route", "mine", "__end__")
+    view.follow(RunStarted(run_id="a", graph="mine", seed=0, nodes=nodes, edges=edges))
+    view.follow(NodeStarted(node="route", visit=1))
+    view.follow(NodeStarted(node="route", visit=2))
+    assert view.nodes == ("route", "mine", "end")
+    recording = Recording(tmp_path / "a.rrd", "a", blueprint(view.nodes))
+    view.prepare(recording)
+    view.show(recording)
+    view.follow(RunEnded(status="accepted"))
+    recording.moment = Moment(event=1)
+    view.show(recording)
+    recording.close()
+    labels: list[tuple[int, list[str]]] = []
+    for chunk in RrdReader(tmp_path / "a.rrd").stream().filter(content=Paths.MACHINE).to_chunks():
+        batch = chunk.to_record_batch()
+        if "GraphNodes:labels" in batch.schema.names:
+            shown = batch.column("GraphNodes:labels").to_pylist()
+            labels += zip(batch.column("event").to_pylist(), shown, strict=True)
+        else:
+            drawn = batch.column("GraphEdges:edges").to_pylist()[0]
+            assert [tuple(edge.values()) for edge in drawn] == [("route", "mine"), ("mine", "end")]
+    assert sorted(labels) == [(0, ["● route ×2", "mine", "end"]), (1, ["route ×2", "mine", "● end"])]
