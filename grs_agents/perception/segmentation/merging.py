@@ -170,33 +170,34 @@ class Merger:
         return None
 
     def _belongs(self, small: int, big: int, distance: float) -> bool:
+        """Whether the smaller part is a piece of the larger one, from which it is ``distance`` (m) away."""
         one, other = self.parts[small], self.parts[big]
-        own = one.solid or other.solid
-        if abs(one.top - other.top) < LEVEL and not own and self._one_rim(small, big, distance):
-            return True  # two walls, or a wall and an inside
+        walls = abs(one.top - other.top) < LEVEL and not (one.solid or other.solid)
+        if walls and self._one_rim(small, big, distance):
+            return True
         if distance > TOUCHING:
             return False
-        share = covered(one, other)
-        if (
-            share > 0.7
-            and one.top < other.top + 0.008
-            and (one.count < 0.1 * other.count or (not one.solid and self._open(one, other)))
-        ):
-            return True  # inside it
-        minor = one.count < 0.4 * other.count
+        return self._is_inside(one, other) or self._is_cap(one, other) or self._is_fin(one, other, small)
+
+    def _is_inside(self, one: Part, other: Part) -> bool:
+        """Whether ``one`` is the floor or inner wall of a hollow object whose walls are ``other``."""
+        lower = one.top < other.top + 0.008
+        return lower and not one.solid and covered(one, other) > 0.7 and self._open(one, other)
+
+    def _is_cap(self, one: Part, other: Part) -> bool:
+        """Whether ``one`` is the cap of ``other``, or a ridge along its top."""
+        if one.count >= 0.4 * other.count or not other.top - 0.03 < one.bottom or one.top >= other.top + CAP:
+            return False
         ridge = one.width < FIN[0] and one.length < 0.1 and one.count < 0.2 * other.count
-        if (
-            minor
-            and share > 0.5
-            and (one.length < CAP or ridge)
-            and other.top - 0.03 < one.bottom
-            and one.top < other.top + CAP
-        ):
-            return True  # a cap, or a ridge
-        tiny = (one.length < NARROW or one.count < 0.02 * other.count) and one.top < other.top + CAP
+        return (one.length < CAP or ridge) and covered(one, other) > 0.5
+
+    def _is_fin(self, one: Part, other: Part, small: int) -> bool:
+        """Whether ``one`` is a tab, lip or fin of ``other``, or a narrow part that nothing else carries."""
+        if one.count >= 0.4 * other.count:
+            return False
         fin = one.width < FIN[0] and one.length < FIN[1] and one.count < 0.2 * other.count and one.top < other.top
-        hangs = one.bottom > CARRIED and one.width < 2 * NARROW and one.length < 0.12 and not self._carried(small)
-        return minor and (tiny or fin or hangs)
+        hangs = one.bottom > CARRIED and one.width < 2 * NARROW and one.length < 0.12
+        return fin or (hangs and not self._carried(small))
 
     def _open(self, one: Part, other: Part) -> bool:
         """Whether two parts together are a hollow thing, open at the top."""

@@ -19,7 +19,6 @@ from grs_agents.perception.image_geometry import (
 from grs_agents.perception.segmentation.merging import merge_parts
 from grs_agents.perception.segmentation.occluded_pieces import join_hidden
 from grs_agents.perception.segmentation.patches import TALLEST, Depth, foreground, patches, smoothed
-from grs_agents.perception.segmentation.splitting import split
 from grs_agents.perception.table import robot_points
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import reduced, restored
@@ -114,7 +113,7 @@ def objects_of(labels: Labels, smooth: RGBDFrame, points: Array, table: TableFra
     ]
     numbers = np.zeros(len(pixels) + 1, np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
-    return _filled(split(join_hidden(numbers[labels], smooth, points), points, smallest), points)
+    return _filled(join_hidden(numbers[labels], smooth, points), points)
 
 
 def _is_sensor_noise(cloud: Array, small: int, flattest: float) -> bool:
