@@ -51,18 +51,20 @@ FIXED = (Picture("fixes", "3 Tests and fixes", ("decision", -1)),)
 
 
 def digest() -> str:
-    """The SHA-256 of what the pictures show: the layout of the views, the sample scene, and rerun's version."""
+    """The SHA-256 of what the pictures show: the layout of the views, the state machine, the sample scene, rerun."""
     from grs_agents import content
     from grs_agents.views.rerun.blueprint import blueprint
+    from grs_agents.views.rerun.state_machine import expected_nodes, places
 
-    told = hashlib.sha256(f"{version('rerun-sdk')}\n".encode())
+    sha = hashlib.sha256(f"{version('rerun-sdk')}\n".encode())
+    sha.update(f"{places(expected_nodes('grs'))}\n".encode())
     layout = blueprint(("a", "b"))
-    told.update(f"{layout.time_panel and vars(layout.time_panel)}\n".encode())
+    sha.update(f"{layout.time_panel and vars(layout.time_panel)}\n".encode())
     for line in _layout(layout.root_container):
-        told.update(f"{line}\n".encode())
+        sha.update(f"{line}\n".encode())
     for file in sorted(content.scenes()["groceries"].iterdir()):
-        told.update(file.read_bytes())
-    return told.hexdigest()
+        sha.update(file.read_bytes())
+    return sha.hexdigest()
 
 
 def _layout(part: Any) -> Iterator[str]:
