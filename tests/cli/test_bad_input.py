@@ -196,7 +196,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, sample_scene: Path) -> 
 def test_a_full_disk(tmp_path: Path, small_scene: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
-    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=900k", "none", str(disk)], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=700k", "none", str(disk)], check=True)
     try:
         # A process of its own: its files must be closed before the disk can go.
         command = [sys.executable, "-m", "grs_agents", "run", str(small_scene), "--out", str(disk / "run")]

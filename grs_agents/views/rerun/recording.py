@@ -146,6 +146,9 @@ class Recording:
         run_id: two files of one run open as one recording.
         blueprint: how the viewer lays the recording out.
         live: address of a viewer that shows it while it is written, or None.
+
+    Raises:
+        InputError: less than ``LEAST_FREE`` bytes are free on the disk.
     """
 
     def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint, live: str | None = None) -> None:
@@ -154,6 +157,7 @@ class Recording:
         self._space_checked = -BETWEEN_CHECKS
         self._prefix = ""
         self._clocks: list[tuple[Moment, int] | None] = [None]  # one for all that lie below other paths
+        self.require_space()  # before there is a stream: one whose file cannot be written may never close
         wait = SOON if live else LATER
         together = rr.ChunkBatcherConfig(flush_tick=wait)
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id, batcher_config=together)
