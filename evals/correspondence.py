@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from evals.benchmark.match_runs import METHODS, match_orders, run_matchings
+from evals.benchmark.perception_runs import Work, orders_of, synthesised_orders
+from evals.synthesis.scene import recipes
 from grs_agents.errors import UnknownNameError
-from grs_agents.measure.experiment import Work, orders_of, synthesised_orders
-from grs_agents.measure.matchings import METHODS, match_orders, run_matchings
 from grs_agents.run.experiments import positive
-from grs_agents.synth import recipes
 from grs_agents.terminal import VisibleParser
 
 

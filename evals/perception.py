@@ -4,10 +4,10 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from evals.benchmark.perception_runs import Work, orders_of, run_orders, synthesised_orders
+from evals.synthesis.scene import recipes
 from grs_agents.config import load_config
-from grs_agents.measure.experiment import Work, orders_of, run_orders, synthesised_orders
 from grs_agents.run.experiments import positive
-from grs_agents.synth import recipes
 from grs_agents.terminal import VisibleParser
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from grs_agents.measure.retrieval import measured, targets
+from evals.benchmark.retrieval import measured, targets
 from grs_agents.run.experiments import positive
 from grs_agents.terminal import VisibleParser
 

@@ -1,15 +1,18 @@
 """What several test folders share: the sample scene and a small one."""
 
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from evals.synthesis import Recipe, synthesise
 from grs_agents import content
 from grs_agents.library import Library
-from grs_agents.synth import Recipe, synthesise
 
 pytest_plugins = ("tests.needs",)
 
@@ -47,6 +50,32 @@ def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recipe = Recipe(seed=3, objects=3, distractors=0, tilt=50.0, sensor="time_of_flight", width=320, height=240)
     synthesise(recipe, Library()).write(folder)
     return folder
+
+
+@pytest.fixture
+def scene_folder(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a valid little scene folder; keyword arguments replace what it holds."""
+
+    def write(
+        camera: object = None,
+        rgb: np.ndarray | bytes | None = None,
+        depth: np.ndarray | bytes | None = None,
+        **changes: object,
+    ) -> Path:
+        values: dict[str, object] = {"fx": 50.0, "fy": 50.0, "cx": 16.0, "cy": 12.0, "width": 32, "height": 24}
+        values |= {"depth_scale": 0.001} | changes
+        values = {key: value for key, value in values.items() if value is not ...}
+        (tmp_path / "camera.json").write_text(json.dumps(values) if camera is None else str(camera))
+        for name, given, usual in (
+            ("rgb.png", rgb, np.full((24, 32, 3), 90, np.uint8)),
+            ("depth.png", depth, np.full((24, 32), 800, np.uint16)),
+        ):
+            content = usual if given is None else given
+            data = content if isinstance(content, bytes) else cv2.imencode(".png", content)[1].tobytes()
+            (tmp_path / name).write_bytes(data)
+        return tmp_path
+
+    return write
 
 
 @pytest.fixture(autouse=True)

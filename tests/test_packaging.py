@@ -13,6 +13,9 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from grs_agents import content
+from grs_agents.run.experiments import CHECKOUT_ONLY
+
 ROOT = Path(__file__).parent.parent
 CONTENT = ("graphs", "tools", "prompts", "assets", "evals")
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -51,9 +54,24 @@ def shipped() -> set[str]:
     }
 
 
-def test_the_wheel_bundles_every_content_file(wheel: set[str]) -> None:
-    missing = {name for name in shipped() if f"grs_agents/_bundled/{name}" not in wheel}
-    assert not missing
+def checkout_only(name: str) -> bool:
+    """Whether a content file is for a checkout alone: what measures GRS itself, and what several experiments share."""
+    folder, *rest = Path(name).parts
+    return folder == "evals" and (len(rest) > 1 or Path(name).stem in ("__init__", *CHECKOUT_ONLY))
+
+
+def test_the_wheel_bundles_the_content_that_needs_no_checkout(wheel: set[str]) -> None:
+    bundled = {name.removeprefix("grs_agents/_bundled/") for name in wheel if name.startswith("grs_agents/_bundled/")}
+    assert bundled == {name for name in shipped() if not checkout_only(name)}
+
+
+def test_bundled_experiments_need_nothing_that_is_left_out() -> None:
+    needed = {
+        name
+        for name in content.names("evals")
+        if re.search(r"^\s*(from|import) evals\b", content.path("evals", name).read_text(encoding="utf-8"), re.M)
+    }
+    assert needed == set(CHECKOUT_ONLY)
 
 
 def test_the_wheel_puts_one_name_into_site_packages(wheel: set[str]) -> None:

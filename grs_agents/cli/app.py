@@ -168,4 +168,6 @@ def evaluate(
     context: typer.Context, name: Annotated[str, typer.Argument(help="An experiment's name; see grs list.")]
 ) -> None:
     """Run an experiment; what follows its name is passed on to it, --help included: grs eval NAME --help."""
-    sys.exit(content.load_module("evals", name).main(context.args))
+    from grs_agents.run.experiments import load_experiment
+
+    sys.exit(load_experiment(name).main(context.args))

@@ -2,9 +2,11 @@
 
 import argparse
 import json
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from rich.table import Table
@@ -32,6 +34,26 @@ COLUMNS = (
     "seconds",
     "reason",
 )
+
+
+CHECKOUT_ONLY = ("correspondence", "perception", "retrieval_scale")
+"""Experiments that measure GRS itself on scenes made for it: neither they nor what they share are in a wheel."""
+
+
+def load_experiment(name: str) -> ModuleType:
+    """The experiment of that name. In a checkout its root comes first among the places to import from.
+
+    Raises:
+        InputError: only a checkout has it, and this is none.
+        UnknownNameError: there is no such experiment.
+    """
+    root = content.content_root()
+    if name in CHECKOUT_ONLY and name not in content.names("evals"):
+        remedy = "pip install -e . in a checkout of GRS, and run it there"
+        raise InputError(f"experiment {name!r} needs a checkout: an installed GRS does not hold it", remedy)
+    if root == content.package_root().parent and str(root) not in sys.path[:1]:
+        sys.path.insert(0, str(root))
+    return content.load_module("evals", name)
 
 
 def row(done: Done) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.errors import InputError
+from grs_agents.run.experiments import CHECKOUT_ONLY, load_experiment
 
 
 @pytest.mark.parametrize("name", content.names("evals"))
@@ -89,3 +90,18 @@ def test_perception_refuses_what_is_no_number(arguments: list[str], capsys: pyte
         content.load_module("evals", "perception").main(arguments)
     assert caught.value.code == 2
     assert arguments[0] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", CHECKOUT_ONLY)
+def test_what_a_wheel_leaves_out_says_so(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "evals").mkdir()
+    monkeypatch.setattr(content, "content_root", lambda: tmp_path)
+    with pytest.raises(InputError, match=f"{name}.*needs a checkout"):
+        load_experiment(name)
+
+
+def test_an_experiment_of_ones_own_may_have_any_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "evals").mkdir()
+    (tmp_path / "evals" / "perception.py").write_text('"""Of my own."""\n')
+    monkeypatch.setattr(content, "content_root", lambda: tmp_path)
+    assert load_experiment("perception").__doc__ == "Of my own."

@@ -1,11 +1,9 @@
 """Synthetic frames: boxes, cylinders and bowls on a plane, seen by a camera that casts one ray through each pixel."""
 
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -140,26 +138,3 @@ def stacked() -> Rendered:
             Thing("box", (0.46, -0.20), (0.1, 0.098, 0.05)),
         )
     )
-
-
-@pytest.fixture
-def scene_folder(tmp_path: Path) -> Callable[..., Path]:
-    """Writes a valid little scene folder; keyword arguments replace what it holds."""
-
-    def write(
-        camera: object = None, rgb: Array | bytes | None = None, depth: Array | bytes | None = None, **changes: object
-    ) -> Path:
-        values: dict[str, object] = {"fx": 50.0, "fy": 50.0, "cx": 16.0, "cy": 12.0, "width": 32, "height": 24}
-        values |= {"depth_scale": 0.001} | changes
-        values = {key: value for key, value in values.items() if value is not ...}
-        (tmp_path / "camera.json").write_text(json.dumps(values) if camera is None else str(camera))
-        for name, given, usual in (
-            ("rgb.png", rgb, np.full((24, 32, 3), 90, np.uint8)),
-            ("depth.png", depth, np.full((24, 32), 800, np.uint16)),
-        ):
-            content = usual if given is None else given
-            data = content if isinstance(content, bytes) else cv2.imencode(".png", content)[1].tobytes()
-            (tmp_path / name).write_bytes(data)
-        return tmp_path
-
-    return write

@@ -1,7 +1,7 @@
 """Features of how well assets fit a candidate (size, place, tones, colours, pattern), and the likelihoods they give.
 
 The likelihoods are those of a choice between the assets that were tried and none of them (a conditional logit,
-McFadden 1974). Its weights were fitted to scenes of `grs_agents.synth` that no reported figure is measured on.
+McFadden 1974). Its weights were fitted to scenes of `evals.synthesis` that no reported figure is measured on.
 """
 
 from collections.abc import Callable, Sequence

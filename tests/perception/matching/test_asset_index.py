@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evals.benchmark.retrieval import synthetic_vectors
 from grs_agents.errors import InputError
-from grs_agents.measure.retrieval import synthetic_vectors
 from grs_agents.perception.matching.asset_index import DIMENSIONS, AssetIndex, embed
 
 NAMES = [f"asset/{number}" for number in range(3000)]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evals.synthesis import Recipe
 from grs_agents.errors import ConfigError
 from grs_agents.library import Library
 from grs_agents.library.asset import Manifest
@@ -15,7 +16,6 @@ from grs_agents.perception.matching.clip_matcher import Picture, by_clip, open_c
 from grs_agents.perception.matching.feature_matcher import by_features, offered
 from grs_agents.perception.matching.model_matcher import by_both, by_model, shuffled
 from grs_agents.perception.matching.types import MatchRequest, Segment
-from grs_agents.synth import Recipe
 from tests.perception.matching.photo import request_of, unasked
 
 LIBRARY = Library()

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evals.benchmark.ground_truth import LabelledScene, read_labelled
+from evals.benchmark.match_types import scores
+from evals.synthesis import Recipe, recipes, synthesise
 from grs_agents.library import Library
 from grs_agents.library.importing.archives import HOPE, opened
 from grs_agents.library.importing.importer import Importing
 from grs_agents.library.importing.types import ImportOptions
-from grs_agents.measure.match_types import scores
 from grs_agents.perception import candidates_of, find_table
 from grs_agents.perception.matching.feature_matcher import by_features
 from grs_agents.perception.matching.types import MatchRequest, Segment
-from grs_agents.perception.truth import LabelledScene, read_labelled
-from grs_agents.synth import Recipe, recipes, synthesise
 from tests.needs import needs
 from tests.perception.matching.photo import request_of, unasked
 

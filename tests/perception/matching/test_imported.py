@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from evals.synthesis import Recipe
 from grs_agents.library import Library
 from grs_agents.library.importing.archives import opened
 from grs_agents.library.importing.importer import Importing
 from grs_agents.library.importing.types import ImportOptions
 from grs_agents.perception.matching.feature_matcher import by_features
-from grs_agents.synth import Recipe
 from tests.library.importing import models
 from tests.perception.matching.photo import request_of
 

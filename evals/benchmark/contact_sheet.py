@@ -1,0 +1,148 @@
+"""Pictures of the figures: a contact sheet of photos, masks and boxes, and plots. Drawn with OpenCV alone."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from evals.benchmark.ground_truth import read_labelled
+from evals.benchmark.segmentation_metrics import outline
+from evals.benchmark.types import Result, SceneFigures, result_file
+from grs_agents.files import write_bytes
+from grs_agents.perception import Camera
+
+Picture = npt.NDArray[np.uint8]
+_TILE = 400
+_EDGES = [(0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 6), (5, 7), (6, 7)]
+_COLORS = ((66, 133, 244), (219, 68, 55), (15, 157, 88), (244, 160, 0), (171, 71, 188), (0, 172, 193), (255, 112, 67),
+           (92, 107, 192), (158, 157, 36), (236, 64, 122))  # fmt: skip
+_WHITE, _BLACK, _GREY = (255, 255, 255), (0, 0, 0), (170, 170, 170)
+
+
+def write_sheet(out: Path, results: Sequence[Result]) -> None:
+    """Write ``sheet.png``: for each scene its photo with the true outlines, the segments and boxes, and the depth."""
+    rows = [_row(out, result) for result in results]
+    width = max(row.shape[1] for row in rows)
+    padded = [cv2.copyMakeBorder(row, 0, 6, 0, width - row.shape[1], cv2.BORDER_CONSTANT, value=_WHITE) for row in rows]
+    _write(out / "sheet.png", np.asarray(np.vstack(padded), np.uint8))
+
+
+def _row(out: Path, result: Result) -> Picture:
+    scene = read_labelled(Path(result.order.source))
+    file = result_file(out, result.order.name).with_suffix(".png")
+    found = np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), np.int32)
+    photo = scene.frame.rgb.copy()
+    for label in np.unique(scene.labels[scene.labels > 0]):
+        thick = np.asarray(cv2.dilate(outline(scene.labels == label).astype(np.uint8), np.ones((2, 2), np.uint8)))
+        photo[thick > 0] = _GREY if int(label) in scene.ignored() else (255, 230, 0)
+    segments = (scene.frame.rgb * 0.35).astype(np.uint8)
+    for label in np.unique(found[found > 0]):
+        color = np.array(_COLORS[int(label) % len(_COLORS)])
+        mask = found == label
+        segments[mask] = (0.35 * scene.frame.rgb[mask] + 0.65 * color).astype(np.uint8)
+    for number, corners in result.boxes.items():
+        _draw_box(segments, np.array(corners), scene.frame.camera, _COLORS[number % len(_COLORS)])
+    tiles = [_fitted(picture) for picture in (photo, segments, depth_colors(scene.frame.depth))]
+    return np.asarray(np.vstack([_caption(result.figures, 3 * _TILE), np.hstack(tiles)]), np.uint8)
+
+
+def depth_colors(depth: npt.NDArray[np.float32]) -> Picture:
+    """(H, W, 3) the depth as colours, near to far; black where there is none."""
+    known = depth[depth > 0]
+    low, high = np.percentile(known, (1, 90)) if len(known) else (0.0, 1.0)
+    scaled = (np.clip((depth - low) / max(float(high - low), 1e-6), 0, 1) * 255).astype(np.uint8)
+    colors = np.asarray(cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO), np.uint8)[:, :, ::-1].copy()
+    colors[depth <= 0] = 0
+    return colors
+
+
+def _draw_box(picture: Picture, corners: npt.NDArray[np.float64], camera: Camera, color: tuple[int, int, int]) -> None:
+    if corners[:, 2].min() < 0.05:
+        return
+    columns = corners[:, 0] / corners[:, 2] * camera.fx + camera.cx
+    rows = corners[:, 1] / corners[:, 2] * camera.fy + camera.cy
+    points = np.stack([columns, rows], axis=1).clip(-9999, 9999).astype(int)
+    for start, end in _EDGES:
+        ends = [(int(points[one][0]), int(points[one][1])) for one in (start, end)]
+        cv2.line(picture, ends[0], ends[1], color, max(1, camera.width // 500), cv2.LINE_AA)
+
+
+def _fitted(picture: Picture) -> Picture:
+    """The picture at the width of a tile."""
+    height = round(picture.shape[0] * _TILE / picture.shape[1])
+    return np.asarray(cv2.resize(picture, (_TILE, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _caption(scene: SceneFigures, width: int) -> Picture:
+    score = scene.score
+    words = [scene.name, scene.sensor, "" if scene.tilt is None else f"tilt {scene.tilt:.0f}"]
+    words += [f"{score.objects} objects, {score.segments} segments", f"F1 {score.f1[0]:.2f} / {score.f1[1]:.2f}",
+              f"IoU {score.mean_iou:.2f}", f"split {score.split}, merged {score.merged}", scene.error]  # fmt: skip
+    bar = np.full((24, width, 3), 255, np.uint8)
+    return write_words(bar, "   ".join(word for word in words if word), (6, 17))
+
+
+def write_words(picture: Picture, words: str, place: tuple[int, int], size: float = 0.45) -> Picture:
+    """Write on a picture, in black."""
+    cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, size, _BLACK, 1, cv2.LINE_AA)
+    return picture
+
+
+def _write(file: Path, picture: Picture) -> None:
+    write_bytes(file, cv2.imencode(".png", np.ascontiguousarray(picture[:, :, ::-1]))[1].tobytes())
+
+
+def write_plots(out: Path, scenes: Sequence[SceneFigures]) -> None:
+    """Write ``scores.png``, the F1 and the overlap of each scene, and ``errors.png``, how errors are spread."""
+    bars = [(scene.name, (scene.score.f1[0], scene.score.f1[1], scene.score.mean_iou_of_objects)) for scene in scenes]
+    _write(out / "scores.png", _bars(bars, ("F1 at IoU 0.5", "F1 at IoU 0.75", "mean IoU of all objects")))
+    objects = [one for scene in scenes for one in scene.objects]
+    curves = {
+        "box centre": [1000 * one.center for one in objects if one.center is not None],
+        "box size": [1000 * one.size for one in objects if one.size is not None],
+        "asset position": [1000 * one.position for one in objects if one.position is not None],
+    }
+    if any(curves.values()):
+        _write(out / "errors.png", _shares({name: sorted(values) for name, values in curves.items() if values}))
+
+
+def _bars(rows: Sequence[tuple[str, tuple[float, ...]]], names: Sequence[str]) -> Picture:
+    """Horizontal bars from 0 to 1, one group for each row."""
+    left, right, step = 190, 620, 14 * len(names) + 10
+    picture = np.full((40 + step * len(rows) + 10, right + 60, 3), 255, np.uint8)
+    for index, name in enumerate(names):
+        cv2.rectangle(picture, (10 + 210 * index, 10), (22 + 210 * index, 22), _COLORS[index], cv2.FILLED)
+        write_words(picture, name, (28 + 210 * index, 21))
+    for number, (name, values) in enumerate(rows):
+        top = 38 + step * number
+        write_words(picture, name[:24], (8, top + step // 2), 0.4)
+        for index, value in enumerate(values):
+            length = round((right - left) * (0.0 if np.isnan(value) else value))
+            y = top + 14 * index
+            cv2.rectangle(picture, (left, y), (left + length, y + 11), _COLORS[index], cv2.FILLED)
+            write_words(picture, f"{value:.2f}", (left + length + 4, y + 10), 0.36)
+    return picture
+
+
+def _shares(curves: dict[str, list[float]], most: float = 40.0) -> Picture:
+    """The share of the objects (up) with an error of at most so many mm (right)."""
+    left, top, width, height = 50, 20, 560, 320
+    picture = np.full((top + height + 40, left + width + 20, 3), 255, np.uint8)
+    for share in np.linspace(0, 1, 6):
+        y = round(top + height * (1 - share))
+        cv2.line(picture, (left, y), (left + width, y), _GREY, 1)
+        write_words(picture, f"{share:.0%}", (6, y + 4), 0.4)
+    for value in range(0, int(most) + 1, 5):
+        write_words(picture, f"{value}", (left + round(width * value / most) - 6, top + height + 16), 0.4)
+    write_words(picture, "error at most, mm", (left + width - 150, top + height + 32), 0.4)
+    for index, (name, values) in enumerate(curves.items()):
+        x = left + np.clip(np.array(values) / most, 0, 1) * width
+        y = top + height * (1 - np.arange(1, len(values) + 1) / len(values))
+        points = np.rint(np.stack([x, y], axis=1)).astype(np.int32)
+        cv2.polylines(picture, [points], False, _COLORS[index], 2, cv2.LINE_AA)
+        place = (left + width - 190, top + height - 56 + 18 * index)  # between two grid lines
+        cv2.rectangle(picture, (place[0], place[1] - 12), (place[0] + 12, place[1]), _COLORS[index], cv2.FILLED)
+        write_words(picture, f"{name} ({len(values)})", (place[0] + 18, place[1]))
+    return picture

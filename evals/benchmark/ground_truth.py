@@ -1,0 +1,158 @@
+"""Scenes of which it is known what stands where: labels for each pixel, and poses and boxes where they are known."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import cv2
+import numpy as np
+from pydantic import ValidationError
+
+from evals.benchmark.ground_truth_bop import bop_objects
+from grs_agents.base import Frozen, Quat, Vec3
+from grs_agents.errors import InputError
+from grs_agents.perception.image_geometry import Labels
+from grs_agents.perception.reading.bop import is_bop
+from grs_agents.perception.reading.masks import read_masks
+from grs_agents.perception.reading.source import read_scene, scene_name
+from grs_agents.perception.types import Aabb, Array, RGBDFrame
+
+FEWEST_PIXELS = 100
+LEAST_VISIBLE = 0.1
+"""What shows fewer pixels, or a smaller share of itself, need not be found; pose data sets draw the line there too."""
+
+
+class TrueObject(Frozen):
+    """An object of a labelled scene; ``None`` is what is not known of it.
+
+    Attributes:
+        id: its label in ``labels.png``.
+        asset: library name, empty if the library does not hold it or nobody knows.
+        position: centre of its frame, m, robot frame.
+        orientation: xyzw.
+        yaw: of what stands upright, rad, in place of ``orientation``.
+        box: axis-aligned, robot frame.
+        visible: pixels that are seen.
+        whole: pixels that would be seen if nothing hid it.
+    """
+
+    id: int
+    asset: str = ""
+    position: Vec3 | None = None
+    orientation: Quat | None = None
+    yaw: float | None = None
+    box: Aabb | None = None
+    visible: int | None = None
+    whole: int | None = None
+
+    @property
+    def rotation(self) -> Quat | None:
+        """Its orientation, from ``yaw`` where that alone is given."""
+        if self.orientation is None and self.yaw is not None:
+            return (0.0, 0.0, float(np.sin(self.yaw / 2)), float(np.cos(self.yaw / 2)))
+        return self.orientation
+
+
+class Truth(Frozen):
+    """``truth.json`` of a scene folder.
+
+    Attributes:
+        objects: what stands there.
+        sensor: which noise its depth has; empty for a real one.
+        tilt: how far the camera looks down, degrees.
+        seed: that a synthesised scene was made with.
+    """
+
+    objects: tuple[TrueObject, ...] = ()
+    sensor: str = ""
+    tilt: float | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class LabelledScene:
+    """A frame with its truth.
+
+    Attributes:
+        name: for tables.
+        frame: the photo with depth.
+        labels: (H, W), 0 = background.
+        truth: of the objects, as far as it is known.
+        points: (N, 3) of the true surface of objects by label, m, camera frame; where poses are given in that frame.
+    """
+
+    name: str
+    frame: RGBDFrame
+    labels: Labels
+    truth: Truth = field(default_factory=Truth)
+    points: Mapping[int, Array] = field(default_factory=dict[int, Array])
+
+    def ignored(self) -> frozenset[int]:
+        """Labels of objects of which too little is seen to ask for them."""
+        areas = np.bincount(self.labels.ravel(), minlength=1 + max((one.id for one in self.truth.objects), default=0))
+        small = {label for label, area in enumerate(areas) if label and 0 < area < FEWEST_PIXELS}
+        hidden = {one.id for one in self.truth.objects if areas[one.id] < LEAST_VISIBLE * (one.whole or 0)}
+        return frozenset(small | hidden)
+
+
+def read_labelled(source: Path) -> LabelledScene:
+    """Read a scene folder that also holds ``labels.png`` (8 or 16 bit), and perhaps ``truth.json``; or a BOP image.
+
+    Raises:
+        InputError: the scene or its truth cannot be read, or their sizes differ.
+    """
+    frame = read_scene(source)
+    if is_bop(source):
+        return _bop_scene(source, frame)
+    file = source / "labels.png"
+    image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
+    if image is None or image.ndim != 2 or image.dtype.name not in ("uint8", "uint16"):
+        raise InputError(f"{file} is no picture of labels", "write one channel of 8 or 16 bits, 0 = background")
+    if image.shape != frame.depth.shape:
+        raise InputError(f"{file} has shape {image.shape}, the photo {frame.depth.shape}", "give both one size")
+    return LabelledScene(scene_name(source), frame, image.astype(np.int32), read_truth(source / "truth.json"))
+
+
+def _bop_scene(source: Path, frame: RGBDFrame) -> LabelledScene:
+    rows, columns = frame.depth.shape
+    labels, told = read_masks(source, (rows, columns)), bop_objects(source)
+    if len(told) != labels.max():  # it is not known which mask is whose
+        return LabelledScene(scene_name(source), frame, labels)
+    objects = tuple(
+        TrueObject(id=number, visible=one["visible"], whole=one["whole"]) for number, one in enumerate(told, 1)
+    )
+    points = {number: one["points"] for number, one in enumerate(told, 1) if "points" in one}
+    return LabelledScene(scene_name(source), frame, labels, Truth(objects=objects), points)
+
+
+def read_truth(file: Path) -> Truth:
+    """Read ``truth.json``; nothing is known where there is none.
+
+    Raises:
+        InputError: it cannot be read or does not fit.
+    """
+    try:
+        value: Any = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        return Truth.model_validate(cast(dict[str, Any], value))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{file}: {where}: {first['msg']}", "correct it, or leave it out") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"cannot read {file}: {error}", "correct it, or leave it out") from error
+
+
+def labelled_folders(folder: Path) -> Sequence[Path]:
+    """The scene folders with labels in a folder, or the folder itself, sorted by name.
+
+    Raises:
+        InputError: there is none.
+    """
+    found = sorted({file.parent for pattern in ("labels.png", "*/labels.png") for file in folder.glob(pattern)})
+    if not found:
+        raise InputError(
+            f"{folder} holds no labelled scene", "name a folder of folders with rgb, depth, camera, labels"
+        )
+    return found

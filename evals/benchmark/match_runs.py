@@ -1,0 +1,181 @@
+"""Measure correspondence on many scenes: methods x models x runs, each in a process of its own; write the figures."""
+
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ValidationError
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from evals.benchmark.match_figures import SHOWN, write_matchings
+from evals.benchmark.match_sheet import write_match_plot, write_match_sheet
+from evals.benchmark.match_types import Matching, MatchOrder, Method, matching_file
+from evals.benchmark.perception_runs import fingerprint, worker_environment
+from evals.benchmark.types import Order
+from grs_agents import content, terminal
+from grs_agents.errors import InputError
+from grs_agents.run.experiments import table
+from grs_agents.terminal import say, say_json
+
+_Outcome = TypeVar("_Outcome")
+METHODS: dict[str, Method] = {
+    one.name: one
+    for one in (
+        Method(name="features", tool="match_features"),
+        Method(name="features-no-ocr", tool="match_features", ocr=False),
+        Method(name="features-no-size", tool="match_features", sized=False),
+        Method(name="clip", tool="match_clip"),
+        Method(name="text", tool="match_text", models=True),
+        Method(name="image", tool="match_image", models=True),
+        Method(name="both", tool="match_both", models=True),
+        Method(name="hybrid", tool="match_hybrid", models=True),
+    )
+}
+"""The ways to match that can be measured."""
+
+
+def match_orders(
+    scenes: Sequence[Order], methods: Sequence[str], models: Sequence[str], runs: int, settings: Sequence[str]
+) -> list[MatchOrder]:
+    """One order for each scene, method, model and run; methods that ask no model have one model, ``-``, and one run."""
+    rooms = [content.package_root() / room for room in ("perception", "agents")]
+    code = fingerprint(*rooms, content.path("tools", "match_features"))
+    found: list[MatchOrder] = []
+    for name in methods:
+        method = METHODS[name]
+        for model in models if method.models else ("-",):
+            for run in range(runs if method.models else 1):
+                found += [
+                    MatchOrder(
+                        scene=scene.model_copy(update={"fingerprint": scene.fingerprint + code}),
+                        method=method,
+                        model=model,
+                        run=run,
+                        settings=tuple(settings),
+                    )
+                    for scene in scenes
+                ]
+    return found
+
+
+def run_matchings(orders: Sequence[MatchOrder], out: Path, workers: int, prices: Sequence[str], as_json: bool) -> int:
+    """Match every scene in every way, write figures and pictures to ``out``, and print them.
+
+    What was matched with the same scene, method, settings and code is not matched again, so that an interrupted run
+    goes on.
+
+    Args:
+        orders: what to do.
+        out: where everything goes.
+        workers: scenes at a time.
+        prices: ``MODEL=IN,OUT``, what a million tokens cost.
+        as_json: print JSON.
+
+    Returns:
+        0 if every scene could be matched, 1 if not.
+
+    Raises:
+        InputError: a price cannot be read, or SciPy is not installed.
+    """
+    costs = _prices(prices)
+    _make(orders, out, workers)
+    found = _all(orders, out, workers, "matching")
+    value = write_matchings(out, found, costs)
+    write_match_plot(out, value["table"])
+    write_match_sheet(out, found)
+    if as_json:
+        say_json(value)
+    else:
+        console = terminal.console()
+        console.print(table("correspondence", SHOWN, value["table"]))
+        for test in value["tests"]:
+            console.print(f"{test['test']}, {test['effect']}: H = {test['statistic']:.2f}, p = {test['p']:.3g}")
+        console.print(f"table1.md, table1.csv, objects.csv, confusions.csv, f1.png and sheets are in {out}")
+    for one in found:
+        if one.error:
+            say(f"{one.order.stem}: {one.error}", error=True)
+    return 0 if all(not one.error for one in found) else 1
+
+
+def _make(orders: Sequence[MatchOrder], out: Path, workers: int) -> None:
+    """Make the scenes that are not there."""
+    scenes = {order.scene.name: order.scene for order in orders if order.scene.recipe is not None}
+    missing = [scene for scene in scenes.values() if not (Path(scene.source) / "truth.json").exists()]
+    with _progress() as progress, ThreadPoolExecutor(workers) as pool:
+        bar = progress.add_task("making scenes", total=len(missing))
+        jobs = [pool.submit(_worker, "perception_worker", ("make", str(out)), one.model_dump_json()) for one in missing]
+        for job in _done(jobs, pool):
+            job.result()
+            progress.update(bar, advance=1)
+
+
+def _all(orders: Sequence[MatchOrder], out: Path, workers: int, what: str) -> list[Matching]:
+    found: dict[str, Matching] = {}
+    with _progress() as progress, ThreadPoolExecutor(workers) as pool:
+        bar = progress.add_task(what, total=len(orders))
+        waiting = {pool.submit(_matching, order, out): order for order in orders}
+        for job in _done(waiting, pool):
+            found[waiting[job].stem] = job.result()
+            progress.update(bar, advance=1, description=waiting[job].stem)
+    return [found[order.stem] for order in orders]
+
+
+def _done(jobs: Iterable[Future[_Outcome]], pool: ThreadPoolExecutor) -> Iterator[Future[_Outcome]]:
+    """The jobs as they end; who stops asking (an interrupt, say) does not wait for those that have not begun."""
+    try:
+        yield from as_completed(jobs)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _matching(order: MatchOrder, out: Path) -> Matching:
+    earlier = _earlier(order, out)
+    if earlier is not None:
+        return earlier
+    error = _worker("match_worker", (str(out),), order.model_dump_json())
+    if error:
+        return Matching(order=order, error=error)
+    found = _earlier(order, out)
+    if found is None:
+        raise InputError(f"{matching_file(out, order)} changed while it was read", "name another --out")
+    return found
+
+
+def _earlier(order: MatchOrder, out: Path) -> Matching | None:
+    """The outcome of the same order, if there is one."""
+    try:
+        found = Matching.model_validate_json(matching_file(out, order).read_text(encoding="utf-8"))
+    except (OSError, ValidationError):
+        return None
+    return found if found.order == order else None
+
+
+def _worker(module: str, arguments: Sequence[str], order: str) -> str:
+    """Run a worker of this room in a process of its own; returns what went wrong, if anything."""
+    command = [sys.executable, "-P", "-m", f"evals.benchmark.{module}", *arguments]
+    done = subprocess.run(
+        command, input=order, capture_output=True, text=True, check=False, env=worker_environment()
+    )  # fmt: skip
+    lines = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
+    return lines[-1] if done.returncode else ""
+
+
+def _progress() -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+               TimeRemainingColumn())  # fmt: skip
+    return Progress(*columns, console=terminal.console(error=True))
+
+
+def _prices(told: Sequence[str]) -> dict[str, tuple[float, float]]:
+    found: dict[str, tuple[float, float]] = {}
+    for one in told:
+        model, _, numbers = one.rpartition("=")
+        try:
+            into, out = (float(number) for number in numbers.split(","))
+        except ValueError as error:
+            raise InputError(f"price {one!r}", "give MODEL=IN,OUT, what a million tokens cost") from error
+        found[model] = (into, out)
+    return found

@@ -1,0 +1,192 @@
+"""Match one scene in this process: an order comes in on standard input, the outcome goes into the folder named."""
+
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from evals.benchmark.ground_truth import LabelledScene, read_labelled
+from evals.benchmark.match_types import Answered, Matching, MatchOrder, Outcome, matching_file
+from evals.benchmark.segmentation_metrics import MATCHED, overlaps
+from grs_agents import content
+from grs_agents.agents import Agents, Description, NoReply, roles
+from grs_agents.config import Config, load_config
+from grs_agents.config.model import Limits
+from grs_agents.errors import GrsError
+from grs_agents.files import write_json
+from grs_agents.library import Library
+from grs_agents.nodes.asset_matching import asking, measurements
+from grs_agents.perception import (
+    Candidate,
+    CandidateRecord,
+    MatchEvidence,
+    TableFrame,
+    candidates_of,
+    find_table,
+    save_candidates,
+    save_frame,
+)
+from grs_agents.perception.matching.types import MatchResult, Segment
+from grs_agents.sandbox import Sandbox
+from grs_agents.terminal import say
+from grs_agents.toolkit import ToolContext, load_tool
+from grs_agents.trace import EventLog, Reply, read_events
+
+
+def match(order: MatchOrder, out: Path) -> Matching:
+    """Match a scene that is there, and write the outcome below ``out``.
+
+    Raises:
+        GrsError: the scene cannot be read, there is no such tool, or a model cannot be reached.
+    """
+    scene, library = read_labelled(Path(order.scene.source)), Library()
+    table = find_table(scene.frame, np.random.default_rng(order.scene.seed))
+    cv2.setNumThreads(1)
+    with Sandbox() as sandbox:
+        context = ToolContext(sandbox=sandbox, library=library, limits=Limits())
+        candidates = _candidates(order, scene, table, context)
+        folder = out / "pictures" / order.scene.name
+        image = save_frame(scene.frame, folder)["rgb"]
+        records = save_candidates(scene.frame, candidates, folder)
+        log = EventLog(out / "events" / f"{order.stem}.jsonl")
+        before = log.sequence
+        begin = time.process_time()
+        result = _matched(order, scene, table, candidates, records, image, context, Agents(_config(order), log, folder))
+    seconds = time.process_time() - begin
+    log.close()
+    replies = [event for event in read_events(log.path) if isinstance(event, Reply) and event.sequence >= before]
+    answers, unseen = _answers(scene, candidates, records, result.matches, library)
+    found = Matching(
+        order=order,
+        answers=answers,
+        unseen=unseen,
+        input_tokens=sum(event.input_tokens for event in replies),
+        output_tokens=sum(event.output_tokens for event in replies),
+        cpu_seconds=seconds,
+    )
+    write_json(matching_file(out, order), found.model_dump(mode="json"))
+    return found
+
+
+def same_looks(library: Library) -> dict[str, str]:
+    """For each asset the first of those that look exactly like it, which no method can tell from it."""
+    first: dict[str, str] = {}
+    found: dict[str, str] = {}
+    for asset in library.things():
+        looks = repr(library.model(asset.name).visuals)
+        found[asset.name] = first.setdefault(looks, asset.name)
+    return found
+
+
+def _config(order: MatchOrder) -> Config:
+    model = [] if order.model == "-" else [f"models.default={order.model}"]
+    return load_config(None, [*model, f"seed={order.run}", *order.settings]).config
+
+
+def _candidates(
+    order: MatchOrder, scene: LabelledScene, table: TableFrame, context: ToolContext
+) -> Sequence[Candidate]:
+    if not order.scene.tool:
+        return candidates_of(scene.frame, table, scene.labels)
+    tool = load_tool(order.scene.tool)
+    found: Sequence[Candidate] = tool.run(tool.Request(frame=scene.frame, table=table), context).candidates
+    return found
+
+
+def _matched(
+    order: MatchOrder,
+    scene: LabelledScene,
+    table: TableFrame,
+    candidates: Sequence[Candidate],
+    records: Sequence[CandidateRecord],
+    image: str,
+    context: ToolContext,
+    agents: Agents,
+) -> MatchResult:
+    described: dict[int, Description] = {}
+    if order.method.models:
+        for record in records:
+            said = roles.describe(agents, measurements(record), [record.crop, image])
+            described[record.id] = _silent(record) if isinstance(said, NoReply) else said
+    config, tool = agents.config, load_tool(order.method.tool)
+    asked = [one for one in candidates if one.id not in described or described[one.id].is_object]
+    crops = {record.id: agents.folder / record.crop for record in records}
+    segments = [Segment(one.id, one.mask, one.upright, crops[one.id], one.points) for one in asked]
+    request = tool.Request(
+        segments=segments, frame=scene.frame, table=table, ask=asking(agents, records, described, image, []),
+        seed=order.run, model=config.match.model, index=config.match.index,
+        ocr=order.method.ocr, sized=order.method.sized,
+    )  # fmt: skip
+    found: MatchResult = tool.run(request, context)
+    return found
+
+
+def _silent(record: CandidateRecord) -> Description:
+    return Description(
+        is_object=True, description=f"an undescribed {record.shape}", color="unknown", shape=record.shape,
+        category="object",
+    )  # fmt: skip
+
+
+def _answers(
+    scene: LabelledScene,
+    candidates: Sequence[Candidate],
+    records: Sequence[CandidateRecord],
+    matches: Mapping[int, MatchEvidence],
+    library: Library,
+) -> tuple[tuple[Answered, ...], int]:
+    labels = np.zeros(scene.labels.shape, np.int32)
+    for one in candidates:
+        labels[one.mask] = one.id
+    common = overlaps(labels, scene.labels, scene.ignored())
+    partner = {int(common.segments[column]): int(common.truths[row]) for row, column in common.pairs()
+               if common.ious[row, column] >= MATCHED}  # fmt: skip
+    counting = {int(number) for number in common.segments}
+    known, looks = {one.id: one for one in scene.truth.objects}, same_looks(library)
+    found: list[Answered] = []
+    for record in records:
+        if record.id not in counting:
+            continue
+        label = partner.get(record.id)
+        thing = known.get(label) if label is not None else None
+        truth = None if label is None else thing.asset if thing is not None else ""
+        answer = matches.get(record.id, MatchEvidence(match="no_object", reason="described as no object"))
+        visible = thing.visible / thing.whole if thing is not None and thing.visible and thing.whole else None
+        found.append(
+            Answered(id=record.id, truth=truth, answer=answer, outcome=_outcome(truth, answer, looks), visible=visible,
+                     crop=f"pictures/{scene.name}/{record.crop}")
+        )  # fmt: skip
+    assets = [int(label) for label in common.truths if (one := known.get(int(label))) is not None and one.asset]
+    return tuple(found), len(set(assets) - set(partner.values()))
+
+
+def _outcome(truth: str | None, answer: MatchEvidence, looks: Mapping[str, str]) -> Outcome:
+    if answer.match != "asset" or answer.asset is None:
+        return "missed" if truth else "rightly none"
+    if not truth:
+        return "false alarm"
+    return "right" if looks.get(answer.asset, answer.asset) == looks.get(truth, truth) else "wrong asset"
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The folder for outcomes; the order is read from standard input.
+
+    Returns:
+        0, or the error's exit status.
+    """
+    order = MatchOrder.model_validate_json(sys.stdin.read())
+    for root in reversed(order.scene.content):
+        content.add_overlay(Path(root))
+    try:
+        match(order, Path(arguments[0]))
+    except GrsError as error:
+        say(error, error=True)
+        return error.exit_status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

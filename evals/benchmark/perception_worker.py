@@ -1,0 +1,154 @@
+"""Measure one scene in this process: an order comes in on standard input, the result goes into the folder named.
+
+A process of its own for each scene tells how much memory it took, and a crash costs one scene.
+"""
+
+import resource
+import statistics
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from evals.benchmark.ground_truth import LabelledScene, read_labelled
+from evals.benchmark.pose_errors import frame_figures, object_figures
+from evals.benchmark.segmentation_metrics import score
+from evals.benchmark.twin_run import Standing, standing
+from evals.benchmark.types import Order, Result, SceneFigures, dumped, result_file
+from grs_agents import content
+from grs_agents.config.model import Limits
+from grs_agents.errors import GrsError
+from grs_agents.files import write_bytes, write_json
+from grs_agents.library import Library
+from grs_agents.perception import Candidate, TableFrame, find_table
+from grs_agents.sandbox import Sandbox
+from grs_agents.terminal import say
+from grs_agents.toolkit import Tool, ToolContext, load_tool
+
+_MEBIBYTE = 1024 * 1024 if sys.platform == "darwin" else 1024
+
+
+@dataclass(frozen=True)
+class Found:
+    """What perception makes of a scene: table, candidates, or why there are none; and CPU time, s."""
+
+    table: TableFrame | None
+    candidates: Sequence[Candidate]
+    error: str
+    seconds: float
+
+
+def measure(order: Order, out: Path) -> Result:
+    """Measure a scene that is there, and write its result and its segments below ``out``.
+
+    Raises:
+        GrsError: the scene or its truth cannot be read, or there is no such tool.
+    """
+    scene = read_labelled(Path(order.source))
+    tool = load_tool(order.tool)
+    cv2.setNumThreads(1)
+    with Sandbox() as sandbox:
+        context = ToolContext(sandbox=sandbox, library=Library(), limits=Limits())
+        tries = [_found(scene, tool, context, order) for _ in range(order.repeats)]
+    found = min(tries, key=lambda one: one.seconds)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MEBIBYTE
+    labels = np.zeros(scene.labels.shape, np.int32)
+    for one in found.candidates:
+        labels[one.mask] = one.id
+    times = {"cpu_seconds": found.seconds, "cpu_median": statistics.median(one.seconds for one in tries)}
+    figures = _figures(order, scene, labels, found).model_copy(update={**times, "peak_mib": peak})
+    table = found.table
+    boxes = {one.id: _corners(one, table) for one in found.candidates} if table is not None else {}
+    result = Result(order=order, figures=figures, boxes=boxes)
+    file = result_file(out, order.name)
+    write_bytes(file.with_suffix(".png"), cv2.imencode(".png", labels.astype(np.uint16))[1].tobytes())
+    write_json(file, dumped(result))
+    return result
+
+
+def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order) -> Found:
+    begin = time.process_time()
+    table: TableFrame | None = None
+    candidates: Sequence[Candidate] = ()
+    error = ""
+    try:
+        table = find_table(scene.frame, np.random.default_rng(order.seed))
+        request = tool.Request(frame=scene.frame, table=table, model=order.model)
+        candidates = tool.run(request, context).candidates
+    except GrsError as failure:
+        error = failure.message
+    return Found(table, candidates, error, time.process_time() - begin)
+
+
+def _figures(order: Order, scene: LabelledScene, labels: npt.NDArray[np.int32], found: Found) -> SceneFigures:
+    frame, error = None, found.error
+    try:
+        frame = frame_figures(scene, np.random.default_rng(order.seed))
+    except GrsError as failure:
+        error = error or f"without calibration: {failure.message}"
+    library, stood = Library(), Standing()
+    try:
+        stood = standing(scene, labels, found.candidates, library, found.table)
+    except GrsError as failure:
+        error = error or f"twin: {failure.message}"
+    return SceneFigures(
+        name=order.name,
+        sensor=scene.truth.sensor,
+        tilt=scene.truth.tilt,
+        score=score(labels, scene.labels, scene.ignored()),
+        objects=object_figures(scene, labels, found.candidates, library, found.table, stood),
+        frame=frame,
+        twin=stood.twin,
+        width=scene.frame.camera.width,
+        height=scene.frame.camera.height,
+        error=error,
+    )
+
+
+def _corners(candidate: Candidate, table: TableFrame) -> tuple[tuple[float, ...], ...]:
+    """The corners of the upright box, (8, 3) m, camera frame."""
+    box = candidate.upright
+    cosine, sine = np.cos(box.yaw), np.sin(box.yaw)
+    unit = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    corners = unit * box.size @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]]) + box.center
+    pose = np.array(table.T_robot_cam)
+    return tuple(tuple(round(float(v), 4) for v in row) for row in (corners - pose[:3, 3]) @ pose[:3, :3])
+
+
+def make(order: Order) -> None:
+    """Synthesise the folder that the order names, if it is not there.
+
+    Raises:
+        SynthesisError: the scene cannot be made.
+    """
+    if order.recipe is not None and not (Path(order.source) / "truth.json").exists():
+        from evals.synthesis.scene import synthesise
+
+        synthesise(order.recipe, Library()).write(Path(order.source))
+
+
+def main(arguments: Sequence[str]) -> int:
+    """``make`` or ``measure``, and the folder for results; the order is read from standard input.
+
+    Returns:
+        0, or the error's exit status.
+    """
+    verb, out = arguments
+    order = Order.model_validate_json(sys.stdin.read())
+    for root in reversed(order.content):
+        content.add_overlay(Path(root))
+    try:
+        make(order) if verb == "make" else measure(order, Path(out))
+    except GrsError as error:
+        say(error, error=True)
+        return error.exit_status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

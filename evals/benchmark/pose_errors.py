@@ -1,0 +1,130 @@
+"""How far measured boxes, poses and frames are off."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from evals.benchmark.ground_truth import LabelledScene, TrueObject
+from evals.benchmark.segmentation_metrics import MATCHED, overlaps
+from evals.benchmark.twin_run import Standing
+from evals.benchmark.types import FrameFigures, ObjectFigures
+from grs_agents.errors import InputError
+from grs_agents.library import Library
+from grs_agents.library.posed_meshes import gather_posed
+from grs_agents.library.shapes import rotation_matrix
+from grs_agents.perception import Aabb, Candidate, TableFrame, find_table, place_asset
+from grs_agents.perception.surfaces import symmetry_of
+
+Floats = npt.NDArray[np.float64]
+
+
+def object_figures(
+    scene: LabelledScene,
+    found: npt.NDArray[np.int32],
+    candidates: Sequence[Candidate],
+    library: Library,
+    table: TableFrame | None = None,
+    stood: Standing | None = None,
+) -> tuple[ObjectFigures, ...]:
+    """What became of each object that counts.
+
+    Args:
+        scene: with its truth.
+        found: (H, W) numbers of the candidates.
+        candidates: measured in the robot frame of the scene's calibration, if it has one.
+        library: where the true assets are looked up.
+        table: the frame that the candidates were measured in, for a truth that is given in the camera's.
+        stood: where the assets stand; without it they are laid into the measured boxes.
+    """
+    common = overlaps(found, scene.labels, scene.ignored())
+    partner = {int(common.truths[row]): (int(common.segments[column]), float(common.ious[row, column]))
+               for row, column in common.pairs()}  # fmt: skip
+    known = {one.id: one for one in scene.truth.objects}
+    by_number = {one.id: one for one in candidates}
+    calibrated = scene.frame.camera.T_robot_cam is not None
+    figures: list[ObjectFigures] = []
+    for label, area in zip(common.truths.tolist(), common.truth_areas.tolist(), strict=True):
+        one = known.get(label, TrueObject(id=label))
+        segment, iou = partner.get(label, (None, 0.0))
+        made = ObjectFigures(id=label, asset=one.asset, visible=area / one.whole if one.whole else None,
+                             iou=iou, segment=segment)  # fmt: skip
+        if segment is not None and iou >= MATCHED:
+            box = one.box or _box_of(one, library) if calibrated else None
+            if table is not None and label in scene.points:
+                box = _box_around(_moved(scene.points[label], table))
+            made = made.model_copy(update=_box_errors(box, by_number[segment]))
+            if calibrated:
+                made = made.model_copy(update=_pose_errors(one, by_number[segment], library, stood or Standing()))
+        figures.append(made)
+    return tuple(figures)
+
+
+def _box_errors(box: Aabb | None, candidate: Candidate) -> dict[str, object]:
+    if box is None:
+        return {}
+    return {
+        "center": float(np.linalg.norm(np.subtract(candidate.box.center, box.center))),
+        "size": float(np.abs(np.subtract(candidate.box.size, box.size)).max()),
+    }
+
+
+def _pose_errors(one: TrueObject, candidate: Candidate, library: Library, stood: Standing) -> dict[str, object]:
+    found: dict[str, object] = {}
+    rotation = one.rotation
+    if one.asset in library and one.position is not None and rotation is not None:
+        bounds = np.array(library.model(one.asset).bounds)
+        true = rotation_matrix(rotation)
+        middle = true @ bounds.mean(axis=0) + one.position
+        center, turned, _ = place_asset(candidate.upright, library.asset(one.asset).size)
+        if (registered := stood.poses.get(candidate.id)) is not None:
+            center, turned = registered.position, registered.orientation
+            found["residual"], found["method"] = registered.residual, registered.method
+        symmetry = symmetry_of(one.asset, library)
+        found["position"] = float(np.linalg.norm(np.subtract(center, middle)))
+        found["angle"] = symmetry.angle(rotation_matrix(turned), true)
+        found["symmetric"] = len(symmetry.axes) > 0
+    if (placed := stood.placed.get(candidate.id)) is not None:
+        found["drift"], found["held"] = placed.drift, placed.held
+    return found
+
+
+def _box_of(one: TrueObject, library: Library) -> Aabb | None:
+    """The axis-aligned box of an asset at its pose."""
+    rotation = one.rotation
+    if one.asset not in library or one.position is None or rotation is None:
+        return None
+    return _box_around(gather_posed([(one.asset, (one.position, rotation))], library).corners.reshape(-1, 3))
+
+
+def _box_around(points: Floats) -> Aabb:
+    low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    return Aabb(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
+
+
+def _moved(points: Floats, table: TableFrame) -> Floats:
+    pose = np.array(table.T_robot_cam)
+    return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+def frame_figures(scene: LabelledScene, rng: np.random.Generator) -> FrameFigures | None:
+    """How the frame found without calibration agrees with the given one; ``None`` if none is given.
+
+    Raises:
+        InputError: no table is found without calibration.
+    """
+    camera = scene.frame.camera
+    if camera.T_robot_cam is None:
+        return None
+    true = np.array(camera.T_robot_cam)
+    blind = type(scene.frame)(
+        scene.frame.rgb, scene.frame.depth, camera.model_copy(update={"T_robot_cam": None}), scene.frame.source
+    )
+    found = np.array(find_table(blind, rng).T_robot_cam)
+    tilt = float(np.rad2deg(np.arccos(np.clip(true[2, :3] @ found[2, :3], -1, 1))))
+    points = scene.frame.points()[(scene.labels > 0) & (scene.frame.depth > 0)]
+    if not len(points):
+        raise InputError(f"{scene.name}: none of its objects has a depth", "label what was measured")
+    middle = true[:3, :3] @ points.mean(axis=0) + true[:3, 3]
+    on_table = true[:3, :3].T @ (np.array([middle[0], middle[1], 0.0]) - true[:3, 3])
+    return FrameFigures(tilt=tilt, height=-float(found[2, :3] @ on_table + found[2, 3]))

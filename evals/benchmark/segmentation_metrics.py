@@ -1,0 +1,215 @@
+"""How good a segmentation is against the truth: overlaps, F1, splits and merges, outlines. Pure functions of labels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from evals.benchmark.assignment import assign
+from grs_agents.perception.image_geometry import Labels
+from grs_agents.perception.types import Array, Mask
+
+Counts = npt.NDArray[np.int64]
+MATCHED = 0.5
+"""A segment and an object are matched if their intersection over union is at least this."""
+FRAGMENT = 0.1
+"""A part of an object counts as a fragment, or as swallowed, from this share of the object's pixels."""
+MOSTLY = 0.5
+"""A segment lies mostly in an object from this share of the segment's pixels."""
+OUTLINE = 0.003
+"""Outlines agree within this share of the picture's diagonal: 3 pixels at 640x480."""
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """How segments and objects share pixels.
+
+    Attributes:
+        truths: (T,) labels of the objects that count.
+        segments: (S,) labels of the segments that count.
+        shared: (T, S) pixels of object t in segment s.
+        truth_areas, segment_areas: (T,), (S,) pixels.
+    """
+
+    truths: Counts
+    segments: Counts
+    shared: Counts
+    truth_areas: Counts
+    segment_areas: Counts
+
+    @property
+    def ious(self) -> Array:
+        """(T, S) intersection over union."""
+        union = self.truth_areas[:, None] + self.segment_areas[None] - self.shared
+        return self.shared / np.maximum(union, 1)
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """The one-to-one assignment (rows of ``truths``, of ``segments``) with the most intersection over union."""
+        ious = self.ious
+        return [(row, column) for row, column in assign(-ious) if ious[row, column] > 0]
+
+
+@dataclass(frozen=True)
+class SegmentationScore:
+    """The counts of one picture; those of many add up.
+
+    Attributes:
+        objects, segments: how many there are.
+        hits: matched pairs at an intersection over union of 0.5 and 0.75.
+        iou_of_matched: sum of the intersection over union of the pairs matched at 0.5.
+        iou_of_objects: sum over all objects of that of their assigned segment, 0 where there is none.
+        split: objects of which two or more segments each hold a fragment and lie mostly in it.
+        merged: objects that share a segment with another, each with the larger part of its pixels.
+        outline_found, outline_segments: pixels of segments' outlines that are near their object's, and all of them.
+        outline_met, outline_objects: pixels of objects' outlines that are near their segment's, and all of them.
+    """
+
+    objects: int
+    segments: int
+    hits: tuple[int, int]
+    iou_of_matched: float
+    iou_of_objects: float
+    split: int
+    merged: int
+    outline_found: int
+    outline_segments: int
+    outline_met: int
+    outline_objects: int
+
+    @property
+    def mean_iou(self) -> float:
+        """Mean intersection over union of matched instances; NaN where none is matched."""
+        return self.iou_of_matched / self.hits[0] if self.hits[0] else float("nan")
+
+    @property
+    def mean_iou_of_objects(self) -> float:
+        """Mean over all objects, those that no segment is assigned to count 0."""
+        return self.iou_of_objects / self.objects if self.objects else float("nan")
+
+    @property
+    def f1(self) -> tuple[float, float]:
+        """F1 of the instances at 0.5 and 0.75; 1 where there is nothing and nothing was found."""
+        both = self.objects + self.segments
+        return (2 * self.hits[0] / both, 2 * self.hits[1] / both) if both else (1.0, 1.0)
+
+    @property
+    def over_segmentation(self) -> float:
+        """Share of the objects that are split."""
+        return self.split / max(self.objects, 1)
+
+    @property
+    def under_segmentation(self) -> float:
+        """Share of the objects that are merged with another."""
+        return self.merged / max(self.objects, 1)
+
+    @property
+    def boundary_f(self) -> float:
+        """F measure of the outlines of assigned pairs; what is not assigned counts as missed."""
+        precision = self.outline_found / max(self.outline_segments, 1)
+        recall = self.outline_met / max(self.outline_objects, 1)
+        if not self.outline_objects and not self.outline_segments:
+            return 1.0
+        return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
+
+
+def overlaps(found: Labels, truth: Labels, ignored: frozenset[int] = frozenset()) -> Overlaps:
+    """Compare two (H, W) label pictures, 0 = background.
+
+    Args:
+        found: the segments.
+        truth: the objects.
+        ignored: labels of objects that need not be found; segments that lie mostly in them do not count either.
+    """
+    if found.shape != truth.shape:
+        raise ValueError(f"segments of shape {found.shape} cannot be compared with a truth of shape {truth.shape}")
+    rows, columns = int(truth.max(initial=0)) + 1, int(found.max(initial=0)) + 1
+    pairs = truth.astype(np.int64).ravel() * columns + found.ravel()
+    table = np.bincount(pairs, minlength=rows * columns).reshape(rows, columns)
+    sizes, areas = table.sum(axis=1), table.sum(axis=0)
+    passed = np.array([label in ignored for label in range(rows)], np.bool_)
+    lost = table[passed].sum(axis=0) > MOSTLY * areas
+    truths = np.flatnonzero((sizes > 0) & ~passed & (np.arange(rows) > 0))
+    segments = np.flatnonzero((areas > 0) & ~lost & (np.arange(columns) > 0))
+    return Overlaps(truths, segments, table[np.ix_(truths, segments)], sizes[truths], areas[segments])
+
+
+def score(found: Labels, truth: Labels, ignored: frozenset[int] = frozenset()) -> SegmentationScore:
+    """Score the segments ``found`` (H, W) against the objects ``truth`` (H, W); see `overlaps` for ``ignored``.
+
+    Splits and merges follow the idea of Hoover et al., "An experimental comparison of range image segmentation
+    algorithms", 1996; outlines follow Xie et al., "Unseen object instance segmentation for robotic environments", 2021.
+    """
+    common = overlaps(found, truth, ignored)
+    pairs, ious = common.pairs(), common.ious
+    assigned = np.array([ious[pair] for pair in pairs])
+    return SegmentationScore(
+        objects=len(common.truths),
+        segments=len(common.segments),
+        hits=(int((assigned >= MATCHED).sum()), int((assigned >= 0.75).sum())),
+        iou_of_matched=float(assigned[assigned >= MATCHED].sum()),
+        iou_of_objects=float(assigned.sum()),
+        split=_split(common),
+        merged=_merged(common),
+        **_outlines(found, truth, common, pairs),
+    )
+
+
+def total(scores: Sequence[SegmentationScore]) -> SegmentationScore:
+    """The score of several pictures together, each object counting alike."""
+
+    def add(name: str) -> int:
+        return sum(getattr(one, name) for one in scores)
+
+    return SegmentationScore(
+        objects=add("objects"),
+        segments=add("segments"),
+        hits=(sum(one.hits[0] for one in scores), sum(one.hits[1] for one in scores)),
+        iou_of_matched=sum(one.iou_of_matched for one in scores),
+        iou_of_objects=sum(one.iou_of_objects for one in scores),
+        split=add("split"),
+        merged=add("merged"),
+        outline_found=add("outline_found"),
+        outline_segments=add("outline_segments"),
+        outline_met=add("outline_met"),
+        outline_objects=add("outline_objects"),
+    )
+
+
+def _split(common: Overlaps) -> int:
+    fragment = common.shared >= FRAGMENT * common.truth_areas[:, None]
+    mostly = common.shared >= MOSTLY * common.segment_areas[None]
+    return int(((fragment & mostly).sum(axis=1) >= 2).sum())
+
+
+def _merged(common: Overlaps) -> int:
+    larger = common.shared > MOSTLY * common.truth_areas[:, None]
+    return int(larger[:, larger.sum(axis=0) >= 2].any(axis=1).sum())
+
+
+def _outlines(found: Labels, truth: Labels, common: Overlaps, pairs: Sequence[tuple[int, int]]) -> dict[str, int]:
+    reach = max(1, round(OUTLINE * float(np.hypot(*truth.shape)) + 0.499))
+    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    ours = [outline(found == label) for label in common.segments]
+    theirs = [outline(truth == label) for label in common.truths]
+    near = [
+        (_grown(theirs[row], disk) & ours[column], _grown(ours[column], disk) & theirs[row]) for row, column in pairs
+    ]
+    return {
+        "outline_found": sum(int(one.sum()) for one, _ in near),
+        "outline_segments": sum(int(one.sum()) for one in ours),
+        "outline_met": sum(int(other.sum()) for _, other in near),
+        "outline_objects": sum(int(one.sum()) for one in theirs),
+    }
+
+
+def outline(mask: Mask) -> Mask:
+    """The pixels of a mask (H, W) that touch another pixel by a side; the picture's edge is no outline."""
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    inner = cv2.erode(mask.astype(np.uint8), cross, borderType=cv2.BORDER_REPLICATE)
+    return mask & (np.asarray(inner) == 0)
+
+
+def _grown(mask: Mask, disk: cv2.typing.MatLike) -> Mask:
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), disk)) > 0

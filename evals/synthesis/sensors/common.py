@@ -1,0 +1,67 @@
+"""What depth cameras have in common: noise that is smooth over a window, edges, and what a second eye cannot see."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from evals.synthesis.drawing import Bools, Floats, Seen
+
+
+def smooth_noise(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Floats:
+    """(H, W) noise of unit deviation, alike over about ``width`` pixels."""
+    noise = np.asarray(cv2.GaussianBlur(rng.normal(size=shape), (0, 0), width), np.float64)
+    return noise * (2 * np.sqrt(np.pi) * width)
+
+
+def edges(depth: Floats, step: float) -> Bools:
+    """(H, W) pixels with a neighbour that is farther away or nearer by more than ``step`` of their depth."""
+    kernel = np.ones((3, 3), np.uint8)
+    span = np.asarray(cv2.dilate(depth, kernel)) - np.asarray(cv2.erode(depth, kernel))
+    return np.asarray(span > step * depth)
+
+
+def unseen_from(disparity: Floats, slack: float = 1.5) -> Bools:
+    """(H, W) pixels that a second eye beside the camera does not see, because something nearer is in the way.
+
+    Args:
+        disparity: (H, W) how many columns further left the second eye sees each pixel.
+        slack: by how much (pixels) the disparity of what is in the way is larger.
+    """
+    height, width = disparity.shape
+    columns = np.arange(width, dtype=np.float64) - disparity
+    bins = np.clip(np.rint(columns).astype(np.int64), -width, width - 1) + width
+    rows = 2 * width * np.arange(height, dtype=np.int64)[:, None]
+    nearest = np.full(height * 2 * width, -np.inf)
+    np.maximum.at(nearest, (rows + bins).ravel(), disparity.ravel())
+    nearest = nearest.reshape(height, 2 * width).astype(np.float32)
+    nearest = np.asarray(cv2.dilate(np.where(np.isfinite(nearest), nearest, 0), np.ones((1, 3), np.uint8)))
+    return np.asarray(np.take_along_axis(nearest, bins, axis=1) > disparity + slack)
+
+
+def returned(seen: Seen) -> Floats:
+    """(H, W) how much of a light beside the camera comes back: 1 from a white wall at 1 m seen straight on.
+
+    A mirroring thing throws most of it elsewhere, unless it faces the camera.
+    """
+    mirrored = np.where(seen.shiny, np.where(seen.cosine > 0.98, 6.0, 0.25), 1.0)
+    return seen.albedo * seen.cosine * mirrored / np.maximum(seen.depth, 0.2) ** 2
+
+
+def jittered(picture: Floats, deviation: float, width: float, rng: np.random.Generator) -> Floats:
+    """The picture (H, W) with its outlines frayed: each pixel shows one that is ``deviation`` pixels off."""
+    rows, columns = np.indices(picture.shape)
+    shift = [smooth_noise(picture.shape, width, rng) * deviation for _ in range(2)]
+    row = np.clip(np.rint(rows + shift[0]).astype(np.int64), 0, picture.shape[0] - 1)
+    column = np.clip(np.rint(columns + shift[1]).astype(np.int64), 0, picture.shape[1] - 1)
+    return picture[row, column]
+
+
+def patches(shape: tuple[int, int], share: float | Floats, width: float, rng: np.random.Generator) -> Bools:
+    """(H, W) blots of about ``width`` pixels that cover ``share`` (of everything, or at each pixel) of the picture."""
+    field = smooth_noise(shape, width, rng)
+    return np.asarray(_normal_share(field) > 1 - np.asarray(share))
+
+
+def _normal_share(values: Floats) -> npt.NDArray[np.float64]:
+    """The share of a normal distribution below each value, to 1e-3 (Hastings' approximation by tanh)."""
+    return 0.5 * (1 + np.tanh(np.sqrt(2 / np.pi) * (values + 0.044715 * values**3)))

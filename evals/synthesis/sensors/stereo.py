@@ -1,0 +1,53 @@
+"""An active stereo camera of the RealSense D400 kind, with a weak pattern projector.
+
+Sources: Keselman et al., "Intel RealSense stereoscopic depth cameras", CVPR workshops 2017, and Grunnet-Jepsen et al.,
+"Best-known-methods for tuning Intel RealSense D400 depth cameras", 2018 (deviation of the disparity of about 0.08
+pixels, hence of the depth with the square of the distance; steps of 1/32 pixel); Scharstein and Szeliski, "A taxonomy
+and evaluation of dense two-frame stereo correspondence algorithms", IJCV 47, 2002 (outlines fattened by the matching
+window, no match in half-occluded and untextured regions); Ahn et al., "Analysis and noise modeling of the Intel
+RealSense D435 for mobile robots", UR 2019 (noise that is alike over the window; holes).
+"""
+
+import cv2
+import numpy as np
+
+from evals.synthesis.drawing import Floats, Seen
+from evals.synthesis.sensors.common import edges, jittered, patches, smooth_noise, unseen_from
+from grs_agents.perception import Camera
+
+BASELINE = 0.05
+STEP = 1 / 32
+DEVIATION = 0.08
+"""Of the disparity, pixels, where there is texture."""
+FAT = 2
+"""Outlines grow by so many pixels where nothing in the background holds them."""
+NEAREST, FARTHEST = 0.2, 6.0
+_WINDOW = 2.5
+_TEXTURE = 0.012
+"""Contrast within the window (deviation of the brightness) below which a match is doubtful."""
+
+
+def stereo(seen: Seen, camera: Camera, rng: np.random.Generator) -> Floats:
+    """The depth (H, W) in m that such a camera measures, 0 where it measures none."""
+    shape = (camera.height, camera.width)
+    product = camera.fx * BASELINE
+    exact = product / seen.depth
+    plain = np.clip(1 - _contrast(seen.rgb) / _TEXTURE, 0, 1)
+    fat = np.asarray(cv2.dilate(exact, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * FAT + 1, 2 * FAT + 1))))
+    matched = np.where(patches(shape, 0.3 + 0.6 * plain, 3.0, rng), fat, exact)
+    fine, coarse = rng.normal(size=shape), smooth_noise(shape, _WINDOW, rng)
+    noise = DEVIATION * (1 + plain) * (0.35 * fine + 0.94 * coarse)
+    disparity = jittered(matched, 0.5, 1.5, rng) + noise
+    measured = product / np.maximum(np.rint(disparity / STEP) * STEP, STEP)
+    lost = unseen_from(exact) | patches(shape, 0.004 + 0.05 * plain + 0.15 * seen.shiny, 4.0, rng)
+    lost |= edges(seen.depth, 0.03) & (rng.random(shape) < 0.25)
+    lost |= (seen.cosine < 0.08) | (measured < NEAREST) | (measured > FARTHEST)
+    return np.where(lost, 0.0, measured)
+
+
+def _contrast(rgb: Floats) -> Floats:
+    """(H, W) deviation of the brightness within 7 x 7 pixels."""
+    grey = np.ascontiguousarray(rgb.mean(axis=2))
+    mean = np.asarray(cv2.blur(grey, (7, 7)), np.float64)
+    square = np.asarray(cv2.blur(grey**2, (7, 7)), np.float64)
+    return np.sqrt(np.maximum(square - mean**2, 0))

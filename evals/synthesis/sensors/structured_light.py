@@ -1,0 +1,49 @@
+"""A structured-light camera of the first Kinect's kind.
+
+Sources: Khoshelham and Oude Elberink, "Accuracy and resolution of Kinect depth data for indoor mapping applications",
+Sensors 12, 2012 (disparity noise of half a step of 1/8 pixel, hence a deviation of 1.4 mm times the square of the
+distance in m, and depth that comes in steps); Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise for improved 3D
+reconstruction and tracking", 3DIMPVT 2012 (lateral noise of 0.8 pixels; axial noise that grows at grazing angles);
+Mallick, Das and Majumdar, "Characterizations of noise in Kinect depth images", IEEE Sensors Journal 14, 2014 (shadow
+beside what is nearer, nothing measured on dark, mirroring and grazing surfaces and along outlines).
+"""
+
+import numpy as np
+
+from evals.synthesis.drawing import Floats, Seen
+from evals.synthesis.sensors.common import edges, jittered, patches, returned, smooth_noise, unseen_from
+from grs_agents.perception import Camera
+
+BASELINE = 0.075
+STEP = 1 / 8
+"""Disparity comes in steps of so many pixels."""
+DEVIATION = STEP / 2
+LATERAL = 0.8
+NEAREST, FARTHEST = 0.4, 4.0
+_WINDOW = 1.5
+"""The pattern is matched over a window of 9 pixels: noise is alike over about this many."""
+_FAINT = 0.025
+_GRAZING = 0.12
+
+
+def structured_light(seen: Seen, camera: Camera, rng: np.random.Generator) -> Floats:
+    """The depth (H, W) in m that such a camera measures, 0 where it measures none."""
+    shape = (camera.height, camera.width)
+    product = camera.fx * BASELINE
+    depth = jittered(seen.depth, LATERAL, _WINDOW, rng)
+    fine, coarse = rng.normal(size=shape), smooth_noise(shape, _WINDOW, rng)
+    disparity = product / depth + DEVIATION * (0.6 * fine + 0.8 * coarse) + _grazing(seen, product) * coarse
+    measured = product / np.maximum(np.rint(disparity / STEP) * STEP, STEP)
+    light = returned(seen) * np.exp(0.3 * smooth_noise(shape, _WINDOW, rng))
+    lost = unseen_from(product / seen.depth) | (light < _FAINT) | (seen.cosine < _GRAZING)
+    lost |= seen.shiny & ((seen.cosine > 0.985) | patches(shape, 0.2, 4.0, rng))
+    lost |= edges(seen.depth, 0.02) & (rng.random(shape) < 0.5)
+    lost |= (measured < NEAREST) | (measured > FARTHEST)
+    return np.where(lost, 0.0, measured)
+
+
+def _grazing(seen: Seen, product: float) -> Floats:
+    """Further deviation (H, W) of the disparity, pixels, where a surface is seen at a grazing angle (Nguyen et al.)."""
+    angle = np.arccos(np.clip(seen.cosine, 0, 1))
+    beyond = np.minimum(1e-4 / np.sqrt(seen.depth) * angle**2 / np.maximum(np.pi / 2 - angle, 0.05) ** 2, 0.02)
+    return beyond * product / seen.depth**2

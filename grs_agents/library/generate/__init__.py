@@ -1,1 +1,0 @@
-"""Code that draws the shipped assets: run ``python -m grs_agents.library.generate`` to write them again."""

@@ -1,0 +1,52 @@
+"""Write ``assets/library`` and the sample scene again: ``python -m scripts.assets``."""
+
+from pathlib import Path
+
+from evals.synthesis.built_asset import Built
+from grs_agents import content
+from grs_agents.files import write_json
+from grs_agents.library.asset import MANIFEST, Manifest
+from grs_agents.library.library import Library
+from grs_agents.terminal import say
+from scripts.assets.fixtures import build_fixtures
+from scripts.assets.groceries import build_groceries
+from scripts.assets.household import build_household
+from scripts.assets.kitting import build_kitting
+from scripts.assets.marks import build_marks
+from scripts.assets.scene import write_scene
+from scripts.assets.templates import build_templates
+from scripts.assets.toys import build_toys
+
+
+def build_all() -> list[Built]:
+    """Every asset, in the order of its families."""
+    everyday = [*build_groceries(), *build_household()]
+    return [*everyday, *build_toys(), *build_fixtures(), *build_templates(), *build_marks(), *build_kitting()]
+
+
+def write_library(root: Path) -> Manifest:
+    """Write every asset and the manifest below ``root`` and remove what else lies there.
+
+    The same code and the same version of OpenCV write the same bytes.
+    """
+    built = build_all()
+    for one in built:
+        one.write(root)
+    manifest = Manifest(assets=tuple(sorted((one.asset for one in built), key=lambda asset: asset.name)))
+    write_json(root / MANIFEST, manifest.model_dump(mode="json"))
+    ours = {root / MANIFEST, *(root / name for one in built for name in one.files())}
+    for stray in {file for file in root.rglob("*") if file.is_file()} - ours:
+        stray.unlink()
+    return manifest
+
+
+def main() -> None:
+    """Replace the shipped library and its sample scene."""
+    assets = content.content_root() / "assets"
+    manifest = write_library(assets / "library")
+    write_scene(assets / "scenes" / "groceries", Library(assets / "library"))
+    say(f"{len(manifest.assets)} assets and a scene in {assets}")
+
+
+if __name__ == "__main__":
+    main()

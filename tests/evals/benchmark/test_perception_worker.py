@@ -1,0 +1,91 @@
+"""Measuring a scene: perfect masks score perfectly, mistakes show, the frame found blind is compared."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evals.benchmark.figures import COLUMNS, row, targets, totals
+from evals.benchmark.ground_truth import read_labelled
+from evals.benchmark.perception_worker import measure
+from evals.benchmark.pose_errors import frame_figures, object_figures
+from evals.benchmark.types import Order, Result, result_file
+from grs_agents.errors import InputError, UnknownNameError
+from grs_agents.library import Library
+from grs_agents.perception import candidates_of, find_table
+
+
+@pytest.fixture(scope="module")
+def measured(sample_scene: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
+    """The sample scene measured with the default tool, and the folder of its result."""
+    out = tmp_path_factory.mktemp("measured")
+    return measure(Order(name="groceries", source=str(sample_scene), tool="segment_rgbd"), out), out
+
+
+def test_the_sample_scene_is_measured_whole(measured: tuple[Result, Path]) -> None:
+    figures = measured[0].figures
+    assert (figures.score.objects, figures.score.hits[0], figures.error) == (11, 11, "")
+    assert figures.cpu_seconds > 0 < figures.peak_mib
+    assert figures.frame is not None
+    assert figures.frame.tilt < 1
+    assert abs(figures.frame.height) < 0.005
+    assert np.median([one.center for one in figures.objects if one.center is not None]) < 0.01
+    assert np.median([one.size for one in figures.objects if one.size is not None]) < 0.015
+    assert all(one.position is not None and one.angle is not None for one in figures.objects)
+
+
+def test_a_result_is_read_back_as_it_was(measured: tuple[Result, Path]) -> None:
+    result, out = measured
+    file = result_file(out, "groceries")
+    assert Result.model_validate_json(file.read_text()) == result
+    assert file.with_suffix(".png").exists()
+
+
+def test_the_true_masks_give_the_true_boxes(sample_scene: Path) -> None:
+    scene = read_labelled(sample_scene)
+    table = find_table(scene.frame, np.random.default_rng(0))
+    candidates = candidates_of(scene.frame, table, scene.labels)
+    figures = object_figures(scene, scene.labels, candidates, Library())
+    assert [one.iou for one in figures] == [1.0] * 11
+    assert max(one.center for one in figures if one.center is not None) < 0.012
+
+
+def test_a_tilted_frame_shows_its_tilt_and_height(sample_scene: Path) -> None:
+    scene = read_labelled(sample_scene)
+    angle = np.deg2rad(3)
+    turn, camera = np.eye(4), scene.frame.camera
+    turn[:3, :3] = [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
+    turn[2, 3] = 0.02
+    pose = (turn @ np.array(camera.T_robot_cam)).tolist()
+    moved = type(scene.frame)(
+        scene.frame.rgb, scene.frame.depth, camera.model_copy(update={"T_robot_cam": pose}), scene.frame.source
+    )
+    figures = frame_figures(type(scene)(scene.name, moved, scene.labels), np.random.default_rng(0))
+    assert figures is not None
+    assert figures.tilt == pytest.approx(3, abs=0.15)
+    # the true table (z = 0 of the given frame) now lies 2 cm below the one that is seen
+    assert figures.height == pytest.approx(0.02, abs=0.004)
+
+
+def test_the_tool_is_asked_with_the_model_that_is_named(tmp_path: Path, sample_scene: Path) -> None:
+    order = Order(name="x", source=str(sample_scene), tool="segment_sam2", model=str(tmp_path / "no-model"))
+    result = measure(order, tmp_path)
+    assert "no-model" in result.figures.error
+
+
+def test_a_row_has_every_column_and_targets_are_kept(measured: tuple[Result, Path]) -> None:
+    figures = measured[0].figures
+    assert set(row(figures)) == set(totals([figures])[0]) == set(COLUMNS)
+    by_name = {one.name: one for one in targets([figures])}
+    assert by_name["F1 at IoU 0.5"].value == 1.0
+    assert by_name["F1 at IoU 0.5"].reached
+    assert by_name["CPU up to 1920x1080, largest"].reached is None
+    json.dumps(row(figures), allow_nan=False)
+
+
+def test_what_cannot_be_measured_is_refused(tmp_path: Path, sample_scene: Path) -> None:
+    with pytest.raises(InputError, match="does not exist"):
+        measure(Order(name="none", source=str(tmp_path / "none"), tool="segment_rgbd"), tmp_path)
+    with pytest.raises(UnknownNameError, match="segment_nothing"):
+        measure(Order(name="x", source=str(sample_scene), tool="segment_nothing"), tmp_path)

@@ -1,0 +1,38 @@
+"""Heaps: things come to rest, on the table or on one another, and none is inside another."""
+
+import numpy as np
+import pytest
+
+from evals.synthesis import SynthesisError
+from evals.synthesis.clutter import CENTER, REACH, heap
+from grs_agents.library import Library
+from grs_agents.library.shapes import rotation_matrix
+
+THINGS = ("HOPE/Milk.urdf", "HOPE/Cookies.urdf", "block/red_block.urdf", "HOPE/Tuna.urdf", "bowl/bowl.urdf",
+          "HOPE/Corn.urdf", "HOPE/Popcorn.urdf", "mug/mug.urdf")  # fmt: skip
+
+
+def test_heaps_rest_on_the_table_and_some_things_on_others() -> None:
+    library, stacked = Library(), 0
+    for seed in range(3):
+        resting = heap(THINGS, library, np.random.default_rng(seed))
+        assert tuple(one.asset for one in resting) == THINGS
+        lows: list[float] = []
+        for one in resting:
+            (x, y, z), rotation = one.pose
+            corners = np.array(np.meshgrid(*np.array(library.model(one.asset).bounds).T)).reshape(3, -1)
+            lows.append(z + float((rotation_matrix(rotation) @ corners)[2].min()))
+            assert np.hypot(x - CENTER[0], y - CENTER[1]) < REACH
+        assert sum(abs(low) < 0.004 for low in lows) >= 3
+        stacked += sum(low > 0.01 for low in lows)
+    assert stacked >= 2
+
+
+def test_the_same_seed_makes_the_same_heap() -> None:
+    one, same = (heap(THINGS[:4], Library(), np.random.default_rng(8)) for _ in range(2))
+    assert one == same
+
+
+def test_what_finds_no_rest_is_refused() -> None:
+    with pytest.raises(SynthesisError, match="did not come to rest"):
+        heap(["container/open_box.urdf"] * 40, Library(), np.random.default_rng(0))
