@@ -6,11 +6,11 @@ the hooks that a test run calls.
 
 from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.harness.channel import progress
-from grs_agents.sandbox.harness.test_run import load_program, run_tests_inside, seed_everything
+from grs_agents.sandbox.harness.suite_runner import load_program, run_tests_inside, seed_everything
 from grs_agents.sandbox.host.batch_calls import BatchResult, call_batch
 from grs_agents.sandbox.host.sandbox import Sandbox
-from grs_agents.sandbox.host.test_discovery import ExpectedTests, expected_tests, parse
-from grs_agents.sandbox.host.test_run import TestRun, run_tests
+from grs_agents.sandbox.host.suite_discovery import ExpectedTests, expected_tests, parse
+from grs_agents.sandbox.host.suite_run import TestRun, run_tests
 from grs_agents.sandbox.host.zygote_process import SandboxError
 from grs_agents.sandbox.isolation.backends import REMEDIES, Backend, Choice, candidates
 from grs_agents.sandbox.protocol.report import CallOutcome, CallResult, Limits, TestCase, TestReport

@@ -17,7 +17,7 @@ from grs_agents.models.offline.code_fixer import fix_code
 from grs_agents.models.offline.describing import describe, describe_asset, images, match
 from grs_agents.models.offline.prompt_text import PromptText, read_prompt
 from grs_agents.models.offline.router import route
-from grs_agents.models.offline.test_author import author_tests, fix_tests
+from grs_agents.models.offline.unittest_author import author_tests, fix_tests
 
 Answer = Callable[[PromptText, list[bytes], np.random.Generator], str]
 ROLES: Mapping[str, Answer] = {

@@ -8,7 +8,7 @@ from grs_agents.models.offline import program_edits
 from grs_agents.models.offline.authors import plan_task
 from grs_agents.models.offline.program_writer import write_program
 from grs_agents.models.offline.prompt_text import Json, PromptText, Thing, read_things
-from grs_agents.models.offline.test_evidence import Evidence, read_evidence
+from grs_agents.models.offline.report_evidence import Evidence, read_evidence
 
 _MISSED = frozenset({"dropped", "partial", "step_limit", "stopped", "target_occupied"})
 _LARGER = 1.25

@@ -1,7 +1,7 @@
 """The router: which of the two programs the evidence speaks against."""
 
 from grs_agents.models.offline.prompt_text import PromptText
-from grs_agents.models.offline.test_evidence import Evidence, read_evidence
+from grs_agents.models.offline.report_evidence import Evidence, read_evidence
 
 _REMEDIES = {
     "step_limit": "allow more steps, or move fewer objects",

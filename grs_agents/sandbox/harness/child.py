@@ -1,4 +1,4 @@
-"""The forked process of one call: takes the request, gives up every right it can, runs the tool, reports."""
+"""The process of one call: takes the request, gives up every right it can, runs the tool, reports."""
 
 import faulthandler
 import fcntl
@@ -21,9 +21,9 @@ from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.isolation import kernel
 from grs_agents.sandbox.isolation.hardening import HardeningError, file_rules, harden, prepare
 from grs_agents.sandbox.isolation.privileges import Allowance, limit
+from grs_agents.sandbox.protocol import startup, wire
 from grs_agents.sandbox.protocol.report import Limits
-from grs_agents.sandbox.protocol.settings import Settings
-from grs_agents.sandbox.protocol.wire import FrameReader
+from grs_agents.sandbox.protocol.startup import Settings
 
 _DESCRIPTORS = 128
 _FRAMES, _TRACE = 3, 4
@@ -144,7 +144,7 @@ def _confine(limits: Limits, settings: Settings, rules: int | None) -> None:
 
 
 def _receive() -> dict[str, Any] | None:
-    reader = FrameReader()
+    reader = wire.FrameReader()
     while data := os.read(_FRAMES, 1 << 16):
         if frames := reader.feed(data):
             return frames[0]
@@ -171,3 +171,21 @@ def _answer(inside: Callable[[dict[str, Any]], object], request: dict[str, Any])
     elif caught.error is not None:
         text = "".join(traceback.format_exception(caught.error))
         channel.send({"kind": "error", "outcome": "error", "error": text[-8000:]})
+
+
+def main() -> None:
+    """Be a process for a single call, where ready ones cannot be forked: import, wait for the one order, serve it.
+
+    Started by ``zygote.Spawned`` under the system's sandbox, so that even its imports have no more rights than the code
+    that it will run.
+    """
+    zygote, settings = startup.begin()
+    warm(settings)
+    with suppress(OSError):
+        with suppress(OSError):  # the order may have come already, from a zygote that does not listen any more
+            zygote.send(wire.READY)
+        if (received := wire.receive(zygote, 3)) is not None:
+            order, (frames, trace, output) = received
+            scratch = settings.scratch / str(order.slot)
+            serve(frames, trace, output, scratch, order.limits, settings, rules(settings, scratch))
+    os._exit(0)

@@ -25,7 +25,7 @@ _OWN = (
     "grs_agents.sandbox.harness.captured_error",
     "grs_agents.sandbox.harness.channel",
     "grs_agents.sandbox.harness.assertion_count",
-    "grs_agents.sandbox.harness.test_run",
+    "grs_agents.sandbox.harness.suite_runner",
     "grs_agents.sandbox.protocol.tracebacks",
     "grs_agents.sandbox.protocol.wire",
 )

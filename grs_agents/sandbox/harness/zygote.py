@@ -22,10 +22,10 @@ from typing import Protocol
 
 from grs_agents.sandbox.harness import child
 from grs_agents.sandbox.isolation import usage
-from grs_agents.sandbox.protocol import boot, wire
+from grs_agents.sandbox.protocol import startup, wire
 from grs_agents.sandbox.protocol.report import Limits
 from grs_agents.sandbox.protocol.scratch import empty_folder
-from grs_agents.sandbox.protocol.settings import EXPLAIN, Settings
+from grs_agents.sandbox.protocol.startup import EXPLAIN, Settings
 from grs_agents.sandbox.protocol.wire import Order
 
 
@@ -110,7 +110,7 @@ class Spawned:
 
     def _spawn(self, slot: int) -> _Idle:
         ours, theirs = socket.socketpair()
-        command = boot.command("worker", theirs.fileno(), self._settings)
+        command = startup.command("child", theirs.fileno(), self._settings)
         try:
             process = subprocess.Popen(
                 [*self._settings.single_use[slot], *command], stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),)
@@ -130,7 +130,7 @@ _REST = 3
 
 def main() -> None:
     """Get ready, say so, and serve until the host goes away."""
-    host, settings = boot.begin()
+    host, settings = startup.begin()
     try:
         children: Children = Spawned(settings) if settings.single_use else Forked(settings)
     except ChildProcessError:  # it has said why

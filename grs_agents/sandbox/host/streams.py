@@ -16,7 +16,7 @@ from grs_agents.sandbox.isolation.backends import LAYERS
 from grs_agents.sandbox.isolation.usage import ENTRY_BYTES
 from grs_agents.sandbox.protocol import wire
 from grs_agents.sandbox.protocol.report import CallOutcome, CallResult, Limits
-from grs_agents.sandbox.protocol.settings import EXPLAIN
+from grs_agents.sandbox.protocol.startup import EXPLAIN
 
 _KEPT_OUTPUT = 64 << 10
 _KEPT_ERROR = 8000

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from grs_agents.errors import GrsError
-from grs_agents.sandbox.isolation import allowlist, backends, bubblewrap, seatbelt
+from grs_agents.sandbox.isolation import allowlist, backends, command_lines
 from grs_agents.sandbox.isolation.backends import Backend
-from grs_agents.sandbox.protocol import boot, wire
+from grs_agents.sandbox.protocol import startup, wire
 from grs_agents.sandbox.protocol.report import Limits
 from grs_agents.sandbox.protocol.scratch import Scratch
-from grs_agents.sandbox.protocol.settings import ENVIRONMENT, Settings
+from grs_agents.sandbox.protocol.startup import ENVIRONMENT, Settings
 
 START_SECONDS = 60.0
 END_SECONDS = 15.0
@@ -90,7 +90,7 @@ class Zygote:
         settings = self._settings(plan)
         with self._log.open("wb") as log:
             return subprocess.Popen(
-                [*self._wrapping(plan, settings), *boot.command("zygote", channel, settings)],
+                [*self._wrapping(plan, settings), *startup.command("zygote", channel, settings)],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -108,7 +108,9 @@ class Zygote:
         single_use: list[tuple[str, ...]] = []
         if backends.is_single_use(self.backend):
             confined = self.backend == "sandbox-exec"
-            single_use = [tuple(seatbelt.wrap(self.readable, folder)) if confined else () for folder in folders]
+            single_use = [
+                tuple(command_lines.seatbelt(self.readable, folder)) if confined else () for folder in folders
+            ]
         return Settings(
             preload=plan.preload,
             overlays=tuple(allowlist.overlays()),
@@ -127,7 +129,7 @@ class Zygote:
         if self.backend != "bubblewrap":
             return []
         scratch = [settings.scratch / str(slot) for slot in range(plan.slots)]
-        return bubblewrap.wrap(self.readable, scratch, settings.scratch_bytes)
+        return command_lines.bubblewrap(self.readable, scratch, settings.scratch_bytes)
 
     def await_ready(self) -> None:
         """Wait until its imports are done.

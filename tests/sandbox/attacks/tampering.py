@@ -75,13 +75,13 @@ def loader() -> None:
 
 
 def silence() -> None:
-    import grs_agents.sandbox.harness.test_run
+    import grs_agents.sandbox.harness.suite_runner
 
-    grs_agents.sandbox.harness.test_run.progress = lambda event: None
+    grs_agents.sandbox.harness.suite_runner.progress = lambda event: None
 
 
 def rewritten_events() -> None:
-    import grs_agents.sandbox.harness.test_run as machinery
+    import grs_agents.sandbox.harness.suite_runner as machinery
 
     send = machinery.progress
     machinery.progress = lambda event: send({**event, "outcome": "passed"} if event.get("phase") == "end" else event)

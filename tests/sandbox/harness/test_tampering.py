@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 import pytest
 
-from grs_agents.sandbox.harness import channel, test_run
+from grs_agents.sandbox.harness import channel, suite_runner
 from grs_agents.sandbox.harness.tampering import Integrity, overridden, shadowed
 
 
@@ -20,7 +20,7 @@ PATCHES: dict[str, tuple[object, str]] = {
     "a method of a test": (unittest.TestCase, "assertEqual"),
     "what runs a test": (unittest.TestCase, "run"),
     "the verdict": (unittest.TestResult, "addFailure"),
-    "our verdict": (test_run.Result, "addFailure"),
+    "our verdict": (suite_runner.Result, "addFailure"),
     "our channel": (channel, "progress"),
     "a suite": (unittest.TestSuite, "run"),
     "numpy": (np.testing, "assert_allclose"),

@@ -16,7 +16,7 @@ from grs_agents.config import Config
 from grs_agents.config.model import Limits
 from grs_agents.sandbox import CallResult, Choice, Sandbox, SandboxError, TestReport
 from grs_agents.sandbox.isolation import hardening
-from grs_agents.sandbox.protocol.settings import ENVIRONMENT
+from grs_agents.sandbox.protocol.startup import ENVIRONMENT
 from tests.sandbox.host.test_sandbox import HOST, OUTCOMES
 from tests.sandbox.processes import ends
 

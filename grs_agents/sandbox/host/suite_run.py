@@ -11,7 +11,7 @@ from pydantic import Field
 from grs_agents.base import Frozen
 from grs_agents.sandbox.host.batch_calls import BatchResult, call_batch
 from grs_agents.sandbox.host.sandbox import Sandbox
-from grs_agents.sandbox.host.test_discovery import ExpectedTests, expected_tests, parse
+from grs_agents.sandbox.host.suite_discovery import ExpectedTests, expected_tests, parse
 from grs_agents.sandbox.protocol.report import (
     EXITED,
     CallResult,

@@ -1,4 +1,4 @@
-"""How a worker loads a program; how it runs tests is seen in ``test_testing``."""
+"""How a worker loads a program; how it runs tests is seen in ``host.test_suite_run``."""
 
 import random
 import sys

@@ -1,4 +1,4 @@
-"""The command line of macOS's ``sandbox-exec``, and the profile that it keeps."""
+"""The command lines that confine a process from outside: bubblewrap on Linux, ``sandbox-exec`` on macOS."""
 
 import shutil
 import sys
@@ -8,21 +8,43 @@ from pathlib import Path
 from grs_agents.sandbox.isolation import allowlist
 
 
-def wrap(readable: Sequence[Path], scratch: Path) -> list[str]:
-    """What to put before a command.
+def bubblewrap(readable: Sequence[Path], scratch: Sequence[Path], scratch_bytes: int) -> list[str]:
+    """What to put before a command, for name spaces of its own and a file system of what is named.
+
+    Args:
+        readable: files and folders that are visible beside the system's own, read-only.
+        scratch: folders that can be written, each a file system of ``scratch_bytes`` bytes.
+    """
+    command = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--unshare-user", "--cap-drop", "ALL"]
+    command += ["--hostname", "sandbox"]
+    for path in allowlist.system_paths():
+        command += ["--symlink", str(path.readlink()), str(path)] if path.is_symlink() else _bind(path)
+    for path in readable:
+        command += _bind(path)
+    command += ["--proc", "/proc", "--dev", "/dev"]
+    for folder in scratch:
+        command += ["--size", str(scratch_bytes), "--tmpfs", str(folder)]
+    return [*command, "--remount-ro", "/", "--remount-ro", "/dev", "--chdir", "/"]
+
+
+def _bind(path: Path) -> list[str]:
+    return ["--ro-bind", str(path), str(path)]
+
+
+def seatbelt(readable: Sequence[Path], scratch: Path) -> list[str]:
+    """What to put before a command on macOS; the arguments are those of ``seatbelt_profile``."""
+    return [shutil.which("sandbox-exec") or "sandbox-exec", "-p", seatbelt_profile(readable, scratch)]
+
+
+def seatbelt_profile(readable: Sequence[Path], scratch: Path) -> str:
+    """The rules of macOS's ``sandbox-exec``: no network, no other process, no file but what is named.
+
+    The rules that a program needs to start at all are Apple's own, which change with the system. ``sandbox-exec``
+    starts the interpreter within the profile, so the interpreter alone may be executed, in place of itself.
 
     Args:
         readable: files and folders that can be read beside the system's own.
         scratch: the only folder that can be written.
-    """
-    return [shutil.which("sandbox-exec") or "sandbox-exec", "-p", profile(readable, scratch)]
-
-
-def profile(readable: Sequence[Path], scratch: Path) -> str:
-    """Nothing but reading what is named, writing ``scratch`` and signalling oneself; no network, no other process.
-
-    The rules that a program needs to start at all are Apple's own, which change with the system. ``sandbox-exec``
-    starts the interpreter within the profile, so the interpreter alone may be executed, in place of itself.
     """
     paths = (*allowlist.system_paths(), *readable)
     parents = sorted({parent for path in (*paths, scratch) for parent in path.parents})

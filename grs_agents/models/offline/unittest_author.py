@@ -3,7 +3,7 @@
 from grs_agents.models.offline import program_edits
 from grs_agents.models.offline.code_fixer import mend_python
 from grs_agents.models.offline.prompt_text import PromptText
-from grs_agents.models.offline.test_evidence import read_evidence
+from grs_agents.models.offline.report_evidence import read_evidence
 
 _TEMPLATE = '''import unittest
 
