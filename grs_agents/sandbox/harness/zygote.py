@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from grs_agents.sandbox.harness import child
 from grs_agents.sandbox.isolation import usage
@@ -27,22 +26,6 @@ from grs_agents.sandbox.protocol.report import Limits
 from grs_agents.sandbox.protocol.scratch import empty_folder
 from grs_agents.sandbox.protocol.startup import EXPLAIN, Settings
 from grs_agents.sandbox.protocol.wire import Order
-
-
-class Children(Protocol):
-    """A source of hardened processes; whoever asks for one awaits its end and reaps it."""
-
-    def start(self, order: Order, descriptors: Sequence[int]) -> int:
-        """The number of a process that serves ``order`` with its ``descriptors``: frames, trace and output.
-
-        Raises:
-            OSError: the system refused the process.
-        """
-        ...
-
-    def end(self) -> None:
-        """End those that still wait for an order."""
-        ...
 
 
 class Forked:
@@ -57,6 +40,15 @@ class Forked:
         gc.freeze()  # the children share these pages for as long as no collector touches them
 
     def start(self, order: Order, descriptors: Sequence[int]) -> int:
+        """The number of a new process that serves ``order``; the caller awaits its end and reaps it.
+
+        Args:
+            order: what to serve.
+            descriptors: frames, trace and output.
+
+        Raises:
+            OSError: the system refused the process.
+        """
         pid = os.fork()
         if pid == 0:
             frames, trace, output = descriptors
@@ -65,7 +57,7 @@ class Forked:
         return pid
 
     def end(self) -> None:
-        pass
+        """Nothing waits for an order here."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +82,7 @@ class Spawned:
                 raise ChildProcessError("a worker did not start")
 
     def start(self, order: Order, descriptors: Sequence[int]) -> int:
+        """As ``Forked.start``."""
         idle, self._idle[order.slot] = self._idle[order.slot], None
         if idle is None or idle.process.poll() is not None:
             idle = self._spawn(order.slot)
@@ -102,6 +95,7 @@ class Spawned:
         return idle.process.pid
 
     def end(self) -> None:
+        """End those that still wait for an order."""
         for idle in self._idle:
             if idle is not None:
                 idle.process.kill()
@@ -132,7 +126,7 @@ def main() -> None:
     """Get ready, say so, and serve until the host goes away."""
     host, settings = startup.begin()
     try:
-        children: Children = Spawned(settings) if settings.single_use else Forked(settings)
+        children = Spawned(settings) if settings.single_use else Forked(settings)
     except ChildProcessError:  # it has said why
         os._exit(1)
     with suppress(OSError):
@@ -163,19 +157,19 @@ class _Running:
 
 
 class _Zygote:
-    def __init__(self, host: socket.socket, settings: Settings, children: Children) -> None:
+    def __init__(self, host: socket.socket, settings: Settings, children: "Forked | Spawned") -> None:
         self._host = host
         self._settings = settings
         self._children = children
         self._running: list[_Running] = []
         self._due = 0.0
-        self._ended, told = socket.socketpair()
+        self._wakeup, signals = socket.socketpair()
         self._selector = selectors.DefaultSelector()
-        for one in (host, self._ended):
-            self._selector.register(one, selectors.EVENT_READ)
-        for one in (self._ended, told):
-            one.setblocking(False)
-        signal.set_wakeup_fd(told.detach(), warn_on_full_buffer=False)
+        for channel in (host, self._wakeup):
+            self._selector.register(channel, selectors.EVENT_READ)
+        for channel in (self._wakeup, signals):
+            channel.setblocking(False)
+        signal.set_wakeup_fd(signals.detach(), warn_on_full_buffer=False)
         signal.signal(signal.SIGCHLD, lambda number, frame: None)  # only what is handled is written to the socket
 
     def serve(self) -> None:
@@ -193,11 +187,11 @@ class _Zygote:
             if key.fileobj is self._host:
                 if not self._accept():
                     return False
-            elif key.fileobj is self._ended:
+            elif key.fileobj is self._wakeup:
                 with suppress(BlockingIOError):
-                    self._ended.recv(1 << 12)
+                    self._wakeup.recv(1 << 12)
             elif isinstance(running := key.data, _Running):
-                self._hear(running)
+                self._obey_host(running)
         for running in list(self._running):
             self._reap(running)
         return True
@@ -219,7 +213,7 @@ class _Zygote:
         self._selector.register(running.control, selectors.EVENT_READ, running)
         return True
 
-    def _hear(self, running: _Running) -> None:
+    def _obey_host(self, running: _Running) -> None:
         """The host wants to know where the child is, or wants no more of it, or is gone."""
         with suppress(OSError):
             if running.control.recv(64) == EXPLAIN:

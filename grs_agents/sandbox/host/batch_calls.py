@@ -1,6 +1,6 @@
 """Work through many items in as few calls as their failures allow: a crash costs one item, not the rest."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -50,30 +50,30 @@ def call_batch(
     ends in the middle of an item, the items after it go to a fresh worker. All calls share one wall limit; after
     a first timeout the rest gets one more, unless ``hopeless(call)`` says that it would hang alike.
     """
-    found, calls = _Found(tuple(items)), list[CallResult]()
+    events, calls = _Events(tuple(items)), list[CallResult]()
     pending: list[str] = list(items)
     left, second_chance = limits.wall_seconds, True
     while pending:
         share = limits.model_copy(update={"wall_seconds": left})
         call = sandbox.call(tool, {**request, "items": pending}, share, readable)
         calls.append(call)
-        before = len(found.ended)
-        running = found.collect(call)
-        pending = [item for item in items if item not in found.ended and item not in found.stopped]
-        if call.outcome == "ok" or (running is None and len(found.ended) == before):
+        before = len(events.ended)
+        running = events.collect(call)
+        pending = [item for item in items if item not in events.ended and item not in events.stopped]
+        if call.outcome == "ok" or (running is None and len(events.ended) == before):
             break
         left -= call.seconds
         if left < 0.05 * limits.wall_seconds or call.outcome in ("timeout", "cpu_limit"):
             if not second_chance or hopeless(call):
                 break
             left, second_chance = limits.wall_seconds, False
-    strange = tuple(dict.fromkeys(found.strange))
-    repeated, untimely = frozenset(found.repeated), frozenset(found.untimely)
-    return BatchResult(found.ended, found.stopped, repeated, strange, untimely, tuple(calls))
+    strange = tuple(dict.fromkeys(events.strange))
+    repeated, untimely = frozenset(events.repeated), frozenset(events.untimely)
+    return BatchResult(events.ended, events.stopped, repeated, strange, untimely, tuple(calls))
 
 
 @dataclass
-class _Found:
+class _Events:
     """What the events of all calls so far say."""
 
     items: tuple[str, ...]
@@ -86,11 +86,8 @@ class _Found:
     def collect(self, call: CallResult) -> str | None:
         """Sort the events of ``call``; the item that was running at its end."""
         running: str | None = None
-        for event in call.events:
-            item, phase = event.get("item"), event.get("phase")
-            if not isinstance(item, str) or item not in self.items or phase not in ("start", "end"):
-                self.strange.append(str(item)[:200])
-            elif item in self.ended or item in self.stopped or (phase == "start" and item == running):
+        for item, phase, event in self._expected(call.events):
+            if item in self.ended or item in self.stopped or (phase == "start" and item == running):
                 self.repeated.add(item)
             elif phase == "start" and running is None:
                 running = item
@@ -102,3 +99,12 @@ class _Found:
         if running is not None:
             self.stopped[running] = call
         return running
+
+    def _expected(self, events: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+        """Item and phase of each event that is about an item that was asked for."""
+        for event in events:
+            item, phase = event.get("item"), event.get("phase")
+            if isinstance(item, str) and item in self.items and phase in ("start", "end"):
+                yield item, str(phase), event
+            else:
+                self.strange.append(str(item)[:200])

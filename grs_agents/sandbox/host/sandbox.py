@@ -5,6 +5,7 @@ import threading
 import weakref
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -44,10 +45,7 @@ class Sandbox:
         limits: Limits | None = None,
         readable: Sequence[Path] = (),
     ) -> None:
-        self._preload, self._tools = tuple(preload), tuple(tools)
-        self._limits = limits or Limits()
-        self._workers = workers
-        self._readable = tuple(readable)
+        self._plan = Plan(tuple(preload), tuple(tools), limits or Limits(), workers, tuple(readable))
         self._choice: Choice = backend
         self._candidates = list(candidates(backend))
         self._failures: dict[Backend, SandboxError] = {}
@@ -90,7 +88,7 @@ class Sandbox:
         overlays = allowlist.overlays()
         frame = {"tool": tool, "module": None, "request": request, "overlays": [str(root) for root in overlays]}
         wire.encode(frame)
-        limits = limits or self._limits
+        limits = limits or self._plan.limits
         slot = self._slots.get()
         try:
             for retried in (False, True):
@@ -136,7 +134,7 @@ class Sandbox:
         wanted = allowlist.outermost(readable)
         if self._zygote is not None and not all(allowlist.covered(path, self._zygote.readable) for path in wanted):
             self._discard()
-        self._readable = (*self._readable, *wanted)
+        self._plan = replace(self._plan, readable=(*self._plan.readable, *wanted))
         while True:
             zygote = self._zygote = self._zygote or self._launch()
             try:
@@ -161,8 +159,7 @@ class Sandbox:
                 why, remedies = zip(*reasons, strict=True)
                 self._give_up(backend, SandboxError("; ".join(why), ", and ".join(dict.fromkeys(remedies))))
                 continue
-            plan = Plan(self._preload, self._tools, self._limits, self._workers, self._readable)
-            zygote = Zygote(backend, plan)
+            zygote = Zygote(backend, self._plan)
             weakref.finalize(self, zygote.close)
             return zygote
         raise self._refusal()

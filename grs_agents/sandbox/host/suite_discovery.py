@@ -4,6 +4,7 @@ import ast
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import UnionType
 
 from grs_agents.sandbox.harness.assertion_count import called_name, is_assertion
 
@@ -50,38 +51,38 @@ def parse(source: str, filename: str) -> ast.Module:
 def expected_tests(tree: ast.Module) -> ExpectedTests:
     """The ``test*`` methods of every module-level class that derives from a ``unittest`` test case."""
     classes = {node.name: node for node in _statements(tree.body) if isinstance(node, ast.ClassDef)}
-    asserting = _asserting_names(tree)
-    silent: set[str] = set()
+    repeated_classes = _repeated(tree.body, ast.ClassDef)
+    methods: dict[str, _Function] = {}
     duplicates: set[str] = set()
     lines: dict[str, int] = {}
-    ids: list[str] = []
-    twice = _repeated([node for node in tree.body if isinstance(node, ast.ClassDef)])
     for name, node in classes.items():
         lineage = _lineage(node, classes)
-        if not any(_is_test_case(base, classes) for one in lineage for base in one.bases):
-            continue
-        methods = {method.name: method for one in reversed(lineage) for method in _methods(one)}
-        again = {
-            two for one in lineage for two in _repeated([item for item in one.body if isinstance(item, _Function)])
-        }
-        plain = not any(one.decorator_list for one in lineage)
-        for method in methods.values():
-            if not method.name.startswith("test"):
-                continue
+        repeated_methods = set[str]().union(*(_repeated(parent.body, _Function) for parent in lineage))
+        decorated = any(parent.decorator_list for parent in lineage)
+        for method in _test_methods(lineage, classes):
             item = f"{name}.{method.name}"
-            ids.append(item)
-            if not _asserts(method, asserting):
-                silent.add(item)
-            if name in twice or method.name in again:
+            methods[item] = method
+            if name in repeated_classes or method.name in repeated_methods:
                 duplicates.add(item)
-            if plain and not method.decorator_list:
+            if not decorated and not method.decorator_list:
                 lines[item] = method.lineno
-    return ExpectedTests(tuple(ids), frozenset(silent), frozenset(duplicates), lines, _chooses(tree))
+    silent = _without_assertion(tree, methods)
+    return ExpectedTests(tuple(methods), silent, frozenset(duplicates), lines, _chooses(tree))
 
 
-def _repeated(definitions: Sequence[_Function | ast.ClassDef]) -> set[str]:
-    """The names that are defined more than once."""
-    return {name for name, count in Counter(one.name for one in definitions).items() if count > 1}
+def _test_methods(lineage: Sequence[ast.ClassDef], classes: Mapping[str, ast.ClassDef]) -> list[_Function]:
+    """The tests of a class with these ancestors, inherited ones included; none if it is no test case."""
+    if not any(_is_test_case(base, classes) for parent in lineage for base in parent.bases):
+        return []
+    functions = (node for parent in reversed(lineage) for node in _statements(parent.body))
+    methods = {node.name: node for node in functions if isinstance(node, _Function)}
+    return [method for name, method in methods.items() if name.startswith("test")]
+
+
+def _repeated(body: Sequence[ast.stmt], kind: type[ast.ClassDef] | UnionType) -> set[str]:
+    """The names that several definitions of this kind have in a body."""
+    names = Counter(getattr(node, "name", "") for node in body if isinstance(node, kind))
+    return {name for name, count in names.items() if count > 1}
 
 
 def _chooses(tree: ast.Module) -> bool:
@@ -104,34 +105,30 @@ def _statements(body: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
             yield from _statements(node.body)
 
 
-def _methods(node: ast.ClassDef) -> list[_Function]:
-    return [one for one in _statements(node.body) if isinstance(one, _Function)]
-
-
-def _lineage(node: ast.ClassDef, classes: dict[str, ast.ClassDef]) -> list[ast.ClassDef]:
+def _lineage(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> list[ast.ClassDef]:
     """``node`` and its ancestors within the file, nearest first."""
-    found = [node]
-    for one in found:
-        for base in one.bases:
+    lineage = [node]
+    for child in lineage:
+        for base in child.bases:
             parent = classes.get(base.id) if isinstance(base, ast.Name) else None
-            if parent is not None and parent not in found:
-                found.append(parent)
-    return found
+            if parent is not None and parent not in lineage:
+                lineage.append(parent)
+    return lineage
 
 
-def _is_test_case(base: ast.expr, classes: dict[str, ast.ClassDef]) -> bool:
+def _is_test_case(base: ast.expr, classes: Mapping[str, ast.ClassDef]) -> bool:
     if isinstance(base, ast.Attribute):
         return base.attr.endswith("TestCase")
     return isinstance(base, ast.Name) and base.id not in classes and base.id.endswith("TestCase")
 
 
-def _asserting_names(tree: ast.Module) -> set[str]:
-    """The functions of the file that assert something, directly or through each other."""
+def _without_assertion(tree: ast.Module, methods: Mapping[str, _Function]) -> frozenset[str]:
+    """The ids of the methods that assert nothing, directly or through functions of the file."""
     functions = [node for node in ast.walk(tree) if isinstance(node, _Function)]
     asserting: set[str] = set()
-    while found := {one.name for one in functions if one.name not in asserting and _asserts(one, asserting)}:
-        asserting |= found
-    return asserting
+    while more := {node.name for node in functions if node.name not in asserting and _asserts(node, asserting)}:
+        asserting |= more
+    return frozenset(item for item, method in methods.items() if not _asserts(method, asserting))
 
 
 def _asserts(function: _Function, asserting: set[str]) -> bool:

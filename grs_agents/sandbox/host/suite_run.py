@@ -24,9 +24,10 @@ from grs_agents.sandbox.protocol.report import (
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe, from_stack
 
 _STOPPED: dict[str, CaseOutcome] = {
-    "timeout": "timeout", "cpu_limit": "timeout", "memory_limit": "memory", "output_limit": "output_limit",
-    "scratch_limit": "scratch_limit", "thread_limit": "thread_limit", "forged": "forged",
-}  # fmt: skip
+    **{outcome: outcome for outcome in ("timeout", "output_limit", "scratch_limit", "thread_limit", "forged")},
+    "cpu_limit": "timeout",
+    "memory_limit": "memory",
+}
 _WORST: tuple[tuple[frozenset[CaseOutcome], ReportOutcome], ...] = (
     (frozenset({"forged"}), "forged"),
     (frozenset({"tampered", "replaced"}), "tampered"),
@@ -35,7 +36,7 @@ _WORST: tuple[tuple[frozenset[CaseOutcome], ReportOutcome], ...] = (
     (frozenset({"exited"}), "exited"),
 )
 """What a report is called after, first come first served; other failures make it ``failed``."""
-_TRACES: dict[CaseOutcome, re.Pattern[str]] = {
+_SOURCE_PATTERNS: dict[CaseOutcome, re.Pattern[str]] = {
     "exited": re.compile(r"\b(_exit|exit|quit|abort)\s*\("),
     "forged": re.compile(r"\b(channel|wire|progress|write)\b"),
 }
@@ -105,34 +106,32 @@ def run_tests(
         trace = from_stack(call.stack, sources, call.error)
         return trace is None or bool({"setUp", "setUpClass", "reset"} & set(trace.functions))
 
-    each = call_batch(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
-    return _assemble(expected, each, sources)
+    batch = call_batch(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
+    return _assemble(expected, batch, sources)
 
 
-def _assemble(expected: ExpectedTests, each: BatchResult, sources: dict[str, str]) -> TestReport:
-    cases = tuple(_case(item, expected, each, sources) for item in expected.ids) + _extra(expected, each)
-    report = _load_failure(each, sources) or _judge(cases, each)
+def _assemble(expected: ExpectedTests, batch: BatchResult, sources: dict[str, str]) -> TestReport:
+    cases = tuple(_case(item, expected, batch, sources) for item in expected.ids) + _extra(expected, batch)
+    report = _load_failure(batch, sources) or _judge(cases, batch)
     totals = {
-        "seconds": sum(call.seconds for call in each.calls),
-        "cpu_seconds": sum(call.cpu_seconds for call in each.calls),
-        "backend": each.last.backend,
+        "seconds": sum(call.seconds for call in batch.calls),
+        "cpu_seconds": sum(call.cpu_seconds for call in batch.calls),
+        "backend": batch.last.backend,
     }
     return report.model_copy(update=totals)
 
 
-def _judge(cases: tuple[TestCase, ...], each: BatchResult) -> TestReport:
+def _judge(cases: tuple[TestCase, ...], batch: BatchResult) -> TestReport:
     first = next((case for case in cases if case.outcome != "passed"), None)
     if first is not None:
-        return TestReport(outcome=_verdict(cases), cases=cases, raised_in=first.raised_in)
-    ended = next((call for call in each.calls if call.outcome != "ok"), None)
+        return TestReport(
+            outcome=_worst({case.outcome for case in cases}, "failed"), cases=cases, raised_in=first.raised_in
+        )
+    ended = next((call for call in batch.calls if call.outcome != "ok"), None)
     if ended is not None:
         message = f"after a test: {_last_line(ended.error)}"
         return TestReport(outcome=_ending(ended), cases=cases, message=message, raised_in="tests")
     return TestReport(outcome="passed", cases=cases)
-
-
-def _verdict(cases: Sequence[TestCase]) -> ReportOutcome:
-    return _worst({case.outcome for case in cases}, "failed")
 
 
 def _ending(call: CallResult) -> ReportOutcome:
@@ -151,9 +150,9 @@ def _stopped_as(call: CallResult) -> CaseOutcome:
     return _STOPPED.get(call.outcome, "exited" if call.error.startswith(EXITED) else "crashed")
 
 
-def _load_failure(each: BatchResult, sources: dict[str, str]) -> TestReport | None:
+def _load_failure(batch: BatchResult, sources: dict[str, str]) -> TestReport | None:
     """The report of programs that never got to a test, or None."""
-    call = each.last
+    call = batch.last
     if call.outcome == "ok":
         match call.value:
             case {"load_error": None}:
@@ -180,9 +179,9 @@ def _load_failure(each: BatchResult, sources: dict[str, str]) -> TestReport | No
     )
 
 
-def _case(item: str, expected: ExpectedTests, each: BatchResult, sources: dict[str, str]) -> TestCase:
-    if item in each.stopped:
-        call = each.stopped[item]
+def _case(item: str, expected: ExpectedTests, batch: BatchResult, sources: dict[str, str]) -> TestCase:
+    if item in batch.stopped:
+        call = batch.stopped[item]
         trace = from_stack(call.stack, sources, call.error)
         return TestCase(
             id=item,
@@ -193,62 +192,73 @@ def _case(item: str, expected: ExpectedTests, each: BatchResult, sources: dict[s
             output=call.output[-4000:],
             raised_in=trace.raised_in if trace else _culprit(call, sources),
         )
-    if item in each.untimely:
+    if item in batch.untimely:
         message = "a result was reported for it while it was not running"
         return TestCase(id=item, outcome="forged", message=message, raised_in="tests")
-    if item in each.ended:
-        return _ended(item, expected, each)
-    if each.last.outcome == "ok":
+    if item in batch.ended:
+        return _ended(item, expected, batch)
+    if batch.last.outcome == "ok":
         message = "it is in the source but was not there, or did not run, when its module was loaded"
         return TestCase(id=item, outcome="missing", message=message, raised_in="tests")
-    return TestCase(id=item, outcome="not_run", message=f"not run: {_last_line(each.last.error)}")
+    return TestCase(id=item, outcome="not_run", message=f"not run: {_last_line(batch.last.error)}")
 
 
-def _ended(item: str, expected: ExpectedTests, each: BatchResult) -> TestCase:
+def _ended(item: str, expected: ExpectedTests, batch: BatchResult) -> TestCase:
+    """The case of a test whose end was reported; what contradicts the source takes the place of its outcome."""
+    event = batch.ended[item]
+    case = _reported_case(item, event)
+    if case is None:
+        return TestCase(id=item, outcome="forged", message="its result was malformed", raised_in="tests")
+    objection = _objection(case, event.get("line"), expected, repeated=item in batch.repeated)
+    if objection is None or case.outcome == "tampered":
+        return case
+    return case.model_copy(update={"outcome": objection[0], "message": objection[1], "raised_in": "tests"})
+
+
+def _reported_case(item: str, event: dict[str, Any]) -> TestCase | None:
+    """The case as the worker reported it, texts cut to their bounds; None if it is malformed."""
     fields: dict[str, Any] = {
         key: value[: _BOUNDS[key]] if key in _BOUNDS and isinstance(value, str) else value
-        for key, value in each.ended[item].items()
+        for key, value in event.items()
         if key not in ("item", "phase", "line")
     }
     try:
         case = TestCase(id=item, **fields)
-        if len(json.dumps(case.episode)) > _MAX_EPISODE:
-            raise ValueError("the episode is too long")
+        return case if len(json.dumps(case.episode)) <= _MAX_EPISODE else None
     except (ValueError, TypeError):  # pydantic's are ValueErrors
-        return TestCase(id=item, outcome="forged", message="its result was malformed", raised_in="tests")
-    line = each.ended[item].get("line")
-    if case.outcome == "tampered":
-        return case
-    if item in each.repeated or item in expected.duplicates:
-        why = "its result was reported twice" if item in each.repeated else "the source has two tests of this name"
-        return _instead(case, "duplicate", why)
-    wrong = item in expected.lines and line != expected.lines[item]
+        return None
+
+
+def _objection(case: TestCase, line: object, expected: ExpectedTests, repeated: bool) -> tuple[CaseOutcome, str] | None:
+    """The outcome and message of a case that does not fit the source, whose code began at ``line`` of the tests."""
+    if repeated:
+        return "duplicate", "its result was reported twice"
+    if case.id in expected.duplicates:
+        return "duplicate", "the source has two tests of this name"
+    wrong = case.id in expected.lines and line != expected.lines[case.id]
     if wrong and (line is not None or case.outcome == "passed"):  # what a fixture ended has no line
-        return _instead(case, "replaced", f"the code that ran is not that of line {expected.lines[item]}")
-    if case.outcome == "passed" and (item in expected.without_assertion or not case.assertions):
-        silent = item in expected.without_assertion
-        return _instead(case, "no_assertion", "it asserts nothing" if silent else "it came to none of its assertions")
-    return case
+        return "replaced", f"the code that ran is not that of line {expected.lines[case.id]}"
+    if case.outcome == "passed" and case.id in expected.without_assertion:
+        return "no_assertion", "it asserts nothing"
+    if case.outcome == "passed" and not case.assertions:
+        return "no_assertion", "it came to none of its assertions"
+    return None
 
 
-def _instead(case: TestCase, outcome: CaseOutcome, message: str) -> TestCase:
-    return case.model_copy(update={"outcome": outcome, "message": message, "raised_in": "tests"})
-
-
-def _extra(expected: ExpectedTests, each: BatchResult) -> tuple[TestCase, ...]:
+def _extra(expected: ExpectedTests, batch: BatchResult) -> tuple[TestCase, ...]:
     """Tests that turned up though the source does not have them, and results that nobody asked for."""
     added = "it is no method in the source, so it did not run"
     made_up = "a result was reported for a test there is not"
     cases = [
         TestCase(id=item[:200], outcome="extra", message=added, raised_in="tests")
-        for item in _found(each.last)
+        for item in _tests_in_worker(batch.last)
         if item not in expected.ids
     ]
-    cases += [TestCase(id=item, outcome="forged", message=made_up, raised_in="tests") for item in each.strange]
+    cases += [TestCase(id=item, outcome="forged", message=made_up, raised_in="tests") for item in batch.strange]
     return tuple(cases[:100])
 
 
-def _found(call: CallResult) -> list[str]:
+def _tests_in_worker(call: CallResult) -> list[str]:
     """The tests that the worker says there are."""
     match call.value:
         case {"found": [*items]}:
@@ -259,7 +269,7 @@ def _found(call: CallResult) -> list[str]:
 
 def _culprit(call: CallResult, sources: dict[str, str]) -> RaisedIn | None:
     """Which program ended the process or wrote to the pipe, as far as their sources tell: that leaves no traceback."""
-    pattern = _TRACES.get(_stopped_as(call))
+    pattern = _SOURCE_PATTERNS.get(_stopped_as(call))
     if pattern is not None:
         if pattern.search(sources[TESTS_FILE]):
             return "tests"

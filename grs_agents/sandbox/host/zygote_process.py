@@ -105,23 +105,21 @@ class Zygote:
         folders = [self._scratch.path / str(slot) for slot in range(plan.slots)]
         for folder in folders:
             folder.mkdir(mode=0o700)
-        single_use: list[tuple[str, ...]] = []
-        if backends.is_single_use(self.backend):
-            confined = self.backend == "sandbox-exec"
-            single_use = [
-                tuple(command_lines.seatbelt(self.readable, folder)) if confined else () for folder in folders
-            ]
+        confined = self.backend == "sandbox-exec"
+        # neither macOS's sandbox nor its libraries bear forks
+        single_use = folders if confined or sys.platform == "darwin" else []
+        wrapping = [command_lines.seatbelt(self.readable, folder) if confined else () for folder in single_use]
         return Settings(
             preload=plan.preload,
             overlays=tuple(allowlist.overlays()),
             tools=plan.tools,
-            layers=backends.has_inner_layers(self.backend),
+            layers=self.backend != "none" and sys.platform == "linux",
             readable=(*allowlist.system_paths(), *allowlist.kernel_paths(), *self.readable),
             scratch=backends.SCRATCH if sized else self._scratch.path,
             slots=plan.slots,
             scratch_is_sized=sized,
             scratch_bytes=plan.limits.scratch_mib << 20,
-            single_use=tuple(single_use),
+            single_use=tuple(map(tuple, wrapping)),
         )
 
     def _wrapping(self, plan: Plan, settings: Settings) -> list[str]:

@@ -49,13 +49,3 @@ def absent(backend: Backend) -> list[tuple[str, str]]:
         found = [f"no {layer}: {lacks[layer]}" for layer in ("landlock", "seccomp") if layer in lacks]
         reasons += [(reason, REMEDIES["landlock"]) for reason in found]
     return reasons
-
-
-def is_single_use(backend: Backend) -> bool:
-    """Whether each call has a process started for it alone: macOS's sandbox and its libraries do not bear forks."""
-    return backend == "sandbox-exec" or sys.platform == "darwin"
-
-
-def has_inner_layers(backend: Backend) -> bool:
-    """Whether workers harden themselves besides."""
-    return backend != "none" and sys.platform == "linux"
