@@ -18,7 +18,8 @@ from grs_agents.base import Quat, Vec3
 from grs_agents.library.formats.model_file import Source, read_text
 from grs_agents.library.shapes import HERE, ObjectModel, Placement, Rgba, Shape, ShapeKind, composed
 
-_UNREAD = ("xyaxes",)
+_MAX_ANGLE = 1000.0
+"""Degrees, or radians, of an angle at most."""
 _ORIGIN: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -49,27 +50,26 @@ class Frames:
 
     def between(self, text: str) -> tuple[float, Placement]:
         """Length of a ``fromto`` and the placement whose z axis runs along it from its middle."""
-        ends = np.array(self.source.numbers(text, "fromto", 6)).reshape(2, 3)
-        length = float(np.linalg.norm(ends[1] - ends[0]))
+        start, end = np.array(self.source.numbers(text, "fromto", 6)).reshape(2, 3)
+        length = float(np.linalg.norm(end - start))
         if length < 1e-6:
             raise self.source.fault(f"fromto {text[:80]!r} has no length", "give two different points")
-        x, y, z = (float(value) for value in ends.mean(axis=0))
-        return length, ((x, y, z), _along((ends[1] - ends[0]) / length))
+        x, y, z = (float(value) for value in (start + end) / 2)
+        return length, ((x, y, z), _along((end - start) / length))
 
     def _rotation(self, said: Mapping[str, str]) -> Quat:
-        for name in _UNREAD:
-            if name in said:
-                raise self.source.fault(f"{name} is not read", "write the rotation as quat or euler")
+        if "xyaxes" in said:
+            raise self.source.fault("xyaxes is not read", "write the rotation as quat or euler")
         if "quat" in said:
             w, x, y, z = self._unit(self.source.numbers(said["quat"], "quat", 4), "quat")
             return (x, y, z, w)
         if "axisangle" in said:
-            *axis, angle = self._angles(said["axisangle"], 4, "axisangle")
+            *axis, angle = self.source.numbers(said["axisangle"], "axisangle", 4, _MAX_ANGLE)
             return _turn(np.array(self._unit(tuple(axis), "axisangle")), angle * self.unit)
         if "zaxis" in said:
             return _along(np.array(self._unit(self.source.numbers(said["zaxis"], "zaxis", 3), "zaxis")))
         if "euler" in said:
-            return self._euler(self._angles(said["euler"], 3, "euler"))
+            return self._euler(self.source.numbers(said["euler"], "euler", 3, _MAX_ANGLE))
         return HERE[1]
 
     def _euler(self, angles: tuple[float, ...]) -> Quat:
@@ -80,17 +80,6 @@ class Frames:
             turn: Placement = (_ORIGIN, _turn(axis, angle * self.unit))
             total = composed(total, turn) if letter.islower() else composed(turn, total)
         return total[1]
-
-    def _angles(self, text: str, count: int, name: str) -> tuple[float, ...]:
-        """Numbers that may be angles in degrees, beyond the bound that lengths have."""
-        shrunk = " ".join(f"{number / 10:.17g}" for number in self._plain(text, name))
-        return tuple(number * 10 for number in self.source.numbers(shrunk, name, count))
-
-    def _plain(self, text: str, name: str) -> tuple[float, ...]:
-        try:
-            return tuple(float(word) for word in text.split())
-        except ValueError:
-            raise self.source.fault(f"{name} is {text[:80]!r}", "give numbers") from None
 
     def _unit(self, numbers: tuple[float, ...], name: str) -> tuple[float, ...]:
         length = math.sqrt(sum(number * number for number in numbers))
@@ -140,16 +129,6 @@ class Defaults:
         return {**self._classes.get((name, element.tag), {}), **element.attrib}
 
 
-def looks(source: Source) -> dict[str, Rgba]:
-    """The colour of every material that has one."""
-    found: dict[str, Rgba] = {}
-    for material in source.top.findall("asset/material"):
-        if "rgba" in material.attrib:
-            red, green, blue, alpha = source.numbers(material.attrib["rgba"], "rgba", 4)
-            found[material.get("name", "")] = (red, green, blue, alpha)
-    return found
-
-
 _REFUSED = ("include", "plugin", "extension", "attach", "model", "replicate", "composite", "flexcomp", "frame")
 _FRICTION, _DENSITY = 1.0, 1000.0
 
@@ -189,8 +168,13 @@ class _Reader:
         compiler = {name: value for one in source.top.findall("compiler") for name, value in one.attrib.items()}
         self.frames = Frames(source, compiler)
         self.folder = compiler.get("meshdir", compiler.get("assetdir", ""))
-        self.materials = looks(source)
-        self.meshes = {self._mesh_name(one): one for one in source.top.findall("asset/mesh")}
+        self.material_colors: dict[str, Rgba] = {
+            material.get("name", ""): source.rgba(material.attrib["rgba"])
+            for material in source.top.findall("asset/material[@rgba]")
+        }
+        self.meshes = {
+            mesh.get("name") or Path(mesh.get("file", "")).stem: mesh for mesh in source.top.findall("asset/mesh")
+        }
 
     def model(self) -> ObjectModel:
         """The object."""
@@ -200,12 +184,11 @@ class _Reader:
             raise self.source.fault(found, "give exactly one <body> that holds every geom")
         weights: list[float] = []
         geoms = list(self._body(bodies[0], HERE, "", weights, True))
-        colliders = [geom for geom in geoms if geom.collides]
-        mass = sum(weights) if weights else sum(self._mass(geom) for geom in geoms)
+        frictions = [geom.friction for geom in geoms if geom.collides]
+        colliders = [geom.shape for geom in geoms if geom.collides]
         visuals = [geom.shape for geom in geoms if not geom.collides]
-        touching = [geom.shape.model_copy(update={"mesh": name}) for geom in colliders for name in self._parts(geom)]
-        seen = visuals or [geom.shape for geom in colliders]
-        return self.source.model(seen, touching, mass, colliders[0].friction if colliders else _FRICTION)
+        mass = sum(weights) if weights else sum(map(self._mass, geoms))
+        return self.source.model(visuals or colliders, colliders, mass, [*frictions, _FRICTION][0])
 
     def _body(
         self, body: Element, place: Placement, inherited: str, weights: list[float], top: bool
@@ -218,7 +201,7 @@ class _Reader:
         if body.findall("freejoint") and not top:
             raise self.source.fault(f"body {name!r} is free inside another one", "keep one object in one file")
         for inertial in body.findall("inertial"):
-            weights.append(self._one(inertial.get("mass", ""), "<inertial> mass"))
+            weights.append(self._nonnegative(inertial.get("mass", ""), "<inertial> mass"))
         for geom in body.findall("geom"):
             yield self._geom(self.defaults.of(geom, kind), place)
         for child in body.findall("body"):
@@ -230,31 +213,32 @@ class _Reader:
         if kind == "mesh":
             mesh, size = self._mesh(said.get("mesh", ""))
         elif kind in ("box", "sphere", "cylinder", "capsule"):
-            size, local = self._sizes(kind, said, local)
+            size, local = self._extents(kind, said, local)
         else:
             raise self.source.fault(f"geom {name!r} is a {kind}", "use box, sphere, cylinder, capsule or mesh")
         kinds: dict[str, ShapeKind] = {"box": "box", "sphere": "sphere", "mesh": "mesh"}
         position, quaternion = composed(place, local)
         friction = self.source.some_numbers(said.get("friction", f"{_FRICTION}"), "friction")
+        color = self.source.rgba(said["rgba"]) if "rgba" in said else self.material_colors.get(said.get("material", ""))
         shape = Shape(
             kind=kinds.get(kind, "cylinder"),
             size=size,
             position=position,
             quaternion=quaternion,
-            color=self._color(said),
+            color=color,
             mesh=mesh,
         )
-        collides = any(self._one(said.get(bit, "1"), bit) for bit in ("contype", "conaffinity"))
-        mass = self._one(said["mass"], "mass") if "mass" in said else self._weight(shape, said)
+        collides = any(self._nonnegative(said.get(bit, "1"), bit) for bit in ("contype", "conaffinity"))
+        mass = self._nonnegative(said["mass"], "mass") if "mass" in said else self._weight(shape, said)
         return _Geom(shape, collides, mass, friction[0] if friction else _FRICTION)
 
-    def _sizes(self, kind: str, said: dict[str, str], local: Placement) -> tuple[tuple[float, ...], Placement]:
-        """Extents of a primitive as `Shape` gives them; MJCF's sizes are halves."""
+    def _extents(self, kind: str, said: dict[str, str], local: Placement) -> tuple[tuple[float, ...], Placement]:
+        """The size of a primitive as `Shape` gives it (MJCF's sizes are halves), and its placement."""
         words = self.source.some_numbers(said.get("size", ""), f"<geom> size of a {kind}")
         length: float | None = None
         if "fromto" in said and kind != "sphere":
             length, local = self.frames.between(said["fromto"])
-        needed = 3 if kind == "box" else 1 if kind == "sphere" or length is not None else 2
+        needed = {"box": 3, "sphere": 1}.get(kind, 2 if length is None else 1)
         if len(words) < needed or (kind == "box" and length is not None):
             raise self.source.fault(
                 f"<geom> size {words} of a {kind}", f"give {needed} numbers, and no fromto for a box"
@@ -278,21 +262,9 @@ class _Reader:
         scale = self.source.numbers(said.get("scale", "1 1 1"), "<mesh> scale", 3)
         return self.source.file(said.get("file", ""), self.folder), self.source.positive(scale, "<mesh> scale")
 
-    def _mesh_name(self, mesh: Element) -> str:
-        return mesh.get("name") or Path(mesh.get("file", "")).stem
-
-    def _parts(self, geom: _Geom) -> tuple[str | None, ...]:
-        return self.source.parts(geom.shape.mesh) if geom.shape.mesh else (None,)
-
-    def _color(self, said: dict[str, str]) -> Rgba | None:
-        if "rgba" not in said:
-            return self.materials.get(said.get("material", ""))
-        red, green, blue, alpha = self.source.numbers(said["rgba"], "rgba", 4)
-        return (red, green, blue, alpha)
-
     def _weight(self, shape: Shape, said: dict[str, str]) -> float | None:
         """Mass by density, kg; None for a mesh, whose volume we do not measure."""
-        density = self._one(said.get("density", f"{_DENSITY}"), "density", 1e5)
+        density = self._nonnegative(said.get("density", f"{_DENSITY}"), "density", 1e5)
         if density == 0:
             return 0.0
         if shape.kind == "mesh":
@@ -309,7 +281,7 @@ class _Reader:
             f"mesh geom {geom.shape.mesh!r} has no mass", "give the geom a mass or the body an <inertial>"
         )
 
-    def _one(self, text: str, name: str, most: float = 1e3) -> float:
+    def _nonnegative(self, text: str, name: str, most: float = 1e3) -> float:
         try:
             number = float(text)
         except ValueError:

@@ -3,7 +3,6 @@
 XML may come from strangers: it is bounded in length and depth, without document types, entities or inclusions.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -17,7 +16,7 @@ from grs_agents import foreign
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.library.mesh_files import read_vertices
-from grs_agents.library.shapes import ObjectModel, Shape, shape_bounds, union_bounds
+from grs_agents.library.shapes import ObjectModel, Rgba, Shape, shape_bounds, union_bounds
 
 MAX_BYTES, MAX_DEPTH = 1_000_000, 32
 
@@ -42,7 +41,20 @@ def parse(text: str, fault: Fault) -> ElementTree.Element:
     """
     if len(text) > MAX_BYTES:
         raise fault(f"longer than {MAX_BYTES} characters", "split or simplify the file")
-    guard, depth = expat.ParserCreate(), 0
+    check_xml(text, fault, MAX_DEPTH, refused_tag="include")
+    try:
+        return ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise fault(f"not XML: {error}", "correct the file") from error
+
+
+def check_xml(text: str | bytes, fault: Fault, max_depth: int = 64, refused_tag: str | None = None) -> None:
+    """Check XML of any length before a reader sees it: no document types, no entities, not too deep.
+
+    Raises:
+        InputError: it is not XML, or XML that we do not trust.
+    """
+    parser, depth = expat.ParserCreate(), 0
 
     def refuse(*_: object) -> None:
         raise fault("document types and entities are refused", "remove <!DOCTYPE ...>")
@@ -50,51 +62,19 @@ def parse(text: str, fault: Fault) -> ElementTree.Element:
     def enter(tag: str, _: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
-        if tag.rpartition(":")[2] == "include":
+        if tag.rpartition(":")[2] == refused_tag:
             raise fault(f"<{tag}> is refused", "put what it includes into the file")
-        if depth > MAX_DEPTH:
-            raise fault(f"<{tag}> is nested deeper than {MAX_DEPTH}", "simplify the file")
+        if depth > max_depth:
+            raise fault(f"<{tag}> is nested deeper than {max_depth}", "simplify the file")
 
     def leave(_: str) -> None:
         nonlocal depth
         depth -= 1
 
-    guard.StartDoctypeDeclHandler = refuse
-    guard.EntityDeclHandler = refuse
-    guard.StartElementHandler, guard.EndElementHandler = enter, leave
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler = enter, leave
     try:
-        guard.Parse(text, True)
-        return ElementTree.fromstring(text)
-    except (expat.ExpatError, ElementTree.ParseError, ValueError) as error:
-        raise fault(f"not XML: {error}", "correct the file") from error
-
-
-def refuse_doctype(data: bytes, fault: Fault, depth: int = 64) -> None:
-    """Check XML of any length that another reader is to read: no document types, no entities, not too deep.
-
-    Raises:
-        InputError: it is not XML, or XML that we do not trust.
-    """
-    guard, open_tags = expat.ParserCreate(), 0
-
-    def refuse(*_: object) -> None:
-        raise fault("document types and entities are refused", "remove <!DOCTYPE ...>")
-
-    def enter(tag: str, _: dict[str, str]) -> None:
-        nonlocal open_tags
-        open_tags += 1
-        if open_tags > depth:
-            raise fault(f"<{tag}> is nested deeper than {depth}", "simplify the file")
-
-    def leave(_: str) -> None:
-        nonlocal open_tags
-        open_tags -= 1
-
-    guard.StartDoctypeDeclHandler = refuse
-    guard.EntityDeclHandler = refuse
-    guard.StartElementHandler, guard.EndElementHandler = enter, leave
-    try:
-        guard.Parse(data, True)
+        parser.Parse(text, True)
     except (expat.ExpatError, ValueError) as error:
         raise fault(f"not XML: {error}", "correct the file") from error
 
@@ -138,34 +118,32 @@ class Source:
             raise self.fault(f"file {name!r} does not exist", f"put it at {path}")
         return path.relative_to(self.root).as_posix()
 
-    def parts(self, mesh: str) -> tuple[str, ...]:
-        """The meshes that ``mesh`` collides as: ``NN.part0.obj``, ``NN.part1.obj``, ... beside it, else itself."""
-        stem, found = mesh.removesuffix(".obj"), list[str]()
-        while len(found) < MAX_PARTS and (self.root / f"{stem}.part{len(found)}.obj").is_file():
-            found.append(f"{stem}.part{len(found)}.obj")
-        return tuple(found) or (mesh,)
-
-    def numbers(self, text: str, name: str, count: int) -> tuple[float, ...]:
-        """``count`` finite numbers.
+    def numbers(self, text: str, name: str, count: int, most: float = MAX_METRES) -> tuple[float, ...]:
+        """``count`` finite numbers, none beyond ``most``.
 
         Raises:
             InputError: there are others.
         """
-        found = self.some_numbers(text, name)
-        if len(found) != count:
-            raise self.fault(f"{name} has {len(found)} numbers", f"give {count}")
-        return found
+        numbers = self.some_numbers(text, name, most)
+        if len(numbers) != count:
+            raise self.fault(f"{name} has {len(numbers)} numbers", f"give {count}")
+        return numbers
 
-    def some_numbers(self, text: str, name: str) -> tuple[float, ...]:
+    def some_numbers(self, text: str, name: str, most: float = MAX_METRES) -> tuple[float, ...]:
         """However many finite numbers there are; errors as `numbers`."""
         try:
-            found = tuple(float(word) for word in text.split())
+            numbers = tuple(float(word) for word in text.split())
         except ValueError:
             remedy = "give numbers; a template's placeholders must be filled first"
             raise self.fault(f"{name} is {text[:80]!r}", remedy) from None
-        if not all(math.isfinite(number) and abs(number) <= MAX_METRES for number in found):
-            raise self.fault(f"{name} {text[:80]!r} is not finite or beyond {MAX_METRES:g}")
-        return found
+        if not all(abs(number) <= most for number in numbers):
+            raise self.fault(f"{name} {text[:80]!r} is not finite or beyond {most:g}")
+        return numbers
+
+    def rgba(self, text: str) -> Rgba:
+        """Red, green, blue, alpha; errors as `numbers`."""
+        red, green, blue, alpha = self.numbers(text, "rgba", 4)
+        return (red, green, blue, alpha)
 
     def vector(self, element: Element | None, name: str) -> Vec3:
         """Three numbers of an attribute; zeros where it is missing."""
@@ -185,11 +163,12 @@ class Source:
         return numbers
 
     def model(self, visuals: Sequence[Shape], colliders: Sequence[Shape], mass: float, friction: float) -> ObjectModel:
-        """The object of these shapes.
+        """The object of these shapes; a mesh among ``colliders`` becomes the convex parts beside its file.
 
         Raises:
             InputError: there are none or too many, or a mesh cannot be read.
         """
+        colliders = [part for shape in colliders for part in self._convex_parts(shape)]
         if not visuals and not colliders:
             raise self.fault("neither visual nor collision", "add at least one shape")
         if max(len(visuals), len(colliders)) > MAX_SHAPES:
@@ -202,6 +181,13 @@ class Source:
             friction=friction,
             bounds=bounds,
         )
+
+    def _convex_parts(self, shape: Shape) -> list[Shape]:
+        """The shapes of ``NAME.part0.obj``, ``NAME.part1.obj``, ... beside the mesh ``NAME.obj``, else the shape."""
+        stem, parts = (shape.mesh or "").removesuffix(".obj"), list[Shape]()
+        while stem and len(parts) < MAX_PARTS and (self.root / f"{stem}.part{len(parts)}.obj").is_file():
+            parts.append(shape.model_copy(update={"mesh": f"{stem}.part{len(parts)}.obj"}))
+        return parts or [shape]
 
     def _vertices(self, shape: Shape) -> npt.NDArray[np.float64] | None:
         return None if shape.mesh is None else read_vertices(self.root / shape.mesh)

@@ -52,15 +52,8 @@ def urdf_text(
     lines += [f'      <lateral_friction value="{friction:.6g}"/>', "    </contact>"]
     if mass > 0:
         xx, yy, zz = (f"{moment:.6g}" for moment in inertia)
-        lines += [
-            "    <inertial>",
-            '      <origin xyz="0 0 0" rpy="0 0 0"/>',
-            f'      <mass value="{mass:.6g}"/>',
-        ]
-        lines += [
-            f'      <inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/>',
-            "    </inertial>",
-        ]
+        lines += ["    <inertial>", '      <origin xyz="0 0 0" rpy="0 0 0"/>', f'      <mass value="{mass:.6g}"/>']
+        lines += [f'      <inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/>', "    </inertial>"]
     for index, shape in enumerate(visuals):
         lines += _element("visual", shape, folder, index)
     for index, shape in enumerate(colliders):
@@ -109,11 +102,7 @@ def link_placements(source: Source) -> Iterator[tuple[Element, Placement]]:
     """
     robot = source.top
     links = {link.get("name", ""): link for link in robot.findall("link")}
-    joints, count = robot.findall("joint"), len(robot.findall("link"))
-    for joint in joints:
-        if joint.get("type") != "fixed":
-            name, kind = joint.get("name", ""), joint.get("type", "of no type")
-            raise source.fault(f"joint {name!r} is {kind}", "make it fixed: an object is one rigid thing")
+    joints, count = _fixed_joints(source), len(robot.findall("link"))
     parents = {_link(joint, "child"): joint for joint in joints}
     roots = [name for name in links if name not in parents]
     one_tree = len(links) == count and len(parents) == len(joints) == count - 1 and len(roots) == 1
@@ -122,6 +111,16 @@ def link_placements(source: Source) -> Iterator[tuple[Element, Placement]]:
         raise source.fault(found, f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once")
     for name, link in links.items():
         yield link, _placement(source, name, links, parents)
+
+
+def _fixed_joints(source: Source) -> list[Element]:
+    """The joints, all of them fixed."""
+    joints = source.top.findall("joint")
+    for joint in joints:
+        if joint.get("type") != "fixed":
+            name, kind = joint.get("name", ""), joint.get("type", "of no type")
+            raise source.fault(f"joint {name!r} is {kind}", "make it fixed: an object is one rigid thing")
+    return joints
 
 
 def _link(joint: Element, role: str) -> str:
@@ -189,10 +188,7 @@ class _Reader:
         elements = link.findall(tag)
         if len(elements) > MAX_SHAPES:
             raise self.fault(f"{len(elements)} <{tag}> elements, at most {MAX_SHAPES} are allowed")
-        for element in elements:
-            shape = self._shape(element, tag)
-            names = self.source.parts(shape.mesh) if tag == "collision" and shape.mesh else (shape.mesh,)
-            yield from (shape.model_copy(update={"mesh": name}) for name in names)
+        yield from (self._shape(element, tag) for element in elements)
 
     def _shape(self, element: Element, tag: str) -> Shape:
         geometries = list(element.findall("geometry/*"))
@@ -235,10 +231,9 @@ class _Reader:
         color, texture = material.find("color"), material.find("texture")
         rgba: Rgba | None = None
         if color is not None:
-            numbers = self.source.numbers(color.get("rgba", "").replace(",", " "), "rgba", 4)
-            if min(numbers) < 0 or max(numbers) > 1:
-                raise self.fault(f"rgba {numbers} is outside 0..1")
-            rgba = (numbers[0], numbers[1], numbers[2], numbers[3])
+            rgba = self.source.rgba(color.get("rgba", "").replace(",", " "))
+            if min(rgba) < 0 or max(rgba) > 1:
+                raise self.fault(f"rgba {rgba} is outside 0..1")
         return rgba, None if texture is None else self.source.file(texture.get("filename", ""))
 
     def _sizes(self, element: Element, name: str, count: int) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from grs_agents.library.formats.model_file import refuse_doctype
+from grs_agents.library.formats.model_file import check_xml
 from grs_agents.library.importing.source_folder import Folder, mtl_pictures
 from grs_agents.library.importing.types import Floats, Image, ImportLimits, Ints, Part, Reading, RefusedError, Unit, Up
 
@@ -131,7 +131,7 @@ def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | No
         for one in mtl_pictures(folder, name)[1]:
             check_picture(folder.path(one), limits.pixels)
     if suffix == ".dae":
-        refuse_doctype(path.read_bytes(), lambda what, remedy: RefusedError(f"{name}: {what}", remedy))
+        check_xml(path.read_bytes(), lambda what, remedy: RefusedError(f"{name}: {what}", remedy))
     parts = _parts(path, suffix, folder, name, limits, image)
     if suffix == ".dae":
         scale, up = _dae_frame(path)
