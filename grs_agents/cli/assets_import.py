@@ -146,7 +146,7 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
 def show_library(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:
     """Write a contact sheet; 1 where an asset cannot be drawn."""
     from grs_agents.library.contact_sheet import MOST, contact_sheet
-    from grs_agents.library.importing.writing import png_bytes
+    from grs_agents.library.mesh_files import png_bytes
 
     known, assets = chosen_assets(library, names, shipped)
     sheets = [assets[start : start + MOST] for start in range(0, len(assets), MOST)]

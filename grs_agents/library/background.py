@@ -11,6 +11,7 @@ from grs_agents.errors import InputError
 from grs_agents.files import write_text
 from grs_agents.library.formats.model_file import MAX_SHAPES
 from grs_agents.library.formats.urdf import urdf_text
+from grs_agents.library.mesh_files import obj_text
 from grs_agents.library.shapes import Shape
 
 BACKGROUND: Final = "background/room.urdf"
@@ -46,9 +47,7 @@ def write_background(
     red, green, blue = color
     seen = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=_MESH, color=(red, green, blue, 1.0))
     solids = [_box(low, high) for low, high in boxes]
-    lines = [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in vertices]
-    lines += [f"f {a} {b} {c}" for a, b, c in faces + 1]
-    write_text(root / _MESH, "\n".join([*lines, ""]))
+    write_text(root / _MESH, obj_text(vertices, faces))
     write_text(root / BACKGROUND, urdf_text("room", [seen], solids, mass=0.0, friction=_FRICTION, folder="background"))
     return BACKGROUND
 

@@ -1,6 +1,7 @@
-"""Meshes without a mesh library: vertices and textured triangles of files; boxes, cylinders, spheres as triangles."""
+"""Meshes without a mesh library: OBJ files read and written, primitives as triangles, volume, area and inertia."""
 
-from collections.abc import Iterator, Sequence
+import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -8,13 +9,17 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.library.shapes import Shape
 
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 _MAX_BYTES = 64_000_000
+_NO_UV = -1
 
 
-def read_vertices(path: Path) -> npt.NDArray[np.float64]:
+def read_vertices(path: Path) -> Floats:
     """The (N, 3) vertices of an OBJ file, in the file's own units.
 
     Raises:
@@ -30,8 +35,7 @@ def read_vertices(path: Path) -> npt.NDArray[np.float64]:
 
 
 @lru_cache(maxsize=512)
-def _read(path: Path, _modified: int) -> npt.NDArray[np.float64]:
-    rows: list[list[float]] = []
+def _read(path: Path, _modified: int) -> Floats:
     try:
         with path.open(encoding="utf-8") as lines:
             rows = [[float(word) for word in line.split()[1:4]] for line in lines if line.startswith("v ")]
@@ -42,11 +46,6 @@ def _read(path: Path, _modified: int) -> npt.NDArray[np.float64]:
         raise InputError(f"mesh {path} has {len(vertices)} vertices or numbers not finite", "export it again")
     vertices.setflags(write=False)
     return vertices
-
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-_NO_UV = -1
 
 
 @dataclass(frozen=True)
@@ -93,8 +92,7 @@ def _volume(path: Path, _modified: int) -> float:
 @lru_cache(maxsize=128)
 def _read_surface(path: Path, _modified: int, count: int) -> Surface:
     vertices, uvs = read_vertices(path), list[tuple[float, float]]()
-    faces: list[tuple[int, int, int]] = []
-    face_uvs: list[tuple[int, int, int]] = []
+    faces: list[list[tuple[int, int]]] = []
     try:
         with path.open(encoding="utf-8") as lines:
             for line in lines:
@@ -102,15 +100,12 @@ def _read_surface(path: Path, _modified: int, count: int) -> Surface:
                     u, v = line.split()[1:3]
                     uvs.append((float(u), float(v)))
                 elif line.startswith("f "):
-                    words = [_corner(word, count, len(uvs)) for word in line.split()[1:]]
-                    for a, b, c in _fan(words):
-                        faces.append((a[0], b[0], c[0]))
-                        face_uvs.append((a[1], b[1], c[1]))
-        coordinates = np.array([*uvs, (0.0, 0.0)], dtype=np.float64)
-        index, index_uv = np.array(faces, dtype=np.int64).reshape(-1, 3), np.array(face_uvs, dtype=np.int64)
-        if not len(index):
+                    polygon = [_corner(word, count, len(uvs)) for word in line.split()[1:]]
+                    faces += [[polygon[0], *polygon[number : number + 2]] for number in range(1, len(polygon) - 1)]
+        if not faces:
             raise ValueError("it has no faces")
-        surface = Surface(vertices[index], coordinates[index_uv])
+        coordinates, index = np.array([*uvs, (0.0, 0.0)], dtype=np.float64), np.array(faces, dtype=np.int64)
+        surface = Surface(vertices[index[:, :, 0]], coordinates[index[:, :, 1]])
     except (OSError, ValueError, IndexError) as error:
         raise InputError(f"mesh {path} is not a valid OBJ: {error}", "export it again") from error
     surface.corners.setflags(write=False)
@@ -131,10 +126,6 @@ def _index(word: str, count: int) -> int:
     if not 0 <= index < count:
         raise ValueError(f"a face names item {number} of {count}")
     return index
-
-
-def _fan(words: list[tuple[int, int]]) -> Iterator[tuple[tuple[int, int], ...]]:
-    return ((words[0], words[number], words[number + 1]) for number in range(1, len(words) - 1))
 
 
 _SECTIONS, _RINGS = 48, 24
@@ -178,3 +169,49 @@ def _quads(vertices: Floats, quads: Sequence[tuple[int, int, int, int]]) -> Floa
     corners = vertices[triangles]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     return corners[areas > 1e-15]
+
+
+def mesh_volume(vertices: Floats, faces: Ints) -> float:
+    """m^3 of a closed mesh, of an open one as seen from its middle; negative where the faces look inwards."""
+    return float(np.linalg.det((vertices - vertices.mean(axis=0))[faces]).sum()) / 6
+
+
+def mesh_area(vertices: Floats, faces: Ints) -> float:
+    """The area of a mesh's faces, m^2."""
+    corners = vertices[faces]
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return float(np.linalg.norm(crosses, axis=1).sum()) / 2
+
+
+def box_inertia(size: Vec3, mass: float) -> Vec3:
+    """The principal moments (kg m^2) of a solid box of extents ``size`` (m) about its centre."""
+    x, y, z = size
+    return (mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12)
+
+
+def obj_text(vertices: Floats, faces: Ints, uvs: Floats | None = None, uv_faces: Ints | None = None) -> str:
+    """A mesh as Wavefront OBJ.
+
+    Args:
+        vertices: (V, 3).
+        faces: (F, 3) indices of vertices.
+        uvs: (U, 2) texture coordinates.
+        uv_faces: (F, 3) indices of ``uvs``, needed with them.
+    """
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in (vertices + 0.0).tolist()]
+    if uvs is None or uv_faces is None:
+        lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
+    else:
+        lines += [f"vt {u:.5f} {v:.5f}" for u, v in (uvs + 0.0).tolist()]
+        pairs = zip((faces + 1).tolist(), (uv_faces + 1).tolist(), strict=True)
+        lines += [f"f {a}/{p} {b}/{q} {c}/{r}" for (a, b, c), (p, q, r) in pairs]
+    return "\n".join([*lines, ""])
+
+
+def png_bytes(image: npt.NDArray[np.uint8]) -> bytes:
+    """A picture (H, W, 3 or 4), RGB or RGBA, as the content of a PNG file."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "PNG", optimize=False)
+    return buffer.getvalue()

@@ -1,7 +1,6 @@
 """Writing a prepared thing into a library: URDF, OBJ, PNG, convex parts, views, and its entry."""
 
 import hashlib
-import io
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,9 @@ from grs_agents.library.asset_views import asset_views, random_directions
 from grs_agents.library.formats.model_file import MAX_PARTS
 from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.importing.preparation import Prepared
-from grs_agents.library.importing.types import Hull, Image, Item, Solid
+from grs_agents.library.importing.types import Hull, Item
 from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import obj_text, png_bytes
 from grs_agents.library.shapes import Shape
 
 VIEWS = 3
@@ -69,10 +69,13 @@ def write_prepared(root: Path, collection: str, item: Item, thing: Prepared, con
 def _files(collection: str, slug: str, thing: Prepared) -> dict[str, bytes]:
     """The content of each file of a thing, by library-relative name."""
     base, texture = f"{collection}/meshes/{slug}", f"{collection}/textures/{slug}.png"
-    files: dict[str, bytes] = {f"{base}.obj": obj_text(thing.solid).encode(), texture: png_bytes(thing.solid.image)}
+    solid = thing.solid
+    uvs, number = np.unique(np.round(solid.uvs.reshape(-1, 2), 5), axis=0, return_inverse=True)
+    mesh = obj_text(solid.vertices, solid.faces, uvs, number.reshape(-1, 3))
+    files: dict[str, bytes] = {f"{base}.obj": mesh.encode(), texture: png_bytes(solid.image)}
     hulls = [one for one in thing.colliders if isinstance(one, Hull)]
     for number, hull in enumerate(hulls):
-        files[f"{base}.part{number}.obj"] = _hull_text(hull).encode()
+        files[f"{base}.part{number}.obj"] = obj_text(hull.vertices, hull.faces).encode()
     seen = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj", texture=texture, color=(1.0, 1.0, 1.0, 1.0))
     touching = [one for one in thing.colliders if isinstance(one, Shape)]
     touching += [Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj")] if hulls else []
@@ -102,29 +105,3 @@ def _write_views(root: Path, collection: str, slug: str) -> None:
     views = asset_views(library, name, random_directions(VIEWS, np.random.default_rng(seed)), size=VIEW_SIZE)
     for number, view in enumerate(views):
         write_bytes(view_path(root, name, number), png_bytes(view.rgba))
-
-
-def png_bytes(image: Image) -> bytes:
-    """A picture (H, W, 3 or 4) as a PNG file's content."""
-    from PIL import Image as Pictures
-
-    buffer = io.BytesIO()
-    Pictures.fromarray(image).save(buffer, "PNG", optimize=False)
-    return buffer.getvalue()
-
-
-def obj_text(solid: Solid) -> str:
-    """A mesh with texture coordinates as Wavefront OBJ."""
-    flat = np.round(solid.uvs.reshape(-1, 2), 5)
-    uvs, number = np.unique(flat, axis=0, return_inverse=True)
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in (solid.vertices + 0.0).tolist()]
-    lines += [f"vt {u:.5f} {v:.5f}" for u, v in (uvs + 0.0).tolist()]
-    pairs = zip((solid.faces + 1).tolist(), (number.reshape(-1, 3) + 1).tolist(), strict=True)
-    lines += [f"f {a}/{p} {b}/{q} {c}/{r}" for (a, b, c), (p, q, r) in pairs]
-    return "\n".join([*lines, ""])
-
-
-def _hull_text(hull: Hull) -> str:
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in (hull.vertices + 0.0).tolist()]
-    lines += [f"f {a} {b} {c}" for a, b, c in (hull.faces + 1).tolist()]
-    return "\n".join([*lines, ""])

@@ -19,6 +19,7 @@ from grs_agents.files import write_bytes, write_json, write_text
 from grs_agents.library.asset import MANIFEST, Asset, Manifest, read_manifest
 from grs_agents.library.colors import color_name
 from grs_agents.library.formats.urdf import urdf_text
+from grs_agents.library.mesh_files import box_inertia, png_bytes
 from grs_agents.library.shapes import Shape
 from grs_agents.perception.proxies.height_blocks import Block, stretched, whole_relief
 from grs_agents.perception.proxies.kind import (
@@ -136,11 +137,11 @@ def check_proxy(slug: str, size: Vec3, color: Vec3) -> None:
 
 
 def _primitive_inertia(shape: Solid, size: Vec3, mass: float) -> Vec3:
-    x, y, z = size
     if shape == "cylinder":
+        x, _, z = size
         across = mass * (3 * (x / 2) ** 2 + z**2) / 12
         return (across, across, mass * (x / 2) ** 2 / 2)
-    return (mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12)
+    return box_inertia(size, mass)
 
 
 Floats = npt.NDArray[np.float64]
@@ -205,9 +206,9 @@ def write_fitted_proxy(
     seen = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"proxy/{slug}.obj", texture=texture,
                  color=(1.0, 1.0, 1.0, 1.0) if look is not None else (red, green, blue, 1.0))  # fmt: skip
     if look is not None:
-        write_bytes(root / f"proxy/{slug}.png", _png(look.image))
+        write_bytes(root / f"proxy/{slug}.png", png_bytes(look.image))
     solids = _solids(kind, extents, root, slug, blocks)
-    text = urdf_text(slug, [seen], solids, mass=mass, friction=0.6, inertia=_inertia(extents, mass),
+    text = urdf_text(slug, [seen], solids, mass=mass, friction=0.6, inertia=box_inertia(extents, mass),
                      folder="proxy")  # fmt: skip
     write_text(root / asset.name, text)
     list_proxy(root, asset)
@@ -219,12 +220,6 @@ def _mass(kind: Fitted, size: Vec3, blocks: list[Block]) -> float:
     share = {"cylinder": math.pi / 4, "hull": 0.7, "bowl": _SHELL, "open box": _SHELL}.get(kind, 1.0)
     volume = sum(math.prod(extents) for extents, _ in blocks) or math.prod(size) * share
     return round(min(max(volume * _DENSITY, _MASS_RANGE[0]), _MASS_RANGE[1]), 4)
-
-
-def _inertia(size: Vec3, mass: float) -> Vec3:
-    """Principal moments (kg m^2) of a solid box."""
-    x, y, z = (extent**2 * mass / 12 for extent in size)
-    return (y + z, x + z, x + y)
 
 
 def _mesh(kind: Fitted, size: Vec3, points: Floats, blocks: list[Block]) -> Faceted:
@@ -275,9 +270,3 @@ def _uvs(mesh: Faceted, look: Look) -> Floats:
     hidden = normals @ look.towards < 0
     places = np.where(hidden[:, None], vertices * (-1, -1, 1), vertices)
     return np.clip(look.place(places), 0, 1)
-
-
-def _png(image: npt.NDArray[np.uint8]) -> bytes:
-    import cv2
-
-    return bytes(cv2.imencode(".png", np.ascontiguousarray(image[:, :, ::-1]))[1].tobytes())

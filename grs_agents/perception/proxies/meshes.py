@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
+from grs_agents.library import mesh_files
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import read_vertices
 from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix
@@ -69,14 +70,8 @@ def obj_text(mesh: Faceted, uvs: Floats | None = None) -> str:
     vertices, faces = mesh
     corners = vertices[faces].round(6)
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    kept = faces[np.linalg.norm(crosses, axis=1) > 1e-9] + 1
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
-    if uvs is None:
-        lines += [f"f {a} {b} {c}" for a, b, c in kept]
-    else:
-        lines += [f"vt {u:.5f} {v:.5f}" for u, v in uvs]
-        lines += [f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in kept]
-    return "\n".join([*lines, ""])
+    kept = faces[np.linalg.norm(crosses, axis=1) > 1e-9]
+    return mesh_files.obj_text(vertices, kept, uvs, kept)
 
 
 def _grid_faces(rows: int, columns: int) -> Ints:
