@@ -16,7 +16,7 @@ from grs_agents.cli.app import app
 from grs_agents.config import Config
 from grs_agents.config.model import ROLE_ALIASES, ROLES
 from grs_agents.library import Library
-from grs_agents.sim import Outcome, Relation, p
+from grs_agents.sim import Goal, Outcome, p
 from grs_agents.sim.instance import goal
 from grs_agents.trace import Event
 from tests.cli.command import grs
@@ -181,8 +181,8 @@ def test_every_typed_goal_is_documented_with_an_example_that_holds_water() -> No
     examples = [cells[0].strip("`") for cells in rows(between(page("simulation.md"), "relations"))]
     things = {"cans": [1, 2, 3], "box": 4, "tray": 5, "base": 6, "middle": 7, "top": 8}
     made = [eval(example, {**vars(goal), **things}) for example in examples]
-    assert all(isinstance(one, Relation) for one in made)
-    assert tuple(one.kind for one in made) == goal.KINDS
+    assert all(isinstance(one, Goal) for one in made)
+    assert tuple(one.kind for one in made) == get_args(goal.Kind)
 
 
 def test_every_outcome_is_documented() -> None:

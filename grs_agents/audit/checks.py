@@ -8,7 +8,7 @@ from grs_agents.audit.types import AuditReport, Finding
 from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.perception import SceneDescription
-from grs_agents.sim import InstanceGoal, Rollout, TaskInstance
+from grs_agents.sim import Goal, Rollout, TaskInstance
 from grs_agents.sim.world.compilation import TIMESTEP
 
 IDLE = 0.5
@@ -115,7 +115,7 @@ def _moved(instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], scene
     return Finding(check="moved", passed=bool(counts) and min(counts) >= needed, detail=detail)
 
 
-def _asked(goal: InstanceGoal) -> int:
+def _asked(goal: Goal) -> int:
     """How many objects have to move for a goal, wherever they start: not a stack's lowest nor the ends of a line."""
     kind = goal.relation.kind if goal.relation is not None else ""
     return len(goal.objects) - {"stacked": 1, "aligned": 2}.get(kind, 0)

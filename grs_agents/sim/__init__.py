@@ -20,14 +20,11 @@ from grs_agents.sim.instance.episode import (
     clear_episodes,
     last_episode,
 )
-from grs_agents.sim.instance.goal import Relation, aligned, in_zone, inside, near, on, stacked, upright
+from grs_agents.sim.instance.goal import Goal, Relation, Zone, aligned, in_zone, inside, near, on, stacked, upright
 from grs_agents.sim.instance.instance import (
     InstanceError,
-    InstanceGoal,
     InstanceObject,
-    InstanceRelation,
     InstanceTie,
-    InstanceZone,
     TaskInstance,
     first_fault,
     read_instance,
@@ -37,10 +34,10 @@ from grs_agents.sim.world.budget import begin_test, reached, reached_limit
 from grs_agents.sim.world.templates import configure
 
 __all__ = [
-    "NEAREST", "REACH", "ActionRecord", "Environment", "Episode", "InstanceError", "InstanceGoal", "InstanceObject",
-    "InstanceRelation", "InstanceTask", "InstanceTie", "InstanceZone", "NoFreeSpaceError", "ObjectLimitError",
+    "NEAREST", "REACH", "ActionRecord", "Environment", "Episode", "Goal", "InstanceError", "InstanceObject",
+    "InstanceTask", "InstanceTie", "NoFreeSpaceError", "ObjectLimitError",
     "Oracle", "Outcome", "Relation", "Rollout", "SimulationBudgetError", "SimulationError", "Task", "TaskInstance",
-    "UnsupportedError", "VertexLimitError", "aligned", "api_reference", "begin_test", "clear_episodes", "configure",
-    "first_fault", "in_zone", "inside", "instantiate", "last_episode", "names_task", "near", "on", "p",
+    "UnsupportedError", "VertexLimitError", "Zone", "aligned", "api_reference", "begin_test", "clear_episodes",
+    "configure", "first_fault", "in_zone", "inside", "instantiate", "last_episode", "names_task", "near", "on", "p",
     "reached", "reached_limit", "read_instance", "rollout", "solve", "stacked", "task_class", "upright", "utils",
 ]  # fmt: skip

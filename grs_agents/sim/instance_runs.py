@@ -13,8 +13,8 @@ from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import Task
 from grs_agents.sim.instance.episode import Episode, stop_of
-from grs_agents.sim.instance.goal import Goal, Relation
-from grs_agents.sim.instance.instance import InstanceGoal, InstanceRelation, InstanceZone, TaskInstance
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.instance import TaskInstance
 from grs_agents.sim.motion.placement import Suits
 from grs_agents.sim.world.recording import Recording
 
@@ -85,21 +85,18 @@ class InstanceTask(Task):
         self.ids = {item.id: env.insert(item) for item in self.instance.objects}
         for tie in self.instance.ties:
             env.tie(tie.model_copy(update={"parent": self.ids[tie.parent], "child": self.ids[tie.child]}))
-        for goal in self.instance.goals:
-            if goal.relation is not None:
-                self.add_goal(self._relation(goal), step_max_reward=goal.max_reward, language_goal=goal.language)
-                continue
-            self.add_goal(
-                [self.ids[number] for number in goal.objects], np.array(goal.matches).reshape(len(goal.objects), -1),
-                list(goal.targets), goal.replace, goal.rotations, goal.metric,
-                [(zone.pose, zone.size) for zone in goal.zones], goal.max_reward, list(goal.symmetries), goal.language,
-            )  # fmt: skip
+        self.goals = [self._with_ids(goal) for goal in self.instance.goals]
+        self.lang_goals = [goal.language for goal in self.goals]
 
-    def _relation(self, goal: InstanceGoal) -> Relation:
-        assert goal.relation is not None, "a goal without a relation"
-        reference = None if goal.relation.reference is None else self.ids[goal.relation.reference]
+    def _with_ids(self, goal: Goal) -> Goal:
+        """The goal with the ids that its objects have in the environment."""
+        relation = goal.relation
+        if relation is not None and relation.reference is not None:
+            relation = relation.model_copy(update={"reference": self.ids[relation.reference]})
         objects = tuple(self.ids[number] for number in goal.objects)
-        return Relation(goal.relation.kind, objects, reference, goal.relation.distance)
+        own = goal.model_copy(update={"objects": objects, "relation": relation})
+        own.check_relation()
+        return own
 
 
 def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskInstance:
@@ -129,27 +126,8 @@ def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskIn
         rot_eps=task.rot_eps,
         objects=env.objects,
         ties=env.ties,
-        goals=tuple(_instance_goal(goal, words) for goal, words in task.grs.stated),
+        goals=tuple(Goal.model_validate(goal.model_dump()) for goal in task.grs.stated),
         warnings=tuple(warning[:500] for warning in env.warnings),
-    )
-
-
-def _instance_goal(goal: Goal, words: str) -> InstanceGoal:
-    relation = goal.relation
-    return InstanceGoal(
-        objects=tuple(goal.objs),
-        matches=tuple(tuple(int(value) for value in row) for row in goal.matches),
-        targets=tuple(goal.targ_poses),
-        replace=goal.replace,
-        rotations=goal.rotations,
-        metric=goal.metric,
-        zones=tuple(InstanceZone(pose=pose, size=size) for pose, size in goal.params),
-        max_reward=goal.step_max_reward,
-        symmetries=tuple(goal.symmetries),
-        language=words[:2000],
-        relation=None
-        if relation is None
-        else InstanceRelation(kind=relation.kind, reference=relation.reference, distance=relation.distance),
     )
 
 
@@ -218,7 +196,7 @@ def _idle_reward(env: Environment, task: Task, seconds: float) -> float:
     if env.physics.speed() > _UNREST:
         return 1.0
     # The published reward stops at the first goal that is open, though later ones may hold already.
-    worth = sum(goal.step_max_reward * float(np.mean(task.grs.scores(goal))) for goal, _ in task.grs.stated)
+    worth = sum(goal.max_reward * float(np.mean(task.grs.scores(goal))) for goal in task.grs.stated)
     return float(min(1.0, max(worth, task.reward()[0])))
 
 

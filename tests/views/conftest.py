@@ -10,7 +10,8 @@ import pytest
 
 from grs_agents import content
 from grs_agents.library import Library
-from grs_agents.sim.instance.instance import InstanceGoal, InstanceObject, TaskInstance
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
 from grs_agents.trace import (
     Decision,
     EventLog,
@@ -67,7 +68,7 @@ def write_rollout(folder: Path, seed: int, seconds: float = 4.0) -> Rollout:
         InstanceObject(id=number, asset=asset, pose=((0.35 + 0.12 * number, 0.1 * number - 0.2, 0.08), UNIT))
         for number, asset in enumerate(ASSETS)
     )
-    goal = InstanceGoal(
+    goal = Goal(
         objects=(0,), matches=((1,),), targets=(((0.6, 0.3, 0.08), UNIT),), replace=False, rotations=False,
         metric="pose", max_reward=1.0, symmetries=(0.0,), language="put the milk on the left",
     )  # fmt: skip

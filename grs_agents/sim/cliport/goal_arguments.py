@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Pose
 from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.goal import Goal, Relation, Zone
+from grs_agents.sim.instance.goal import Goal, Zone
 from grs_agents.sim.world.tabletop import as_pose, is_number, is_vector
 
 
@@ -26,8 +25,8 @@ def make_goal(
         raise SimulationError(
             f"add_goal: step_max_reward is {step_max_reward!r}"[:200], "give a share of 1, e.g. 1 / len(objects)"
         )
-    if isinstance(objs, Relation):
-        return _typed(objs, reward)
+    if isinstance(objs, Goal):
+        return objs.model_copy(update={"max_reward": reward})
     numbers, own_symmetries = _objects(objs)
     if metric not in ("pose", "zone"):
         raise SimulationError(f"add_goal: metric {metric!r} is unknown", "use 'pose' or 'zone'")
@@ -36,17 +35,18 @@ def make_goal(
     if metric == "pose" and not targets:
         raise SimulationError("add_goal: metric 'pose' needs target poses, targ_poses is empty", "give targ_poses")
     if metric == "zone" and not targets:
-        targets = [zone[0] for zone in zones]
-    return Goal(
-        numbers, _matches(matches, len(numbers), len(targets)), targets, bool(replace), bool(rotations),
-        "zone" if metric == "zone" else "pose", zones, reward, _symmetries(symmetries, own_symmetries),
-    )  # fmt: skip
-
-
-def _typed(relation: Relation, reward: float) -> Goal:
-    objs = list(relation.objects)
-    none = np.zeros((len(objs), 0), dtype=np.int64)
-    return Goal(objs, none, [], False, False, "relation", [], reward, [0.0] * len(objs), relation)
+        targets = [zone.pose for zone in zones]
+    return Goal.model_construct(
+        objects=tuple(numbers),
+        matches=_matches(matches, len(numbers), len(targets)),
+        targets=tuple(targets),
+        replace=bool(replace),
+        rotations=bool(rotations),
+        metric="zone" if metric == "zone" else "pose",
+        zones=tuple(zones),
+        max_reward=reward,
+        symmetries=_symmetries(symmetries, own_symmetries),
+    )
 
 
 def as_goal(fields: Any) -> Goal:
@@ -68,7 +68,7 @@ def as_goal(fields: Any) -> Goal:
 
 def doubts(objs: Any, matches: Any, targ_poses: Any, metric: str, params: Any, symmetries: Any) -> list[str]:
     """What ``make_goal`` has to assume about arguments that do not quite fit, one sentence each."""
-    if isinstance(objs, Relation):
+    if isinstance(objs, Goal):
         return []
     count, found = len(_objects(objs)[0]), list[str]()
     targets = len(_poses(targ_poses)) or (len(_zones(params)) if metric == "zone" else 0)
@@ -150,7 +150,8 @@ def _zone(entry: Any) -> Zone:
     if len(extents) not in (2, 3) or not np.isfinite(extents).all() or (extents[:2] <= 0).any():
         raise SimulationError(f"add_goal: zone size {entry[1]!r} is no size in metres", "give (x, y, z)")
     height = float(extents[2]) if len(extents) == 3 else 0.0
-    return as_pose(entry[0], "add_goal: zone"), (float(extents[0]), float(extents[1]), height)
+    size = (float(extents[0]), float(extents[1]), height)
+    return Zone.model_construct(pose=as_pose(entry[0], "add_goal: zone"), size=size)
 
 
 def _has_negative_zone(metric: str, params: Any) -> bool:
@@ -163,10 +164,10 @@ def _has_negative_zone(metric: str, params: Any) -> bool:
     return any(bool((np.asarray(size, dtype=np.float64) < 0).any()) for size in sizes)
 
 
-def _matches(matches: Any, objects: int, targets: int) -> npt.NDArray[np.int64]:
+def _matches(matches: Any, objects: int, targets: int) -> tuple[tuple[int, ...], ...]:
     """Rows and columns too many are cut off, columns too few are zeros, a flat list is a row or a column."""
     if matches is None:
-        return np.ones((objects, targets), dtype=np.int64)
+        return ((1,) * targets,) * objects
     array = np.asarray(matches, dtype=np.float64)
     if array.ndim != 2 and array.size == objects * targets:
         array = array.reshape(objects, targets)
@@ -178,12 +179,12 @@ def _matches(matches: Any, objects: int, targets: int) -> npt.NDArray[np.int64]:
     found = np.zeros((objects, targets), dtype=np.int64)
     kept = array[:objects, :targets]
     found[:, : kept.shape[1]] = kept > 0
-    return found
+    return tuple(map(tuple, found.tolist()))
 
 
-def _symmetries(symmetries: Any, own: Sequence[float]) -> list[float]:
+def _symmetries(symmetries: Any, own: Sequence[float]) -> tuple[float, ...]:
     if symmetries is None:
-        return list(own)
+        return tuple(own)
     given: list[Any] = [symmetries] if is_number(symmetries) else list(symmetries)
     try:
         values = [float(value if is_number(value) else value[0]) for value in given]
@@ -195,4 +196,4 @@ def _symmetries(symmetries: Any, own: Sequence[float]) -> list[float]:
             "give one angle in 0..2 pi radians for each object (0 = any yaw)",
         )
     values = [float(np.clip(value, 0.0, 2 * np.pi)) for value in values]
-    return (values + values[-1:] * len(own))[: len(own)]
+    return tuple((values + values[-1:] * len(own))[: len(own)])

@@ -18,7 +18,7 @@ from grs_agents.sim.expert.push_oracle import PushOracle
 from grs_agents.sim.goals import task_accounting
 from grs_agents.sim.goals.task_accounting import TaskAccounting
 from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
-from grs_agents.sim.instance.goal import Goal, named
+from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.motion import placement
 from grs_agents.sim.world import templates
@@ -136,7 +136,7 @@ class Task(TaskKit):
         goal = make_goal(objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries)
         env = self.grs.reset_in
         if env is not None:
-            for number in named(goal):
+            for number in goal.named:
                 env.object(number)
             for doubt in doubts(objs, matches, targ_poses, metric, params, symmetries):
                 env.warn(doubt)
@@ -211,10 +211,10 @@ class Task(TaskKit):
         while self.goals:
             goal = self.goals[0]
             share = float(np.mean(self.grs.scores(goal)))
-            partial = goal.step_max_reward * share
-            if 1 - share > min(0.01 / max(goal.step_max_reward, 1e-9), _LENIENT):
+            partial = goal.max_reward * share
+            if 1 - share > min(0.01 / max(goal.max_reward, 1e-9), _LENIENT):
                 break
-            self.progress += goal.step_max_reward
+            self.progress += goal.max_reward
             partial = 0.0
             self.goals.pop(0)
             if self.lang_goals:

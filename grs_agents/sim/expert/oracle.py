@@ -3,6 +3,7 @@
 For ropes it chooses the bead whose move brings the others along as near to their places as can be.
 """
 
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -27,17 +28,17 @@ _MISS: Final = 0.02
 
 def chain(goal: Goal, view: SceneView) -> bool:
     """Whether the objects of a goal are tied in a row, in their order, and each has a place of its own."""
-    if goal.metric != "pose" or len(goal.objs) < 3 or len(goal.targ_poses) != len(goal.objs):
+    if goal.metric != "pose" or len(goal.objects) < 3 or len(goal.targets) != len(goal.objects):
         return False
     tied = {frozenset((tie.parent, tie.child)) for tie in view.ties}
-    return all(frozenset(pair) in tied for pair in zip(goal.objs, goal.objs[1:], strict=False)) and bool(_ways(goal))
+    return all(frozenset(pair) in tied for pair in pairwise(goal.objects)) and bool(_ways(goal))
 
 
 def _ways(goal: Goal) -> list[FloatArray]:
     """Targets (N, 2) in the order of the beads: from either end, as far as the goal allows."""
-    targets, count = np.array([pose[0][:2] for pose in goal.targ_poses]), len(goal.objs)
+    targets, count = np.array([pose[0][:2] for pose in goal.targets]), len(goal.objects)
     orders = (np.arange(count), np.arange(count)[::-1])
-    return [targets[order] for order in orders if goal.matches[np.arange(count), order].all()]
+    return [targets[order] for order in orders if all(goal.matches[row][target] for row, target in enumerate(order))]
 
 
 class RopePlanner:
@@ -51,8 +52,8 @@ class RopePlanner:
 
     def ranked(self, goal: Goal, view: SceneView, pos_eps: float) -> list[tuple[int, FloatArray]]:
         """Rows of beads to take and where to (2,), metres, the most useful first; empty: all are in place."""
-        beads = np.array([view.pose(number)[0][:2] for number in goal.objs])
-        key = tuple(goal.objs)
+        beads = np.array([view.pose(number)[0][:2] for number in goal.objects])
+        key = goal.objects
         if key not in self._chosen:
             ways = _ways(goal)
             self._chosen[key] = min(ways, key=lambda way: float(np.linalg.norm(way - beads, axis=1).sum()))
@@ -170,7 +171,7 @@ class Oracle:
     def _plan_rope(self, goal: Goal, view: SceneView) -> Action | None:
         """Take the bead of a rope to its place that helps the most; None if none can be taken."""
         for row, target in self._ropes.ranked(goal, view, self.task.pos_eps):
-            number = goal.objs[row]
+            number = goal.objects[row]
             attempt = (len(self.task.goals), number)
             hold = self._hold(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
             spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
@@ -182,22 +183,22 @@ class Oracle:
     def _order(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of the goal whose objects are not yet placed: low targets and big objects first."""
         scores = self.task.grs.scores(goal)
-        if goal.relation is not None and goal.relation.kind in ("stacked", "aligned"):
+        if goal.kind in ("stacked", "aligned"):
             met = min(scores) >= _PLACED
             return [] if met else self._planner.rows(goal, view)
         rows = [row for row, score in enumerate(scores) if score < _PLACED]
 
         def key(row: int) -> tuple[float, float, int]:
-            heights = [goal.targ_poses[int(i)][0][2] for i in np.flatnonzero(goal.matches[row])]
+            heights = [goal.targets[index][0][2] for index in goal.options(row)]
             lowest = min(heights, default=0.0) if goal.metric == "pose" else 0.0
-            size = view.extent(goal.objs[row])
+            size = view.extent(goal.objects[row])
             return (round(lowest, 3), -size[0] * size[1], row)
 
         return sorted(rows, key=key)
 
     def _plan(self, goal: Goal, row: int, view: SceneView, depth: int) -> Action | Stop:
         """The action that brings one object of a goal nearer to its target, or why there is none."""
-        number = goal.objs[row]
+        number = goal.objects[row]
         attempt = (len(self.task.goals), number)
         if self._attempts.get(attempt, 0) >= _ATTEMPTS:
             return self._given_up(number, view)
@@ -246,8 +247,8 @@ class Oracle:
             return stop
         for goal in self.task.goals:
             scores = self.task.grs.scores(goal)
-            if blocker in goal.objs and scores[goal.objs.index(blocker)] < _PLACED:
-                plan = self._plan(goal, goal.objs.index(blocker), view, depth + 1)
+            if blocker in goal.objects and scores[goal.objects.index(blocker)] < _PLACED:
+                plan = self._plan(goal, goal.objects.index(blocker), view, depth + 1)
                 if not isinstance(plan, Stop):
                     return plan
         hold = self._hold(blocker, view)

@@ -57,8 +57,8 @@ class Planner:
         return self._relations.rows(goal, view)
 
     def _zone_target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
-        number, reasons = goal.objs[row], list[Target]()
-        for zone in goal.params:
+        number, reasons = goal.objects[row], list[Target]()
+        for zone in goal.zones:
             planned = self._plans.get(zone, {}).get(number)
             if planned is not None and _still_good(planned, number, view, lift):
                 return planned.spot
@@ -117,9 +117,9 @@ def _goal_areas(view: SceneView, number: int) -> list[Prism]:
     """Where unmet pose goals want other objects, kept free."""
     found: list[Prism] = []
     for goal in view.open_goals:
-        for other in goal.objs if goal.metric == "pose" else ():
+        for other in goal.objects if goal.metric == "pose" else ():
             center = np.asarray(view.pose(other)[0][:2])
-            for target in goal.targ_poses if other != number else ():
+            for target in goal.targets if other != number else ():
                 shape = turned(view.outline(other), center, transforms.yaw_of(target[1]) - view.yaw(other))
                 found.append(Prism(shape.outline + np.asarray(target[0][:2]), 0.0, 1.0))
     return found

@@ -11,7 +11,7 @@ from grs_agents.geometry import transforms
 from grs_agents.sim.goals.scene_view import SceneView, steady
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.instance.goal import Goal, named
+from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.motion.placement import (
     TALLEST_STACK,
     Blocked,
@@ -43,11 +43,11 @@ _AROUND, _LEVEL = 0.2, 0.015
 
 def pose_target(goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """The best of the target poses that will do for an object."""
-    number = goal.objs[row]
+    number = goal.objects[row]
     pose = view.pose(number)
-    allowed = [int(index) for index in np.flatnonzero(goal.matches[row])]
+    allowed = goal.options(row)
     free = allowed if goal.replace else [index for index in allowed if not _claimed(goal, index, row, task, view)]
-    free.sort(key=lambda index: (round(goal.targ_poses[index][0][2], 3), _distance(goal.targ_poses[index], pose)))
+    free.sort(key=lambda index: (round(goal.targets[index][0][2], 3), _distance(goal.targets[index], pose)))
     reasons: list[Target] = []
     for index in free or allowed:
         target = _at_pose(goal, index, row, task, view, lift)
@@ -70,13 +70,13 @@ def _claimed(goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView
     return any(
         other != row
         and goal.matches[other][index]
-        and task.is_match(view.pose(number), goal.targ_poses[index], goal.symmetries[other])
-        for other, number in enumerate(goal.objs)
+        and task.is_match(view.pose(number), goal.targets[index], goal.symmetries[other])
+        for other, number in enumerate(goal.objects)
     )
 
 
 def _at_pose(goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
-    target, number = goal.targ_poses[index], goal.objs[row]
+    target, number = goal.targets[index], goal.objects[row]
     name, pose, body = view.name(number), view.pose(number), view.outline(number)
     others = view.others(number)
     wanted = max(0.0, target[0][2] - (pose[0][2] - body.low))
@@ -165,10 +165,10 @@ def _to_come(number: int, target: Pose, task: ScoredTask, view: SceneView) -> li
     """Objects as they will stand at targets around this one: whoever comes first leaves them room."""
     found: list[Prism] = []
     for goal in task.goals:
-        for index, place in enumerate(goal.targ_poses):
-            rows = [row for row in np.flatnonzero(goal.matches[:, index]) if goal.objs[row] != number]
+        for index, place in enumerate(goal.targets):
+            rows = [row for row, other in enumerate(goal.objects) if goal.matches[row][index] and other != number]
             if rows and place is not target and _distance(place, target) < _AROUND:
-                other = goal.objs[rows[0]]
+                other = goal.objects[rows[0]]
                 body = view.outline(other)
                 angle = wrap(transforms.yaw_of(place[1]) - view.yaw(other), np.pi / 2)
                 shape = turned(body, np.asarray(view.pose(other)[0][:2]), angle)
@@ -179,7 +179,7 @@ def _to_come(number: int, target: Pose, task: ScoredTask, view: SceneView) -> li
 
 def _spread(target: Pose, task: ScoredTask) -> FloatArray:
     """Where (2,) a target would be if those around it, on its level, were drawn apart by what tolerance allows."""
-    places = [place for goal in task.goals for place in goal.targ_poses if abs(place[0][2] - target[0][2]) < _LEVEL]
+    places = [place for goal in task.goals for place in goal.targets if abs(place[0][2] - target[0][2]) < _LEVEL]
     around = np.array([place[0][:2] for place in places if _distance(place, target) < _AROUND] or [target[0][:2]])
     middle = np.asarray(target[0][:2]) - around.mean(axis=0)
     reach = float(np.linalg.norm(around - around.mean(axis=0), axis=1).max())
@@ -226,7 +226,7 @@ def _tight(number: int, fit: _Fit, target: Pose, task: ScoredTask, view: SceneVi
     waiting = {
         other
         for goal in task.goals
-        for other, score in zip(goal.objs, task.grs.scores(goal), strict=True)
+        for other, score in zip(goal.objects, task.grs.scores(goal), strict=True)
         if other != number and score < 0.985 and view.is_free(other) and not view.hollow(other)
     }
     up = fit.height - min(part.low for part in fit.parts)
@@ -246,10 +246,10 @@ def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: Sc
     """Whether to stand an object on what is in its way: it is meant to be there, and its top is wide and flat."""
     wanted = [
         place
-        for goal, _ in view.stated_goals if blocker in goal.objs
-        for place in (goal.targ_poses if goal.metric == "pose" else [zone[0] for zone in goal.params])
+        for goal in view.stated_goals if blocker in goal.objects
+        for place in (goal.targets if goal.metric == "pose" else [zone.pose for zone in goal.zones])
     ]  # fmt: skip
-    spoken_of = any(blocker in named(goal) for goal, _ in view.stated_goals)
+    spoken_of = any(blocker in goal.named for goal in view.stated_goals)
     start = view.places.get(blocker)
     ball = any(shape.kind == "sphere" for shape in view.model(blocker).colliders)
     # What stays where it is, and whose very place is the target, is what the object is to stand on.

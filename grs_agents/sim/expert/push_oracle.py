@@ -13,7 +13,7 @@ import numpy.typing as npt
 from grs_agents.geometry import transforms
 from grs_agents.sim.arms.robot import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.expert.oracle import Action, Oracle
-from grs_agents.sim.goals.relation_rules import reference_of, zone_of
+from grs_agents.sim.goals.relation_rules import zone_of
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
@@ -206,7 +206,7 @@ class _Scene:
         self.pieces = Pieces(ids, centers, np.sqrt(areas) / 2)
         self.places: dict[int, list[Place]] = {}
         for goal in task.goals:
-            for row, number in enumerate(goal.objs):
+            for row, number in enumerate(goal.objects):
                 if number in ids and number not in self.places:
                     spread = np.linalg.norm(outlines[ids.index(number)] - centers[ids.index(number)], axis=1).max()
                     if places := _places(goal, row, float(spread), task.pos_eps, view):
@@ -305,18 +305,18 @@ class _Scene:
 
 def _places(goal: Goal, row: int, spread: float, pos_eps: float, view: SceneView) -> list[Place]:
     """Where the centre of an object of a goal may be; ``spread``: from its centre to its farthest corner, metres."""
-    zones = goal.params
-    if goal.relation is not None and goal.relation.kind == "in_zone":
-        zones = [zone_of(reference_of(goal.relation), view)]
+    zones = goal.zones
+    if goal.kind == "in_zone":
+        zones = (zone_of(goal.reference, view),)
     if zones:
         return [
             Place(
-                np.asarray(pose[0][:2]), np.maximum(np.asarray(size[:2]) - 2 * spread - 0.002, 0.004),
-                transforms.yaw_of(pose[1]),
+                np.asarray(zone.pose[0][:2]), np.maximum(np.asarray(zone.size[:2]) - 2 * spread - 0.002, 0.004),
+                transforms.yaw_of(zone.pose[1]),
             )
-            for pose, size in zones
+            for zone in zones
         ]  # fmt: skip
-    targets = [goal.targ_poses[int(index)] for index in np.flatnonzero(goal.matches[row])]
+    targets = [goal.targets[index] for index in goal.options(row)]
     side = np.full(2, 1.2 * pos_eps)
     return [Place(np.asarray(target[0][:2]), side, transforms.yaw_of(target[1])) for target in targets]
 

@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.sim.expert.zone_packing import pack, turns_for, why_not
-from grs_agents.sim.goals.relation_rules import holds_when, reference_of, shortfall, zone_of
+from grs_agents.sim.expert.zone_packing import pack, region_of, turns_for, why_not
+from grs_agents.sim.goals.relation_rules import shortfall, shortfalls, zone_of
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.instance.goal import Goal, Relation
+from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.motion.placement import (
     Blocked,
     FloatArray,
@@ -44,48 +44,45 @@ class RelationPlanner:
     """Chooses spots for typed goals; remembers the places of a line."""
 
     def __init__(self) -> None:
-        self._lines: dict[Relation, dict[int, tuple[float, float]]] = {}
+        self._lines: dict[Goal, dict[int, tuple[float, float]]] = {}
 
     def target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
         """Where the object of one row of a typed goal should go, or why nowhere; arguments as `Planner` takes them."""
-        relation, number = goal.relation, goal.objs[row]
-        assert relation is not None, "a goal without a relation"
-        if relation.kind == "upright":
+        number = goal.objects[row]
+        if goal.kind == "upright":
             return _righted(number, view)
-        if relation.kind == "stacked":
-            return _on_top(relation.objects[relation.objects.index(number) - 1], relation, number, task, view, lift)
-        if relation.kind == "aligned":
-            return self._in_line(relation, number, task, view, lift)
-        if relation.kind == "near":
-            return _checked(_beside(relation, number, view, lift), relation, number, task, view, lift)
-        return _within(relation, number, task, view, lift)
+        if goal.kind == "stacked":
+            return _on_top(goal.objects[goal.objects.index(number) - 1], goal, number, task, view, lift)
+        if goal.kind == "aligned":
+            return self._in_line(goal, number, task, view, lift)
+        if goal.kind == "near":
+            return _checked(_beside(goal, number, view, lift), goal, number, task, view, lift)
+        return _within(goal, number, task, view, lift)
 
     def rows(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
-        relation = goal.relation
-        assert relation is not None, "a goal without a relation"
-        if relation.kind == "stacked":
-            levels = range(1, len(relation.objects))
-            return [level for level in levels if shortfall(relation, relation.objects[level], view)]
-        planned = self._lines.get(relation, {})
+        if goal.kind == "stacked":
+            levels = range(1, len(goal.objects))
+            return [level for level in levels if shortfall(goal, goal.objects[level], view)]
+        planned = self._lines.get(goal, {})
         return [
-            row for row, number in enumerate(relation.objects)
+            row for row, number in enumerate(goal.objects)
             if number not in planned or math.dist(planned[number], view.pose(number)[0][:2]) > _ARRIVED
         ]  # fmt: skip
 
-    def _in_line(self, relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
-        plan = self._lines.get(relation) or _line(relation, view, lift)
+    def _in_line(self, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+        plan = self._lines.get(goal) or _line(goal, view, lift)
         if plan is None:
             name = view.name(number)
-            return Stop("no_free_space", f"no free line within reach for {len(relation.objects)} objects", (name,))
-        self._lines[relation] = plan
+            return Stop("no_free_space", f"no free line within reach for {len(goal.objects)} objects", (name,))
+        self._lines[goal] = plan
         spot = _lowered(plan[number], 0.0, number, view)
         blocker = _in_the_way(spot, number, view)
         if blocker is not None:
             return Blocked(blocker, (_standing(number, spot, view),))
-        placed = {other: _pose_at(Spot(plan[other], 0.0, 0.0), other, view) for other in relation.objects}
-        if not holds_when(relation, relation.objects, view.supposing(placed), task.rot_eps):
-            return _no_spot(relation, number, view)
+        placed = {other: _pose_at(Spot(plan[other], 0.0, 0.0), other, view) for other in goal.objects}
+        if any(shortfalls(goal, view.supposing(placed), task.rot_eps)):
+            return _no_spot(goal, number, view)
         return spot if _reached(spot, view, lift) else _too_far(number, spot, view, lift)
 
 
@@ -102,16 +99,16 @@ def _pose_at(spot: Spot, number: int, view: SceneView) -> Pose:
 
 
 def _checked(
-    spots: Iterator[Spot], relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float
+    spots: Iterator[Spot], goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float
 ) -> Spot | Stop:
     """The first spot within reach at which the goal's definition holds."""
     far: Spot | None = None
     for spot in spots:
         if not _reached(spot, view, lift):
             far = far or spot
-        elif not shortfall(relation, number, predicted(spot, number, view), task.rot_eps):
+        elif not shortfall(goal, number, predicted(spot, number, view), task.rot_eps):
             return spot
-    return _too_far(number, far, view, lift) if far else _no_spot(relation, number, view)
+    return _too_far(number, far, view, lift) if far else _no_spot(goal, number, view)
 
 
 def _reached(spot: Spot, view: SceneView, lift: float) -> bool:
@@ -127,9 +124,9 @@ def _too_far(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
     )
 
 
-def _no_spot(relation: Relation, number: int, view: SceneView) -> Stop:
-    other = "" if relation.reference is None else f" {view.name(relation.reference)}"
-    words = f"no spot at which {view.name(number)} would be {relation.kind.replace('_', ' ')}{other} is free"
+def _no_spot(goal: Goal, number: int, view: SceneView) -> Stop:
+    other = "".join(f" {view.name(other)}" for other in goal.named[len(goal.objects) :])
+    words = f"no spot at which {view.name(number)} would be {str(goal.kind).replace('_', ' ')}{other} is free"
     return Stop("target_occupied", words, (view.name(number),))
 
 
@@ -151,12 +148,12 @@ def _righted(number: int, view: SceneView) -> Stop:
     )
 
 
-def _on_top(below: int, relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+def _on_top(below: int, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """Centred on what is below it, turned along with it; what stands there goes first."""
     center = (view.pose(below)[0][0], view.pose(below)[0][1])
     turn = wrap(view.yaw(below) - view.yaw(number), np.pi / 2)
     spots = [_lowered(center, angle, number, view) for angle in (turn, 0.0)]
-    target = _checked(iter(spots), relation, number, task, view, lift)
+    target = _checked(iter(spots), goal, number, task, view, lift)
     if isinstance(target, Spot) or target.outcome == "unreachable":
         return target
     blocker = _in_the_way(spots[0], number, view, below)
@@ -174,54 +171,51 @@ def _in_the_way(spot: Spot, number: int, view: SceneView, below: int = -1) -> in
     return found[0] if found and spot.height > 0.003 else None
 
 
-def _within(relation: Relation, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+def _within(goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """In a container, on a support or in a zone: packed with its fellows, as clear of one another as fits."""
-    zone = zone_of(reference_of(relation), view)
-    members = [number, *(other for other in _wanted(relation, task, view) if other != number)]
+    zone = zone_of(goal.reference, view)
+    members = [number, *(other for other in _wanted(goal, task, view) if other != number)]
     plan = pack(zone, members, view, lift)
     candidates = [plan[number]] if number in plan else []
-    target = _checked(_more(candidates, relation, number, view, lift), relation, number, task, view, lift)
+    target = _checked(_more(candidates, goal, number, view, lift), goal, number, task, view, lift)
     if isinstance(target, Spot):
         return target
     reason = why_not(zone, number, members, view, lift)
     if isinstance(reason, Spot):
-        return _checked(iter([reason]), relation, number, task, view, lift)
+        return _checked(iter([reason]), goal, number, task, view, lift)
     return reason
 
 
-def _wanted(relation: Relation, task: ScoredTask, view: SceneView) -> list[int]:
+def _wanted(goal: Goal, task: ScoredTask, view: SceneView) -> list[int]:
     """Objects that goals still want there too, and are not there yet."""
     found: list[int] = []
-    for goal in task.goals:
-        other = goal.relation
-        if other is not None and (other.kind, other.reference) == (relation.kind, relation.reference):
+    for other in task.goals:
+        if other.same_relation(goal):
             found += [number for number in other.objects if shortfall(other, number, view, task.rot_eps)]
     return list(dict.fromkeys(found))
 
 
-def _more(first: Sequence[Spot], relation: Relation, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
+def _more(first: Sequence[Spot], goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
     """Spots by preference: as packed; clear in the middle; centred, however it rests there."""
     yield from first
-    reference = reference_of(relation)
-    (position, rotation), size = zone_of(reference, view)
-    region = Region((position[0], position[1]), (size[0], size[1]), transforms.yaw_of(rotation))
+    region = region_of(zone_of(goal.reference, view))
     body, center = view.outline(number), view.pose(number)[0]
     turns = turns_for(number, region, view)
     for gap in _GAPS:
         spot = find_spot(body, center, turns, region, view.others(number), gap, Suits(lift, view.arm), spread=True)
         if spot is not None:
             yield spot
-    if relation.kind != "inside":
+    if goal.kind != "inside":
         for turn in turns:
             yield _lowered(region.center, turn, number, view)
 
 
-def _beside(relation: Relation, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
+def _beside(goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
     """Free spots around the other object, at no more than the distance asked for."""
-    other, bound = view.outline(reference_of(relation)), relation.distance or 0.0
+    other, bound = view.outline(goal.reference), goal.distance or 0.0
     body, center = view.outline(number), view.pose(number)[0]
     x0, y0, x1, y1 = other.box
-    for turn in (0.0, wrap(view.yaw(reference_of(relation)) - view.yaw(number), np.pi / 2), np.pi / 2):
+    for turn in (0.0, wrap(view.yaw(goal.reference) - view.yaw(number), np.pi / 2), np.pi / 2):
         shape = turned(body, np.asarray(center[:2]), turn)
         reach = 2 * (float(np.abs(shape.outline).max()) + bound)
         region = Region(((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0 + 2 * reach, y1 - y0 + 2 * reach), 0.0)
@@ -245,12 +239,12 @@ def _ring(
     return around
 
 
-def _line(relation: Relation, view: SceneView, lift: float) -> dict[int, tuple[float, float]] | None:
+def _line(goal: Goal, view: SceneView, lift: float) -> dict[int, tuple[float, float]] | None:
     """Free places for all objects on a line across the table, in the order in which they lie across it."""
-    objects = sorted(relation.objects, key=lambda number: view.pose(number)[0][1])
+    objects = sorted(goal.objects, key=lambda number: view.pose(number)[0][1])
     widths = [max(view.outline(number).box[3] - view.outline(number).box[1], 0.01) for number in objects]
     least = max((first + second) / 2 for first, second in pairwise(widths)) + _BESIDE
-    step = relation.distance or least
+    step = goal.distance or least
     places = (np.arange(len(objects)) - (len(objects) - 1) / 2) * step
     obstacles = view.others(*objects)
     bounds = view.bounds

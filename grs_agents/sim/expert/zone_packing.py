@@ -33,17 +33,17 @@ GAPS: Final = (0.025, 0.012, 0.006, 0.003)
 
 def region_of(zone: Zone) -> Region:
     """A zone seen from above."""
-    (position, rotation), size = zone
-    return Region((position[0], position[1]), (size[0], size[1]), transforms.yaw_of(rotation))
+    (x, y, _), rotation = zone.pose
+    return Region((x, y), zone.size[:2], transforms.yaw_of(rotation))
 
 
 def members_of(zone: Zone, task: ScoredTask) -> list[int]:
     """Objects that goals still want in a zone, and are not there yet."""
     found: list[int] = []
     for goal in task.goals:
-        if goal.metric == "zone" and zone in goal.params:
+        if goal.metric == "zone" and zone in goal.zones:
             scores = task.grs.scores(goal)
-            found.extend(number for number, score in zip(goal.objs, scores, strict=True) if score < 0.985)
+            found.extend(number for number, score in zip(goal.objects, scores, strict=True) if score < 0.985)
     return list(dict.fromkeys(found))
 
 
@@ -111,7 +111,7 @@ def why_not(zone: Zone, number: int, members: Sequence[int], view: SceneView, li
         )
     if find_spot(body, center, turns, region, fixed, 0.001, Suits(lift, view.arm)) is None:
         tip = (region.center[0], region.center[1], lift)
-        return Stop("unreachable", f"target zone of {name} at {at(zone[0][0])} {reach_note(tip, view.arm)}", (name,))
+        return Stop("unreachable", f"target zone of {name} at {at(zone.pose[0])} {reach_note(tip, view.arm)}", (name,))
     return _taken(region, number, members, view, lift, size)
 
 
@@ -146,5 +146,5 @@ def _over_region(number: int, region: Region, view: SceneView) -> bool:
 
 def _wanted_nowhere(numbers: Sequence[int], view: SceneView) -> list[int]:
     """Objects that no goal speaks of."""
-    wanted = {number for goal, _ in view.stated_goals for number in goal.objs}
+    wanted = {number for goal in view.stated_goals for number in goal.objects}
     return [number for number in numbers if number not in wanted]

@@ -1,6 +1,6 @@
 """What each typed goal means: one definition, which scores the scene as it is and checks what the oracle plans."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from grs_agents.geometry import transforms
 from grs_agents.sim.goals.scene_view import SceneView, rests, supporters, toppled
-from grs_agents.sim.instance.goal import UPRIGHT_WITHIN, Kind, Relation, Zone
+from grs_agents.sim.instance.goal import UPRIGHT_WITHIN, Goal, Kind, Zone
 from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.world.collision_volumes import share_inside
 from grs_agents.sim.world.footprints import distance, inside_margin
@@ -21,31 +21,26 @@ _FLUSH: Final = 0.003
 _POINT: Final = np.zeros((1, 2))
 
 
-def shortfall(relation: Relation, number: int, view: SceneView, rot_eps: float = ROTATION_TOLERANCE) -> str:
-    """Why the relation does not hold for one of its objects, in one clause; "" where it holds.
+def shortfall(goal: Goal, number: int, view: SceneView, rot_eps: float = ROTATION_TOLERANCE) -> str:
+    """Why a typed goal does not hold for one of its objects, in one clause; "" where it holds.
 
     Args:
-        relation: what is wanted.
+        goal: a typed goal.
         number: the object.
         view: the scene, as it is or as a plan supposes it.
         rot_eps: how much more tilted than at the start an object may be, radians.
     """
     if not rests(number, view):
         return "does not lie still"
-    if relation.kind != "upright" and toppled(number, view, rot_eps):
+    assert goal.kind is not None, "a goal without a relation"
+    if goal.kind != "upright" and toppled(number, view, rot_eps):
         return "does not stand as upright as at the start"
-    return _RULES[relation.kind](relation, number, view)
+    return _RULES[goal.kind](goal, number, view)
 
 
-def shortfalls(relation: Relation, view: SceneView, rot_eps: float = ROTATION_TOLERANCE) -> list[str]:
-    """One clause (see ``shortfall``) for each object of a relation."""
-    return [shortfall(relation, number, view, rot_eps) for number in relation.objects]
-
-
-def reference_of(relation: Relation) -> int:
-    """The id of the other object of a relation that has one."""
-    assert relation.reference is not None, f"{relation.kind} without a reference"
-    return relation.reference
+def shortfalls(goal: Goal, view: SceneView, rot_eps: float = ROTATION_TOLERANCE) -> list[str]:
+    """One clause (see ``shortfall``) for each object of a typed goal."""
+    return [shortfall(goal, number, view, rot_eps) for number in goal.objects]
 
 
 def zone_of(number: int, view: SceneView) -> Zone:
@@ -54,11 +49,11 @@ def zone_of(number: int, view: SceneView) -> Zone:
     pose = view.pose(number)
     center = transforms.apply(pose, (np.add(low, high) / 2).reshape(3, 1)).ravel()
     upright = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, transforms.yaw_of(pose[1])))
-    return (transforms.vec3(center), upright), transforms.vec3(np.subtract(high, low))
+    return Zone.model_construct(pose=(transforms.vec3(center), upright), size=transforms.vec3(np.subtract(high, low)))
 
 
-def _inside(relation: Relation, number: int, view: SceneView) -> str:
-    container = reference_of(relation)
+def _inside(goal: Goal, number: int, view: SceneView) -> str:
+    container = goal.reference
     own, rim = view.outline(number), view.outline(container)
     if own.low > rim.high - _RIM:
         return f"is not below the rim of {view.name(container)}, at {rim.high:.3f} m"
@@ -82,8 +77,8 @@ def _bottomless(container: int, number: int, view: SceneView) -> bool:
     return view.outline(number).low < _FLUSH and view.over(container, view.pose(number)[0])
 
 
-def _on(relation: Relation, number: int, view: SceneView) -> str:
-    return _rests_on(number, reference_of(relation), view)
+def _on(goal: Goal, number: int, view: SceneView) -> str:
+    return _rests_on(number, goal.reference, view)
 
 
 def _rests_on(number: int, support: int, view: SceneView) -> str:
@@ -97,16 +92,16 @@ def _rests_on(number: int, support: int, view: SceneView) -> str:
     return "" if view.over(support, view.pose(number)[0]) else f"has its centre beside {name}"
 
 
-def _stacked(relation: Relation, number: int, view: SceneView) -> str:
-    level = relation.objects.index(number)
+def _stacked(goal: Goal, number: int, view: SceneView) -> str:
+    level = goal.objects.index(number)
     if level == 0:
-        above = relation.objects[1]
+        above = goal.objects[1]
         return _rests_on(above, number, view) and f"does not carry {view.name(above)}"
-    return _rests_on(number, relation.objects[level - 1], view)
+    return _rests_on(number, goal.objects[level - 1], view)
 
 
-def _near(relation: Relation, number: int, view: SceneView) -> str:
-    other, bound = reference_of(relation), relation.distance or 0.0
+def _near(goal: Goal, number: int, view: SceneView) -> str:
+    other, bound = goal.reference, goal.distance or 0.0
     if other in supporters(number, view):
         return f"lies on {view.name(other)}, not beside it"
     gap = gap_between(number, other, view)
@@ -119,25 +114,25 @@ def gap_between(first: int, second: int, view: SceneView) -> float:
     return float(np.hypot(distance(one.outline, other.outline), max(0.0, one.low - other.high, other.low - one.high)))
 
 
-def _aligned(relation: Relation, number: int, view: SceneView) -> str:
-    centers = np.array([view.pose(other)[0][:2] for other in relation.objects])
+def _aligned(goal: Goal, number: int, view: SceneView) -> str:
+    centers = np.array([view.pose(other)[0][:2] for other in goal.objects])
     along, aside = line_through(centers)
-    row, out = relation.objects.index(number), aside > POSITION_TOLERANCE
+    row, out = goal.objects.index(number), aside > POSITION_TOLERANCE
     if out[row]:
         return f"lies {aside[row]:.3f} m beside the line of the {len(centers)} objects"
     if out.any():
         return f"is in no line with the others, of which {out.sum()} lie beside it"
-    lows = [view.outline(other).low for other in relation.objects]
+    lows = [view.outline(other).low for other in goal.objects]
     if abs(lows[row] - float(np.median(lows))) > POSITION_TOLERANCE:
         return "lies higher or lower than the others of its line"
-    if relation.distance is None:
+    if goal.distance is None:
         return ""
     ranks = np.argsort(along)
-    steps = np.abs(np.diff(along[ranks]) - relation.distance)
+    steps = np.abs(np.diff(along[ranks]) - goal.distance)
     rank = int(np.flatnonzero(ranks == row)[0])
     beside = [float(steps[index]) for index in (rank - 1, rank) if 0 <= index < len(steps)]
     wrong = [step for step in beside if step > POSITION_TOLERANCE]
-    return f"is {max(wrong):.3f} m off the spacing of {relation.distance:.3f} m" if wrong else ""
+    return f"is {max(wrong):.3f} m off the spacing of {goal.distance:.3f} m" if wrong else ""
 
 
 def line_through(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -147,35 +142,34 @@ def line_through(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float6
     return centered @ axes[0], np.abs(centered @ axes[1])
 
 
-def _upright(relation: Relation, number: int, view: SceneView) -> str:
-    del relation
+def _upright(goal: Goal, number: int, view: SceneView) -> str:
+    del goal
     tilt = view.tilt(number)
     return "" if tilt <= UPRIGHT_WITHIN else f"is tilted by {np.rad2deg(tilt):.0f} degrees"
 
 
-def _in_zone(relation: Relation, number: int, view: SceneView) -> str:
-    zone = reference_of(relation)
+def _in_zone(goal: Goal, number: int, view: SceneView) -> str:
+    zone = goal.reference
     share = share_inside(view.volume(number), view.pose(number), [zone_of(zone, view)], np.inf)
     if share <= WHOLE:
         return f"is {share:.0%} over {view.name(zone)}"
     below = supporters(number, view) - {zone}
     top = max(0.0, view.outline(zone).high)
-    if view.outline(number).low <= top + POSITION_TOLERANCE or (below and _all_over(below, relation, view)):
+    if view.outline(number).low <= top + POSITION_TOLERANCE or (below and _all_over(below, goal, view)):
         return ""
     return f"rests at {view.outline(number).low:.3f} m, above {view.name(zone)}"
 
 
-def _all_over(numbers: set[int], relation: Relation, view: SceneView) -> bool:
+def _all_over(numbers: set[int], goal: Goal, view: SceneView) -> bool:
     """Whether what carries an object is wanted in the same zone, by this goal or by another one."""
-    wanted = set(relation.objects)
-    for goal, _ in view.stated_goals:
-        other = goal.relation
-        if other is not None and (other.kind, other.reference) == (relation.kind, relation.reference):
+    wanted = set(goal.objects)
+    for other in view.stated_goals:
+        if other.same_relation(goal):
             wanted.update(other.objects)
     return numbers <= wanted
 
 
-_RULES: Final[dict[Kind, Callable[[Relation, int, SceneView], str]]] = {
+_RULES: Final[dict[Kind, Callable[[Goal, int, SceneView], str]]] = {
     "inside": _inside,
     "on": _on,
     "stacked": _stacked,
@@ -184,8 +178,3 @@ _RULES: Final[dict[Kind, Callable[[Relation, int, SceneView], str]]] = {
     "upright": _upright,
     "in_zone": _in_zone,
 }
-
-
-def holds_when(relation: Relation, numbers: Sequence[int], view: SceneView, rot_eps: float) -> bool:
-    """Whether the relation holds for all of ``numbers``."""
-    return all(not shortfall(relation, number, view, rot_eps) for number in numbers)

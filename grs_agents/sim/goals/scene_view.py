@@ -43,7 +43,7 @@ class SceneView:
 
     Args:
         table: as it stands.
-        stated: every goal of the episode, met or not, with its words.
+        stated: every goal of the episode, met or not.
         open_goals: those that are not met yet.
 
     Attributes:
@@ -54,7 +54,7 @@ class SceneView:
         prisms: of every object's colliders.
     """
 
-    def __init__(self, table: Tabletop, stated: Sequence[tuple[Goal, str]], open_goals: Sequence[Goal]) -> None:
+    def __init__(self, table: Tabletop, stated: Sequence[Goal], open_goals: Sequence[Goal]) -> None:
         self._table, self.physics = table, table.physics
         self.arm, self.bounds, self.places, self.ties = table.arm, table.bounds, table.places, table.ties
         self.stated_goals, self.open_goals = stated, open_goals

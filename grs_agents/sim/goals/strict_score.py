@@ -62,14 +62,13 @@ class StrictScorer:
         notes: dict[int, str] = {}
         value, shares = 0.0, list[float]()
         final: dict[int, float] = {}
-        goals = [goal for goal, _ in self.task.grs.stated]
-        for goal in reversed(goals):
-            rows = self._goal(goal, view, {number for number in goal.objs if number not in final}, notes)
-            for row, number in enumerate(goal.objs):
+        for goal in reversed(self.task.grs.stated):
+            rows = self._goal(goal, view, {number for number in goal.objects if number not in final}, notes)
+            for row, number in enumerate(goal.objects):
                 rows[row] = max(rows[row], final.get(number, 0.0))
                 final.setdefault(number, rows[row])
             shares.append(float(np.mean(rows)))
-            value += goal.step_max_reward * shares[-1]
+            value += goal.max_reward * shares[-1]
         bystanders = [number for number in view.ids if view.is_free(number) and number not in final]
         fallen = [number for number in bystanders if toppled(number, view, self.task.rot_eps)]
         notes.update({number: f"{view.name(number)} was knocked over" for number in fallen})
@@ -80,15 +79,15 @@ class StrictScorer:
     def _goal(self, goal: Goal, view: SceneView, last: set[int], notes: dict[int, str]) -> list[float]:
         """The score of each object of one goal; ``notes`` gains a clause for each of ``last`` that falls short."""
         if goal.relation is not None:
-            clauses = shortfalls(goal.relation, view, self.task.rot_eps)
-            notes_of = dict(zip(goal.objs, clauses, strict=True))
+            clauses = shortfalls(goal, view, self.task.rot_eps)
+            notes_of = dict(zip(goal.objects, clauses, strict=True))
             for number in last:
                 if notes_of[number]:
                     notes.setdefault(number, f"{view.name(number)} {notes_of[number]}")
             return [float(not clause) for clause in clauses]
         claimed = self._claims(goal, view)
         scores: list[float] = []
-        for row, number in enumerate(goal.objs):
+        for row, number in enumerate(goal.objects):
             share, trouble = self._share(goal, row, claimed, view)
             scores.append(share)
             if trouble and number in last:
@@ -96,7 +95,7 @@ class StrictScorer:
         return scores
 
     def _share(self, goal: Goal, row: int, claimed: dict[int, int], view: SceneView) -> tuple[float, str]:
-        number = goal.objs[row]
+        number = goal.objects[row]
         if toppled(number, view, self.task.rot_eps):
             return 0.0, "does not stand upright"
         if not rests(number, view):
@@ -107,17 +106,17 @@ class StrictScorer:
 
     def _astray(self, goal: Goal, row: int, view: SceneView) -> str:
         """How an object misses every target that will do for it."""
-        number = goal.objs[row]
+        number = goal.objects[row]
         pose, low = view.pose(number), view.outline(number).low
         claimed = [
-            index for index in np.flatnonzero(goal.matches[row])
-            if self.task.is_match(pose, goal.targ_poses[index], goal.symmetries[row])
+            index for index in goal.options(row)
+            if self.task.is_match(pose, goal.targets[index], goal.symmetries[row])
         ]  # fmt: skip
         if not claimed:
             return "is at none of its targets"
-        if any(self._holds(goal, row, int(index), view) for index in claimed):
+        if any(self._holds(goal, row, index, view) for index in claimed):
             return "is at a target that another object has"
-        heights = [goal.targ_poses[index][0][2] for index in claimed]
+        heights = [goal.targets[index][0][2] for index in claimed]
         wanted = min(heights, key=lambda height: abs(height - pose[0][2]))
         return (
             f"is at its target but for the height: it reaches from {abs(low):.3f} m up, the target is at {wanted:.3f} m"
@@ -126,10 +125,10 @@ class StrictScorer:
 
     def _zone_share(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
         ceiling = float(self.task.zone_bounds[2, 1])
-        share = share_inside(view.volume(number), view.pose(number), goal.params, ceiling)
+        share = share_inside(view.volume(number), view.pose(number), goal.zones, ceiling)
         if share < 0.01:
             return 0.0, "is not in its zone"
-        top = max(zone[0][0][2] + zone[1][2] / 2 for zone in goal.params)
+        top = max(zone.pose[0][2] + zone.size[2] / 2 for zone in goal.zones)
         high = view.outline(number).low > max(0.0, top) + _HEIGHT
         if high and not self._on_fellows(number, self._fellows(goal), view):
             return 0.0, f"rests at {view.outline(number).low:.2f} m, above its zone"
@@ -140,15 +139,15 @@ class StrictScorer:
         if goal.metric != "pose":
             return {}
         options = [
-            [int(index) for index in np.flatnonzero(goal.matches[row]) if self._holds(goal, row, int(index), view)]
-            for row in range(len(goal.objs))
+            [index for index in goal.options(row) if self._holds(goal, row, index, view)]
+            for row in range(len(goal.objects))
         ]
         if goal.replace:
             return {row: targets[0] for row, targets in enumerate(options) if targets}
         return assign(options)
 
     def _holds(self, goal: Goal, row: int, index: int, view: SceneView) -> bool:
-        number, target = goal.objs[row], goal.targ_poses[index]
+        number, target = goal.objects[row], goal.targets[index]
         pose = view.pose(number)
         if not self.task.is_match(pose, target, goal.symmetries[row]):
             return False
@@ -173,11 +172,11 @@ class StrictScorer:
         if rises[1] <= 0:
             return False
         return any(
-            any(abs(target[0][2] - goal.targ_poses[index][0][2] - rise) <= _HEIGHT for rise in rises)
-            and self._holds(goal, goal.objs.index(under), index, view)
-            for goal, _ in self.task.grs.stated
-            if goal.metric == "pose" and under in goal.objs
-            for index in np.flatnonzero(goal.matches[goal.objs.index(under)]).tolist()
+            any(abs(target[0][2] - goal.targets[index][0][2] - rise) <= _HEIGHT for rise in rises)
+            and self._holds(goal, goal.objects.index(under), index, view)
+            for goal in self.task.grs.stated
+            if goal.metric == "pose" and under in goal.objects
+            for index in goal.options(goal.objects.index(under))
         )
 
     def _is_place(self, number: int, target: Pose, half: float) -> bool:
@@ -190,20 +189,20 @@ class StrictScorer:
         """Objects that goals want in the same zones or at the same targets."""
         return {
             number
-            for other, _ in self.task.grs.stated
-            if other is goal or (other.params and other.params == goal.params)
-            for number in other.objs
+            for other in self.task.grs.stated
+            if other is goal or (other.zones and other.zones == goal.zones)
+            for number in other.objects
         }
 
     def _sharers(self, goal: Goal, number: int, target: Pose) -> set[int]:
         """Objects that goals want at the same place: one target for all of them, or equal ones."""
-        found = set(goal.objs) if goal.replace else set[int]()
-        for other, _ in self.task.grs.stated:
+        found = set(goal.objects) if goal.replace else set[int]()
+        for other in self.task.grs.stated:
             for row, index in np.argwhere(other.matches).tolist():
-                if other is not goal or other.targ_poses[index] is not target:
-                    apart = np.abs(np.subtract(other.targ_poses[index][0], target[0]))
+                if other is not goal or other.targets[index] is not target:
+                    apart = np.abs(np.subtract(other.targets[index][0], target[0]))
                     if (apart <= (self.task.pos_eps, self.task.pos_eps, _HEIGHT)).all():
-                        found.add(other.objs[int(row)])
+                        found.add(other.objects[int(row)])
         return found - {number}
 
     def _on_fellows(self, number: int, fellows: set[int], view: SceneView) -> bool:

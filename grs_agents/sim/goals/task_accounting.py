@@ -13,7 +13,7 @@ from grs_agents.geometry import transforms
 from grs_agents.sim.goals.relation_rules import shortfalls
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.goal import Goal, worth_one
+from grs_agents.sim.instance.goal import LONGEST_SENTENCE, Goal, worth_one
 from grs_agents.sim.instance.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.world.collision_volumes import Volume, share_inside
 from grs_agents.sim.world.tabletop import Tabletop
@@ -43,15 +43,15 @@ def object_scores(
 ) -> list[float]:  # fmt: skip
     """For each object of a ``pose`` or ``zone`` goal, how far (0..1) it is where it should be."""
     if goal.metric == "zone":
-        return [share_inside(volumes[number], poses[number], goal.params, ceiling) for number in goal.objs]
+        return [share_inside(volumes[number], poses[number], goal.zones, ceiling) for number in goal.objects]
     return [
         float(
             any(
-                pose_matches(poses[number], goal.targ_poses[index], goal.symmetries[row], pos_eps, rot_eps)
-                for index in np.flatnonzero(goal.matches[row])
+                pose_matches(poses[number], goal.targets[index], goal.symmetries[row], pos_eps, rot_eps)
+                for index in goal.options(row)
             )
         )
-        for row, number in enumerate(goal.objs)
+        for row, number in enumerate(goal.objects)
     ]
 
 
@@ -85,7 +85,7 @@ class TaskAccounting:
 
     Attributes:
         reset_in: the environment of the last reset, None before.
-        stated: every goal of this episode, met or not, with its words.
+        stated: every goal of this episode, met or not.
         total: the reward so far.
         rng: random numbers of the program's own, None for the environment's.
     """
@@ -93,7 +93,7 @@ class TaskAccounting:
     def __init__(self, task: ScoredTask) -> None:
         self._task = task
         self.reset_in: Tabletop | None = None
-        self.stated: tuple[tuple[Goal, str], ...] = ()
+        self.stated: tuple[Goal, ...] = ()
         self.total = 0.0
         self.rng: np.random.Generator | None = None
 
@@ -117,12 +117,16 @@ class TaskAccounting:
         task, self.reset_in = self._task, env
         if not task.goals:
             env.warn("the task states no goal: its reset() never calls add_goal")
-        task.goals, doubt = worth_one(task.goals)
+        goals, doubt = worth_one(task.goals)
         if doubt:
             env.warn(doubt)
         words = task.lang_goals or [task.lang_template]
-        task.lang_goals = [words[min(index, len(words) - 1)] for index in range(len(task.goals))]
-        self.stated = tuple(zip(task.goals, task.lang_goals, strict=True))
+        task.lang_goals = [words[min(index, len(words) - 1)] for index in range(len(goals))]
+        task.goals = [
+            goal.model_copy(update={"language": sentence[:LONGEST_SENTENCE]})
+            for goal, sentence in zip(goals, task.lang_goals, strict=True)
+        ]
+        self.stated = tuple(task.goals)
         task.pos_eps = _bounded(env, "pos_eps", task.pos_eps, LARGEST_POS_EPS)
         task.rot_eps = _bounded(env, "rot_eps", task.rot_eps, LARGEST_ROT_EPS)
 
@@ -131,9 +135,9 @@ class TaskAccounting:
         task, env = self._task, self.env
         if goal.relation is not None:
             view = SceneView(env, self.stated, task.goals)
-            return [float(not clause) for clause in shortfalls(goal.relation, view, task.rot_eps)]
-        poses = {number: env.get_object_pose(number) for number in goal.objs}
-        volumes = {number: env.volume(number) for number in goal.objs}
+            return [float(not clause) for clause in shortfalls(goal, view, task.rot_eps)]
+        poses = {number: env.get_object_pose(number) for number in goal.objects}
+        volumes = {number: env.volume(number) for number in goal.objects}
         ceiling = float(task.zone_bounds[2, 1])
         return object_scores(goal, poses, volumes, ceiling, task.pos_eps, task.rot_eps)
 
@@ -141,10 +145,10 @@ class TaskAccounting:
         """How many objects of all goals are where they should be, and how many there are."""
         waiting = {id(goal) for goal in self._task.goals}
         placed = wanted = 0
-        for goal, _ in self.stated:
-            wanted += len(goal.objs)
+        for goal in self.stated:
+            wanted += len(goal.objects)
             met = id(goal) not in waiting
-            placed += len(goal.objs) if met else sum(score > 0.98 for score in self.scores(goal))
+            placed += len(goal.objects) if met else sum(score > 0.98 for score in self.scores(goal))
         return placed, wanted
 
 

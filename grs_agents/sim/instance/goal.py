@@ -1,97 +1,218 @@
-"""Typed goals for new programs: how objects are to lie, said once for the scorer and for the oracle."""
+"""Goals: what a task asks for, stated once for the scorer, for the oracle and for task instances on disk."""
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, Literal, NamedTuple, cast
+from typing import Annotated, Any, Final, Literal, Self, cast
 
 import numpy as np
-import numpy.typing as npt
+from pydantic import Field, model_validator
 
-from grs_agents.base import Pose, Vec3
+from grs_agents.base import Frozen, Pose
 from grs_agents.sim.instance.episode import SimulationError
 
+LARGEST_POSITION = 2.0
+"""Metres from the robot base, along any axis."""
+
+Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_POSITION, le=LARGEST_POSITION)]
+Unit = Annotated[float, Field(allow_inf_nan=False, ge=-1.001, le=1.001)]
+Extent = Annotated[float, Field(allow_inf_nan=False, gt=0, le=2)]
+Placed = tuple[tuple[Coordinate, Coordinate, Coordinate], tuple[Unit, Unit, Unit, Unit]]
+
 Kind = Literal["inside", "on", "stacked", "near", "aligned", "upright", "in_zone"]
-KINDS: Final[tuple[Kind, ...]] = ("inside", "on", "stacked", "near", "aligned", "upright", "in_zone")
 REFERENCED: Final = ("inside", "on", "near", "in_zone")
 """Relations to another object, which itself need not move."""
+LONGEST_SENTENCE: Final = 2000
+"""Characters of what a person would say of a goal."""
+UPRIGHT_WITHIN: Final = math.radians(15)
 
 
-@dataclass(frozen=True)
-class Relation:
-    """How objects are to lie. Made by ``inside``, ``on``, ``stacked``, ``near``, ``aligned``, ``upright``, ``in_zone``.
+def check_quaternion(pose: Pose, what: str) -> None:
+    """Refuse a pose whose rotation is no unit quaternion, with a ``ValueError``."""
+    norm = math.hypot(*pose[1])
+    if not 0.99 < norm < 1.01:
+        raise ValueError(f"{what}: quaternion {pose[1]} has length {norm:.3f}, must be 1")
+
+
+class Zone(Frozen):
+    """A region: its pose and full extents (x, y, z) in metres; z is not scored."""
+
+    pose: Placed
+    size: tuple[Extent, Extent, Annotated[float, Field(allow_inf_nan=False, ge=0, le=2)]]
+
+
+class Relation(Frozen):
+    """How the objects of a typed goal are to lie; what each kind means strictly is in ``sim.goals.relation_rules``.
 
     Attributes:
         kind: which relation.
-        objects: ids of the objects it speaks of; for ``stacked`` from the bottom up.
-        reference: id of the container, support, zone or neighbour.
-        distance: ``near``: largest gap, metres; ``aligned``: from centre to centre, metres, None = any.
-
-    Raises:
-        SimulationError: an id or a number does not fit; the message says which, and what would.
+        reference: id of the container, support, zone or neighbour, if the kind has one.
+        distance: ``near``: largest gap; ``aligned``: spacing of centres, None = any; metres.
     """
 
     kind: Kind
-    objects: tuple[int, ...]
-    reference: int | None = None
-    distance: float | None = None
+    reference: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    distance: Annotated[float, Field(allow_inf_nan=False, gt=0, le=1)] | None = None
 
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise SimulationError(f"relation {self.kind!r} is unknown", f"use one of {', '.join(KINDS)}")
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
         if (self.reference is not None) != (self.kind in REFERENCED):
-            raise SimulationError(
-                f"relation {self.kind} with reference {self.reference}",
-                f"{', '.join(REFERENCED)} have one, others none",
-            )
-        ids = (*self.objects, *(() if self.reference is None else (self.reference,)))
+            raise ValueError(f"relation {self.kind} with reference {self.reference}: {REFERENCED} have one")
+        return self
+
+
+class Goal(Frozen):
+    """One goal; goals are met one after the other, in their order.
+
+    While a program runs, goals are made without the checks of this model (``model_construct``): their rewards are not
+    scaled yet, and what is out of range is refused when the task becomes an instance.
+
+    Attributes:
+        objects: ids of the objects it speaks of; for ``stacked`` from the bottom up.
+        matches: for each object, for each target, 1 where that target will do.
+        targets: target poses.
+        replace: several objects may share a target.
+        rotations: the yaw of the target is asked for.
+        metric: ``pose`` (xy within ``pos_eps``, yaw within ``rot_eps``), ``zone`` (share of volume inside) or
+            ``relation``.
+        zones: for metric ``zone``.
+        max_reward: reward for the whole goal.
+        symmetries: for each object, the angle (rad) after which it looks the same; 0 = any yaw.
+        language: what a person would say.
+        relation: for metric ``relation``; such a goal has no targets.
+    """
+
+    objects: Annotated[tuple[int, ...], Field(min_length=1, max_length=200)]
+    matches: tuple[tuple[Annotated[int, Field(ge=0, le=1)], ...], ...]
+    targets: Annotated[tuple[Placed, ...], Field(max_length=200)]
+    replace: bool
+    rotations: bool
+    metric: Literal["pose", "zone", "relation"]
+    zones: Annotated[tuple[Zone, ...], Field(max_length=50)] = ()
+    max_reward: Annotated[float, Field(allow_inf_nan=False, ge=0, le=1.0001)]
+    symmetries: tuple[Annotated[float, Field(allow_inf_nan=False, ge=0, le=6.3)], ...]
+    language: Annotated[str, Field(max_length=LONGEST_SENTENCE)] = ""
+    relation: Relation | None = None
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        if self.metric == "pose" and not self.targets:
+            raise ValueError("a pose goal needs at least one target pose")
+        if self.metric == "zone" and not self.zones:
+            raise ValueError("a zone goal needs at least one zone")
+        if (self.metric == "relation") != (self.relation is not None):
+            raise ValueError(f"metric {self.metric} with relation {self.relation}: 'relation' goals alone have one")
+        if len(self.matches) != len(self.objects) or len(self.symmetries) != len(self.objects):
+            raise ValueError(f"{len(self.objects)} objects need as many rows of matches and symmetries")
+        if any(len(row) != len(self.targets) for row in self.matches):
+            raise ValueError(f"each row of matches needs {len(self.targets)} entries, one for each target")
+        for pose in self.targets:
+            check_quaternion(pose, "target")
+        return self
+
+    @property
+    def kind(self) -> Kind | None:
+        """The kind of relation that a typed goal asks for, None for other goals."""
+        return self.relation.kind if self.relation is not None else None
+
+    @property
+    def distance(self) -> float | None:
+        """The distance that a typed goal asks for, metres, if it asks for any."""
+        return self.relation.distance if self.relation is not None else None
+
+    @property
+    def reference(self) -> int:
+        """Id of the container, support, zone or neighbour of a typed goal that has one."""
+        assert self.relation is not None and self.relation.reference is not None, f"{self.kind} without a reference"
+        return self.relation.reference
+
+    @property
+    def named(self) -> tuple[int, ...]:
+        """Ids of all objects that it speaks of, the reference among them."""
+        return (*self.objects, self.reference) if self.kind in REFERENCED else self.objects
+
+    def options(self, row: int) -> list[int]:
+        """Indices of the targets that will do for the object of one row."""
+        return [index for index, match in enumerate(self.matches[row]) if match]
+
+    def same_relation(self, other: "Goal") -> bool:
+        """Whether two typed goals ask for one relation to one object."""
+        return (
+            self.relation is not None
+            and other.relation is not None
+            and (self.relation.kind, self.relation.reference) == (other.relation.kind, other.relation.reference)
+        )
+
+    def check_relation(self) -> None:
+        """Refuse a typed goal that makes no sense.
+
+        Raises:
+            SimulationError: an object occurs twice, there are too few, or a distance is out of range.
+        """
+        relation, count = self.relation, len(self.objects)
+        if relation is None:
+            return
+        ids, distance = self.named, relation.distance
         if len(set(ids)) != len(ids):
-            raise SimulationError(f"{self.kind} was given an object twice: {list(ids)}", "give different ids")
-        least = 2 if self.kind == "stacked" or (self.kind == "aligned" and self.distance) else 1
-        least = 3 if self.kind == "aligned" and not self.distance else least
-        if len(self.objects) < least:
+            raise SimulationError(f"{relation.kind} was given an object twice: {list(ids)}", "give different ids")
+        least = {"stacked": 2, "aligned": 2 if distance else 3}.get(relation.kind, 1)
+        if count < least:
             remedy = f"give at least {least}" + (" or a spacing" if least == 3 else "")
-            raise SimulationError(f"{self.kind} was given {len(self.objects)} objects", remedy)
-        if self.distance is not None and not 0 < self.distance <= 1:
-            raise SimulationError(f"{self.kind}: {self.distance} m is out of range", "give metres in 0..1")
+            raise SimulationError(f"{relation.kind} was given {count} objects", remedy)
+        if distance is not None and not 0 < distance <= 1:
+            raise SimulationError(f"{relation.kind}: {distance} m is out of range", "give metres in 0..1")
 
 
-def inside(objs: int | Iterable[int], container: int) -> Relation:
+def _typed_goal(
+    kind: Kind, objects: tuple[int, ...], reference: int | None = None, distance: float | None = None
+) -> Goal:
+    goal = Goal.model_construct(
+        objects=objects,
+        matches=((),) * len(objects),
+        targets=(),
+        replace=False,
+        rotations=False,
+        metric="relation",
+        max_reward=1.0,
+        symmetries=(0.0,) * len(objects),
+        relation=Relation.model_construct(kind=kind, reference=reference, distance=distance),
+    )
+    goal.check_relation()
+    return goal
+
+
+def inside(objs: int | Iterable[int], container: int) -> Goal:
     """The objects lie in a container: below its rim, within its outline, held by it or by one another."""
-    return Relation("inside", _ids(objs), _id(container))
+    return _typed_goal("inside", _ids(objs), _id(container))
 
 
-def on(objs: int | Iterable[int], support: int) -> Relation:
+def on(objs: int | Iterable[int], support: int) -> Goal:
     """The objects rest on a support, their centres over it."""
-    return Relation("on", _ids(objs), _id(support))
+    return _typed_goal("on", _ids(objs), _id(support))
 
 
-def stacked(objs: Sequence[int]) -> Relation:
+def stacked(objs: Sequence[int]) -> Goal:
     """Each object rests on the one before it, its centre over it; the first is the bottom, which may be fixed."""
-    return Relation("stacked", _ids(objs))
+    return _typed_goal("stacked", _ids(objs))
 
 
-def near(objs: int | Iterable[int], other: int, distance: float = 0.05) -> Relation:
+def near(objs: int | Iterable[int], other: int, distance: float = 0.05) -> Goal:
     """The objects lie beside another one, with a gap of at most ``distance`` metres."""
-    return Relation("near", _ids(objs), _id(other), _metres("near", distance))
+    return _typed_goal("near", _ids(objs), _id(other), _metres("near", distance))
 
 
-def aligned(objs: Sequence[int], spacing: float | None = None) -> Relation:
+def aligned(objs: Sequence[int], spacing: float | None = None) -> Goal:
     """The objects' centres lie on one line, within 1 cm; ``spacing``: metres from each centre to the next, or any."""
-    return Relation("aligned", _ids(objs), None, None if spacing is None else _metres("aligned", spacing))
+    return _typed_goal("aligned", _ids(objs), None, None if spacing is None else _metres("aligned", spacing))
 
 
-def upright(objs: int | Iterable[int]) -> Relation:
+def upright(objs: int | Iterable[int]) -> Goal:
     """The objects stand with their own z axis within 15 degrees of the vertical."""
-    return Relation("upright", _ids(objs))
+    return _typed_goal("upright", _ids(objs))
 
 
-def in_zone(objs: int | Iterable[int], zone: int) -> Relation:
+def in_zone(objs: int | Iterable[int], zone: int) -> Goal:
     """The objects lie wholly over a zone, on what it lies on or on one another."""
-    return Relation("in_zone", _ids(objs), _id(zone))
-
-
-UPRIGHT_WITHIN: Final = math.radians(15)
+    return _typed_goal("in_zone", _ids(objs), _id(zone))
 
 
 def _id(number: Any) -> int:
@@ -113,51 +234,11 @@ def _ids(objs: Any) -> tuple[int, ...]:
     return (_id(objs),)
 
 
-Metric = Literal["pose", "zone", "relation"]
-
-Zone = tuple[Pose, Vec3]
-"""Pose of a zone's centre and its full extents, metres."""
-
-
-class Goal(NamedTuple):
-    """One goal; unpacks in CLIPort's order.
-
-    Attributes:
-        objs: object ids.
-        matches: (objects, targets) zeros and ones.
-        targ_poses: target poses.
-        replace: objects may share a target.
-        rotations: the target's yaw is asked for.
-        metric: ``pose``, ``zone`` or ``relation``.
-        params: the zones of a ``zone`` goal.
-        step_max_reward: reward for the whole goal.
-        symmetries: for each object, radians after which it looks the same; 0 = any yaw.
-        relation: what a ``relation`` goal asks for; it has no targets.
-    """
-
-    objs: list[int]
-    matches: npt.NDArray[np.int64]
-    targ_poses: list[Pose]
-    replace: bool
-    rotations: bool
-    metric: Metric
-    params: list[Zone]
-    step_max_reward: float
-    symmetries: list[float]
-    relation: Relation | None = None
-
-
-def named(goal: Goal) -> list[int]:
-    """Ids of all objects that a goal speaks of."""
-    other = goal.relation.reference if goal.relation is not None else None
-    return goal.objs if other is None else [*goal.objs, other]
-
-
 def worth_one(goals: Sequence[Goal]) -> tuple[list[Goal], str]:
     """The goals with rewards that add up to 1, and a word on it if they had to be scaled."""
-    total = sum(goal.step_max_reward for goal in goals)
+    total = sum(goal.max_reward for goal in goals)
     if not goals or abs(total - 1) <= 0.01:
         return list(goals), ""
-    shares = [goal.step_max_reward / total if total > 0 else 1 / len(goals) for goal in goals]
-    scaled = [goal._replace(step_max_reward=share) for goal, share in zip(goals, shares, strict=True)]
+    shares = [goal.max_reward / total if total > 0 else 1 / len(goals) for goal in goals]
+    scaled = [goal.model_copy(update={"max_reward": share}) for goal, share in zip(goals, shares, strict=True)]
     return scaled, f"the goals' step_max_reward add up to {total:.2f}, scaled to 1"

@@ -10,14 +10,12 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from grs_agents.base import Frozen, Pose, Quat, Vec3
+from grs_agents.base import Frozen, Pose, Vec3
 from grs_agents.errors import InputError
 from grs_agents.foreign import check_json
 from grs_agents.geometry import transforms
-from grs_agents.sim.instance.goal import REFERENCED, Kind
+from grs_agents.sim.instance.goal import Goal, Placed, check_quaternion
 
-LARGEST_POSITION = 2.0
-"""Metres from the robot base, along any axis."""
 POSITION_TOLERANCE = 0.01
 ROTATION_TOLERANCE = math.radians(15)
 LARGEST_POS_EPS, LARGEST_ROT_EPS = 0.05, math.radians(30)
@@ -29,12 +27,7 @@ LARGEST_TIE_GAP = 0.05
 MOST_PAIRS = 10_000
 """Pairs of an object and a target in all goals together."""
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_POSITION, le=LARGEST_POSITION)]
-Unit = Annotated[float, Field(allow_inf_nan=False, ge=-1.001, le=1.001)]
-Extent = Annotated[float, Field(allow_inf_nan=False, gt=0, le=2)]
 Channel = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
-Placed = tuple[tuple[Coordinate, Coordinate, Coordinate], tuple[Unit, Unit, Unit, Unit]]
 RGBA = tuple[Channel, Channel, Channel, Channel]
 Value = (
     Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST_VALUE, le=LARGEST_VALUE)]
@@ -42,12 +35,6 @@ Value = (
 )
 Fill = dict[Annotated[str, Field(max_length=20)], Annotated[tuple[Value, ...], Field(max_length=4)]]
 """Values of a template's placeholders by stem, e.g. ``{"DIM": (0.2, 0.1, 0.05)}``: metres, colours 0..1, file names."""
-
-
-def _check_quaternion(pose: Pose, what: str) -> None:
-    norm = math.hypot(*pose[1])
-    if not 0.99 < norm < 1.01:
-        raise ValueError(f"{what}: quaternion {pose[1]} has length {norm:.3f}, must be 1")
 
 
 class InstanceObject(Frozen):
@@ -71,7 +58,7 @@ class InstanceObject(Frozen):
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
-        _check_quaternion(self.pose, f"object {self.id}")
+        check_quaternion(self.pose, f"object {self.id}")
         if self.fill:
             words = {stem for stem, row in self.fill.items() if any(isinstance(value, str) for value in row)}
             if words - {"FNAME"}:
@@ -99,80 +86,6 @@ class InstanceTie(Frozen):
     def _checked(self) -> Self:
         if self.parent == self.child:
             raise ValueError(f"object {self.parent} is tied to itself, a tie needs two")
-        return self
-
-
-class InstanceZone(Frozen):
-    """A region: its pose and full extents (x, y, z) in metres; z is not scored."""
-
-    pose: Placed
-    size: tuple[Extent, Extent, Annotated[float, Field(allow_inf_nan=False, ge=0, le=2)]]
-
-
-class InstanceRelation(Frozen):
-    """How a goal's objects are to lie; what each kind means strictly is in ``sim.relation_rules``.
-
-    Attributes:
-        kind: which relation.
-        reference: id of the container, support, zone or neighbour, if the kind has one.
-        distance: ``near``: largest gap; ``aligned``: spacing of centres, None = any; metres.
-    """
-
-    kind: Kind
-    reference: Annotated[int, Field(ge=0, le=100_000)] | None = None
-    distance: Annotated[float, Field(allow_inf_nan=False, gt=0, le=1)] | None = None
-
-    @model_validator(mode="after")
-    def _checked(self) -> Self:
-        if (self.reference is not None) != (self.kind in REFERENCED):
-            raise ValueError(f"relation {self.kind} with reference {self.reference}: {REFERENCED} have one")
-        return self
-
-
-class InstanceGoal(Frozen):
-    """One goal; goals are met one after the other, in their order.
-
-    Attributes:
-        objects: ids of the objects it speaks of.
-        matches: for each object, for each target, 1 where that target will do.
-        targets: target poses.
-        replace: several objects may share a target.
-        rotations: the yaw of the target is asked for.
-        metric: ``pose`` (xy within ``pos_eps``, yaw within ``rot_eps``), ``zone`` (share of volume inside) or
-            ``relation``.
-        zones: for metric ``zone``.
-        max_reward: reward for the whole goal.
-        symmetries: for each object, the angle (rad) after which it looks the same; 0 = any yaw.
-        language: what a person would say.
-        relation: for metric ``relation``; such a goal has no targets.
-    """
-
-    objects: Annotated[tuple[int, ...], Field(min_length=1, max_length=200)]
-    matches: tuple[tuple[Annotated[int, Field(ge=0, le=1)], ...], ...]
-    targets: Annotated[tuple[Placed, ...], Field(max_length=200)]
-    replace: bool
-    rotations: bool
-    metric: Literal["pose", "zone", "relation"]
-    zones: Annotated[tuple[InstanceZone, ...], Field(max_length=50)] = ()
-    max_reward: Annotated[float, Field(allow_inf_nan=False, ge=0, le=1.0001)]
-    symmetries: tuple[Annotated[float, Field(allow_inf_nan=False, ge=0, le=6.3)], ...]
-    language: Annotated[str, Field(max_length=2000)] = ""
-    relation: InstanceRelation | None = None
-
-    @model_validator(mode="after")
-    def _checked(self) -> Self:
-        if self.metric == "pose" and not self.targets:
-            raise ValueError("a pose goal needs at least one target pose")
-        if self.metric == "zone" and not self.zones:
-            raise ValueError("a zone goal needs at least one zone")
-        if (self.metric == "relation") != (self.relation is not None):
-            raise ValueError(f"metric {self.metric} with relation {self.relation}: 'relation' goals alone have one")
-        if len(self.matches) != len(self.objects) or len(self.symmetries) != len(self.objects):
-            raise ValueError(f"{len(self.objects)} objects need as many rows of matches and symmetries")
-        if any(len(row) != len(self.targets) for row in self.matches):
-            raise ValueError(f"each row of matches needs {len(self.targets)} entries, one for each target")
-        for pose in self.targets:
-            _check_quaternion(pose, "target")
         return self
 
 
@@ -206,7 +119,7 @@ class TaskInstance(Frozen):
     rot_eps: Annotated[float, Field(gt=0, le=LARGEST_ROT_EPS)] = ROTATION_TOLERANCE
     objects: Annotated[tuple[InstanceObject, ...], Field(max_length=200)]
     ties: Annotated[tuple[InstanceTie, ...], Field(max_length=400)] = ()
-    goals: Annotated[tuple[InstanceGoal, ...], Field(max_length=200)]
+    goals: Annotated[tuple[Goal, ...], Field(max_length=200)]
     background: Annotated[str, Field(min_length=1, max_length=300)] | None = None
     warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
 
@@ -215,10 +128,7 @@ class TaskInstance(Frozen):
         ids = [item.id for item in self.objects]
         if len(set(ids)) != len(ids):
             raise ValueError("object ids must differ")
-        named = {number for goal in self.goals for number in goal.objects}
-        relations = [goal.relation for goal in self.goals if goal.relation is not None]
-        named |= {relation.reference for relation in relations if relation.reference is not None}
-        unknown = named - set(ids)
+        unknown = {number for goal in self.goals for number in goal.named} - set(ids)
         if unknown:
             raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")
         loose = {number for tie in self.ties for number in (tie.parent, tie.child)} - set(ids)
@@ -243,12 +153,6 @@ class TaskInstance(Frozen):
 def _place(pose: Pose, point: Vec3) -> Vec3:
     """A point of an object's own frame in the robot frame, metres."""
     return transforms.vec3(transforms.apply(pose, np.reshape(point, (3, 1))).ravel())
-
-
-__all__ = [
-    "InstanceGoal", "InstanceObject", "InstanceRelation", "InstanceTie", "InstanceZone", "Pose", "Quat", "TaskInstance",
-    "Vec3",
-]  # fmt: skip
 
 
 MAX_BYTES: Final = 4 << 20

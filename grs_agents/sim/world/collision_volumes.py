@@ -7,11 +7,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Pose, Vec3
+from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.geometry.hulls import half_spaces
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.library.mesh_files import read_vertices
+from grs_agents.sim.instance.goal import Zone
 
 FloatArray = npt.NDArray[np.float64]
 _POINTS: Final = 600
@@ -32,7 +33,7 @@ class Volume:
     weights: FloatArray
 
 
-_shares: dict[tuple[int, Pose, tuple[tuple[Pose, Vec3], ...], float], tuple[Volume, float]] = {}
+_shares: dict[tuple[int, Pose, tuple[Zone, ...], float], tuple[Volume, float]] = {}
 
 
 def volume_of(model: ObjectModel, library: Library) -> Volume:
@@ -53,7 +54,7 @@ def volume_of(model: ObjectModel, library: Library) -> Volume:
     return Volume(np.hstack(clouds), weights / weights.sum())
 
 
-def share_inside(volume: Volume, pose: Pose, zones: Sequence[tuple[Pose, Vec3]], ceiling: float) -> float:
+def share_inside(volume: Volume, pose: Pose, zones: Sequence[Zone], ceiling: float) -> float:
     """The share of an object's volume that lies over any of the zones and below ``ceiling`` (m)."""
     key = (id(volume), pose, tuple(zones), ceiling)
     known = _shares.get(key)  # most objects lie where they lay when the score was last asked for
@@ -64,12 +65,12 @@ def share_inside(volume: Volume, pose: Pose, zones: Sequence[tuple[Pose, Vec3]],
     return known[1]
 
 
-def _share_inside(volume: Volume, pose: Pose, zones: Sequence[tuple[Pose, Vec3]], ceiling: float) -> float:
+def _share_inside(volume: Volume, pose: Pose, zones: Sequence[Zone], ceiling: float) -> float:
     points = transforms.apply(pose, volume.points)
     inside = np.zeros(points.shape[1], dtype=bool)
-    for zone_pose, size in zones:
-        local = transforms.apply(transforms.invert(zone_pose), points)
-        inside |= (np.abs(local[0]) <= size[0] / 2) & (np.abs(local[1]) <= size[1] / 2)
+    for zone in zones:
+        local = transforms.apply(transforms.invert(zone.pose), points)
+        inside |= (np.abs(local[0]) <= zone.size[0] / 2) & (np.abs(local[1]) <= zone.size[1] / 2)
     return min(1.0, round(float(volume.weights[inside & (points[2] < ceiling)].sum()), 9))
 
 

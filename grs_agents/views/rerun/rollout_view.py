@@ -18,7 +18,8 @@ from grs_agents.foreign.pictures import read_picture
 from grs_agents.library import Library, Shape
 from grs_agents.library.mesh_files import read_surface
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.sim.instance.instance import InstanceGoal, InstanceObject, TaskInstance
+from grs_agents.sim.instance.goal import Goal
+from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
 from grs_agents.sim.world.compilation import model_of
 from grs_agents.trace import Rollout
 from grs_agents.views.common.motion import Motion, holds, instance_of, read_motion, read_seconds
@@ -237,7 +238,7 @@ def _show_goals(recording: Recording, instance: TaskInstance) -> None:
     recording.log(f"{Paths.WORLD}/task", rr.TextDocument(_languages(instance.goals)))
 
 
-def _languages(goals: tuple[InstanceGoal, ...]) -> str:
+def _languages(goals: tuple[Goal, ...]) -> str:
     return "\n".join(goal.language for goal in goals)
 
 

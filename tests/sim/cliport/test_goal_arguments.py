@@ -3,8 +3,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grs_agents.sim import SimulationError
-from grs_agents.sim.cliport.goal_arguments import make_goal
+from grs_agents.sim import SimulationError, Zone
+from grs_agents.sim.cliport.goal_arguments import as_goal, make_goal
 
 POSE = ((0.5, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))
 
@@ -17,33 +17,35 @@ def goal(**changes):
     return make_goal(**given)
 
 
-def test_a_goal_unpacks_in_cliport_order() -> None:
-    objs, matches, targets, replace, rotations, metric, params, reward, symmetries, relation = goal()
-    assert (objs, matches.shape, targets, replace, rotations) == ([1, 2], (2, 1), [POSE], True, True)
-    assert (metric, params, reward, symmetries, relation) == ("pose", [], 1.0, [0.0, 0.0], None)
+def test_cliports_tuple_of_eight_becomes_a_goal() -> None:
+    made = as_goal(([1, 2], np.ones((2, 1)), [POSE], True, True, "pose", None, 1.0))
+    assert made == goal()
+    assert (made.objects, made.matches, made.targets) == ((1, 2), ((1,), (1,)), (POSE,))
+    assert (made.replace, made.rotations, made.metric, made.zones) == (True, True, "pose", ())
+    assert (made.max_reward, made.symmetries, made.relation) == (1.0, (0.0, 0.0), None)
 
 
 def test_cliport_pairs_of_id_and_symmetry_are_understood() -> None:
-    assert goal(objs=[(1, (np.pi, None)), (2, (0, None))]).symmetries == [np.pi, 0.0]
+    assert goal(objs=[(1, (np.pi, None)), (2, (0, None))]).symmetries == (np.pi, 0.0)
 
 
 def test_cliport_zone_params_with_object_points_are_understood() -> None:
     made = goal(metric="zone", params=({1: np.zeros((3, 4))}, [(POSE, (0.2, 0.2, 0.1))]))
-    assert made.params == [(POSE, (0.2, 0.2, 0.1))]
+    assert made.zones == (Zone(pose=POSE, size=(0.2, 0.2, 0.1)),)
 
 
 @pytest.mark.parametrize(
     ("changes", "field", "value"),
     [
-        ({"objs": (1, 2)}, "objs", [1, 2]),
-        ({"objs": [(1, POSE), 2]}, "objs", [1, 2]),
-        ({"targ_poses": [POSE[0]]}, "targ_poses", [POSE]),
-        ({"targ_poses": POSE}, "targ_poses", [POSE]),
-        ({"targ_poses": [POSE[0], POSE[0]], "matches": [[1, 0], [0, 1]]}, "targ_poses", [POSE, POSE]),
-        ({"symmetries": [np.pi]}, "symmetries", [np.pi, np.pi]),
-        ({"symmetries": [1, 2, 3]}, "symmetries", [1.0, 2.0]),
-        ({"symmetries": [7.0, -1]}, "symmetries", [2 * np.pi, 0.0]),
-        ({"metric": "zone", "params": (POSE, (0.2, 0.2, 0.0))}, "params", [(POSE, (0.2, 0.2, 0.0))]),
+        ({"objs": (1, 2)}, "objects", (1, 2)),
+        ({"objs": [(1, POSE), 2]}, "objects", (1, 2)),
+        ({"targ_poses": [POSE[0]]}, "targets", (POSE,)),
+        ({"targ_poses": POSE}, "targets", (POSE,)),
+        ({"targ_poses": [POSE[0], POSE[0]], "matches": [[1, 0], [0, 1]]}, "targets", (POSE, POSE)),
+        ({"symmetries": [np.pi]}, "symmetries", (np.pi, np.pi)),
+        ({"symmetries": [1, 2, 3]}, "symmetries", (1.0, 2.0)),
+        ({"symmetries": [7.0, -1]}, "symmetries", (2 * np.pi, 0.0)),
+        ({"metric": "zone", "params": (POSE, (0.2, 0.2, 0.0))}, "zones", (Zone(pose=POSE, size=(0.2, 0.2, 0.0)),)),
     ],
 )
 def test_shapes_that_published_programs_pass_are_understood(changes, field, value) -> None:
@@ -52,7 +54,7 @@ def test_shapes_that_published_programs_pass_are_understood(changes, field, valu
 
 @pytest.mark.parametrize("matches", [None, [1, 1], [[1], [1]], np.ones((2, 2)), np.ones((5, 1))])
 def test_matches_in_other_shapes_are_understood(matches) -> None:
-    assert goal(matches=matches).matches.tolist() == [[1], [1]]
+    assert goal(matches=matches).matches == ((1,), (1,))
 
 
 @pytest.mark.parametrize(

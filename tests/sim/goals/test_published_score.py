@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.sim import utils
+from grs_agents.sim import Zone, utils
 from grs_agents.sim.goals import task_accounting
 from grs_agents.sim.world.collision_volumes import share_inside, volume_of
 
@@ -28,12 +28,12 @@ def test_position_counts_to_a_centimetre_and_height_does_not() -> None:
 
 def test_a_box_half_over_the_edge_of_a_zone_counts_about_half() -> None:
     volume = volume_of(LIBRARY.model("block/red_block.urdf"), LIBRARY)
-    zone = (((0.5, 0.0, 0.0), utils.IDENTITY), (0.2, 0.2, 0.0))
+    zone = Zone(pose=((0.5, 0.0, 0.0), utils.IDENTITY), size=(0.2, 0.2, 0.0))
     share = share_inside(volume, ((0.601, 0.0, 0.02), utils.IDENTITY), [zone], 0.28)
     assert 0.3 < share < 0.6
 
 
 def test_two_zones_count_together() -> None:
     volume = volume_of(LIBRARY.model("block/red_block.urdf"), LIBRARY)
-    zones = [(((x, 0.0, 0.0), utils.IDENTITY), (0.1, 0.2, 0.0)) for x in (0.45, 0.55)]
+    zones = [Zone(pose=((x, 0.0, 0.0), utils.IDENTITY), size=(0.1, 0.2, 0.0)) for x in (0.45, 0.55)]
     assert share_inside(volume, ((0.5, 0.0, 0.02), utils.IDENTITY), zones, 0.28) == pytest.approx(1.0)

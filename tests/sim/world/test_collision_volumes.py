@@ -5,20 +5,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.base import Pose, Vec3
 from grs_agents.geometry.hulls import half_spaces
 from grs_agents.library import Library, ObjectModel, Shape
-from grs_agents.sim import utils
+from grs_agents.sim import Zone, utils
 from grs_agents.sim.world.collision_volumes import share_inside, volume_of
 
 LIBRARY = Library()
 AT_ORIGIN = ((0.0, 0.0, 0.0), utils.IDENTITY)
 
 
-def half(axis: int = 0) -> list[tuple[Pose, Vec3]]:
+def half(axis: int = 0) -> list[Zone]:
     """A zone over all places where the coordinate is negative."""
     x, y, z = (-1.0 if axis == own else 0.0 for own in range(3))
-    return [(((x, y, z), utils.IDENTITY), (2.0, 2.0, 2.0))]
+    return [Zone(pose=((x, y, z), utils.IDENTITY), size=(2.0, 2.0, 2.0))]
 
 
 def model(*colliders: Shape) -> ObjectModel:
