@@ -19,6 +19,7 @@ from grs_agents.library.importing.engine import load_mujoco
 from grs_agents.library.importing.types import Collider, Floats, Hull, RefusedError
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import read_vertices
+from grs_agents.library.mujoco_shapes import add_shape, primitive_volume
 from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix, shape_bounds
 
 SECONDS: Final = 2.0
@@ -114,14 +115,7 @@ def _geom(mujoco: Any, spec: Any, body: Any, collider: Collider, number: int) ->
         geom.meshname = name
         spec.mesh(name).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
         return geom
-    kinds = {"box": mujoco.mjtGeom.mjGEOM_BOX, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER}
-    x, y, z, w = collider.quaternion
-    geom = body.add_geom(type=kinds.get(collider.kind, mujoco.mjtGeom.mjGEOM_SPHERE), pos=collider.position)
-    geom.quat = (w, x, y, z)
-    half = [extent / 2 for extent in collider.size]
-    sizes = {"box": half, "cylinder": [collider.size[0], half[-1], 0.0]}
-    geom.size = sizes.get(collider.kind, [collider.size[0], 0.0, 0.0])
-    return geom
+    return add_shape(spec, body, collider, f"part{number}")
 
 
 def _lowest(colliders: Sequence[Collider]) -> float:
@@ -140,11 +134,7 @@ def bounds(collider: Collider) -> tuple[Floats, Floats]:
 def _volume(collider: Collider) -> float:
     if isinstance(collider, Hull):
         return max(hull_volume(collider), 1e-12)
-    if collider.kind == "box":
-        return float(np.prod(collider.size))
-    if collider.kind == "cylinder":
-        return float(np.pi * collider.size[0] ** 2 * collider.size[1])
-    return float(4 / 3 * np.pi * collider.size[0] ** 3)
+    return primitive_volume(collider)
 
 
 _SIZE = 0.005

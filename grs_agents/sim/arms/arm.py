@@ -96,10 +96,6 @@ class Arm:
         """Names of its bodies, the cup last."""
         return self._model.links
 
-    def tip_pose(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Where joint positions (dof,) bring the tip (3,), and its rotation (3, 3) from the tool straight down."""
-        return self._model.tip(joints)
-
     def solve(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """Joint positions (N, dof) along a path of the tip with the tool straight down.
 

@@ -36,26 +36,6 @@ LINKS: Final = ((0.0, D1, np.pi / 2), (A2, 0.0, 0.0), (A3, 0.0, 0.0), (0.0, D4, 
 """(a, d, alpha) of each joint."""
 
 
-def joint_frames(joints: FloatArray) -> list[FloatArray]:
-    """The 4 x 4 frames of the six links for joint angles (6,) in radians, robot frame."""
-    frames: list[FloatArray] = []
-    frame = np.eye(4)
-    for angle, (a, d, alpha) in zip(joints, LINKS, strict=True):
-        ct, st, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
-        frame = frame @ np.array(
-            [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]]
-        )
-        frames.append(frame)
-    return frames
-
-
-def tip_frame(joints: FloatArray) -> FloatArray:
-    """The 4 x 4 frame of the suction cup's tip; its z axis points out of the cup."""
-    frame = joint_frames(joints)[-1].copy()
-    frame[:3, 3] += TOOL_LENGTH * frame[:3, 2]
-    return frame
-
-
 def solve(tips: FloatArray, yaws: FloatArray) -> FloatArray:
     """Joint angles (N, 6) that bring the tip to ``tips`` (N, 3), tool down, turned by ``yaws`` (N,) radians.
 
@@ -89,11 +69,6 @@ def reachable(tips: FloatArray) -> npt.NDArray[np.bool_]:
     beside = np.sqrt(np.maximum(radius**2 - D4**2, 0.0)) - D5 >= _SHOULDER
     inside &= beside | (tips[:, 2] + TOOL_LENGTH + D6 >= D1 + _SHOULDER)
     return inside & np.isfinite(solve(tips, np.zeros(len(tips)))).all(axis=1)
-
-
-def can_reach(tip: Vec3) -> bool:
-    """Whether the arm can bring the tip to one point, tool down."""
-    return bool(reachable(np.array([tip], dtype=np.float64))[0])
 
 
 def solve_poses(tips: FloatArray, rotations: FloatArray, seed: FloatArray) -> FloatArray:

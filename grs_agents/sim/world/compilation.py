@@ -14,6 +14,7 @@ import numpy.typing as npt
 from grs_agents.engine import mujoco
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.library.mesh_files import solid_volume
+from grs_agents.library.mujoco_shapes import add_shape, primitive_volume
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.arms.robot import ROBOT_CONTYPE, fit_spatula
@@ -75,12 +76,6 @@ _ROLLING: Final = 0.002
 _GREY: Final = (0.7, 0.7, 0.7, 1.0)
 LARGEST, SMALLEST = 2.0, 1e-4
 """Extents of a filled template, metres."""
-_GEOM_TYPE: Final[dict[str, Any]] = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
-}
 
 
 @dataclass(frozen=True)
@@ -321,28 +316,13 @@ def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, 
 
 def _volume(shape: Shape, library: Library) -> float:
     """Of a collider, m^3; the parts of an object share its mass in this proportion."""
-    if shape.kind == "box":
-        return float(np.prod(shape.size))
-    if shape.kind == "cylinder":
-        return float(np.pi * shape.size[0] ** 2 * shape.size[1])
-    if shape.kind == "sphere":
-        return float(4 / 3 * np.pi * shape.size[0] ** 3)
+    if shape.kind != "mesh":
+        return primitive_volume(shape)
     return max(float(abs(np.prod(shape.size))) * solid_volume(library.mesh_path(shape.mesh or "")), 1e-12)
 
 
 def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -> Any:
-    x, y, z, w = shape.quaternion
-    geom = body.add_geom(name=name, type=_GEOM_TYPE[shape.kind], pos=shape.position, quat=(w, x, y, z))
-    if shape.kind == "box":
-        geom.size = tuple(extent / 2 for extent in shape.size)
-    elif shape.kind == "cylinder":
-        geom.size = (shape.size[0], shape.size[1] / 2, 0.0)
-    elif shape.kind == "sphere":
-        geom.size = (shape.size[0], 0.0, 0.0)
-    else:
-        spec.add_mesh(name=name, file=str(library.mesh_path(shape.mesh or "")), scale=shape.size)
-        geom.meshname = name
-    return geom
+    return add_shape(spec, body, shape, name, library.mesh_path(shape.mesh) if shape.mesh else None)
 
 
 def arm_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:

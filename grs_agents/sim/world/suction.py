@@ -83,17 +83,11 @@ class Cup:
             self.release()
             self.slip = Slip(number, load)
 
-    def force(self) -> FloatArray:
-        """The force (3,) in newtons, robot frame, with which the cup acts on what it holds."""
-        if self.held is None:
-            return np.zeros(3)
-        # Equalities come first among the constraints, and of all the welds to the cup one alone is active.
-        return -np.array(self._data.efc_force[:3])
-
     def load(self) -> float:
         """How hard what is held pulls at the cup and shears along it, newtons; pressing on it is no load."""
         if self.held is None:
             return 0.0
+        # Equalities come first among the constraints, and of all the welds to the cup one alone is active.
         x, y, z = self._data.efc_force[:3].tolist()
         _, _, a, _, _, b, _, _, c = self._data.site_xmat[self._world.tip_site].tolist()
         pressing = max(0.0, -(x * a + y * b + z * c))

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from grs_agents.engine import mujoco
 from grs_agents.errors import InputError
 from grs_agents.library import Library, Shape
+from grs_agents.library.mujoco_shapes import add_shape
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.robot import fit_spatula
 from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
@@ -21,12 +22,6 @@ from grs_agents.sim.world.colors import COLORS
 from grs_agents.views.common.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
-_KINDS: dict[str, Any] = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
-}
 _GREY = (0.7, 0.7, 0.7, 1.0)
 _LARGEST_PICTURE = 2048
 """Pixels of a side that an off-screen picture may have."""
@@ -184,18 +179,8 @@ def _add_sky(spec: Any) -> None:
 
 
 def _add_shape(spec: Any, body: Any, shape: Shape, library: Library, name: str, color: tuple[float, ...] | None) -> Any:
-    x, y, z, w = shape.quaternion
-    geom = body.add_geom(name=name, type=_KINDS[shape.kind], pos=shape.position, quat=(w, x, y, z))
+    geom = add_shape(spec, body, shape, name, library.mesh_path(shape.mesh) if shape.mesh else None)
     geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 0, 0.0, 2
-    if shape.kind == "mesh":
-        spec.add_mesh(name=name, file=str(library.mesh_path(shape.mesh or "")), scale=shape.size)
-        geom.meshname = name
-    elif shape.kind == "box":
-        geom.size = tuple(extent / 2 for extent in shape.size)
-    elif shape.kind == "cylinder":
-        geom.size = (shape.size[0], shape.size[1] / 2, 0.0)
-    else:
-        geom.size = (shape.size[0], 0.0, 0.0)
     if color is not None:
         geom.rgba = color
     else:

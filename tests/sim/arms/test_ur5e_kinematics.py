@@ -3,15 +3,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.sim.arms import ur5e
+from grs_agents.sim.arms.arm_model import Posture
+
+ARM = Posture(ur5e.UR5e().add)
 
 
 @given(st.floats(0.25, 0.75), st.floats(-1.5, 1.5), st.floats(0, 0.3), st.floats(-3, 3))
 def test_the_tip_comes_where_it_was_asked_to_with_the_tool_down(radius, bearing, height, yaw) -> None:
     tip = np.array([[radius * np.cos(bearing), radius * np.sin(bearing), height]])
-    frame = ur5e.tip_frame(ur5e.solve(tip, np.array([yaw]))[0])
-    np.testing.assert_allclose(frame[:3, 3], tip[0], atol=1e-9)
-    np.testing.assert_allclose(frame[:3, 2], (0, 0, -1), atol=1e-9)
-    np.testing.assert_allclose(frame[:2, 0], (np.cos(yaw), np.sin(yaw)), atol=1e-9)
+    position, rotation = ARM.tip(ur5e.solve(tip, np.array([yaw]))[0])
+    np.testing.assert_allclose(position, tip[0], atol=1e-9)
+    np.testing.assert_allclose(rotation[:3, 2], (0, 0, 1), atol=1e-9)
+    np.testing.assert_allclose(rotation[:2, 0], (np.cos(yaw), np.sin(yaw)), atol=1e-9)
 
 
 def test_points_too_far_too_near_and_too_high_are_out_of_reach() -> None:

@@ -4,7 +4,6 @@ from hypothesis import strategies as st
 from sim_scenes import Scripted
 
 from grs_agents.sim import Environment, NoFreeSpaceError
-from grs_agents.sim.arms import ur5e
 from grs_agents.sim.world.footprints import footprint, gaps
 
 
@@ -20,7 +19,7 @@ def test_random_poses_are_free_and_within_reach(seed: int) -> None:
     outlines = [footprint(env.shapes(item.id), item.pose).outline for item in env.objects]
     for index, outline in enumerate(outlines):
         assert all(gaps(outline, other, np.zeros((1, 2)))[0] > 0 for other in outlines[:index])
-    assert all(ur5e.can_reach(item.pose[0]) for item in env.objects)
+    assert all(env.arm.can_reach(item.pose[0]) for item in env.objects)
 
 
 def test_a_full_table_gives_none_and_asking_without_end_is_stopped() -> None:

@@ -1,0 +1,44 @@
+"""Shapes of the library as MuJoCo geoms, for every model that is built of them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from grs_agents.library.shapes import Shape
+
+
+def add_shape(spec: Any, body: Any, shape: Shape, name: str, mesh: Path | None = None) -> Any:
+    """Add a shape to a body of a ``mujoco.MjSpec``; returns the geom, which has MuJoCo's defaults otherwise.
+
+    Args:
+        spec: the model.
+        body: of the model.
+        shape: where it is in the frame of the body, and how large.
+        name: of the geom, and of its mesh.
+        mesh: the file of a shape that is a mesh.
+    """
+    from grs_agents.engine import mujoco  # takes long to import
+
+    x, y, z, w = shape.quaternion
+    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")
+    geom = body.add_geom(name=name, type=kind, pos=shape.position, quat=(w, x, y, z))
+    if shape.kind == "box":
+        geom.size = tuple(extent / 2 for extent in shape.size)
+    elif shape.kind == "cylinder":
+        geom.size = (shape.size[0], shape.size[1] / 2, 0.0)
+    elif shape.kind == "sphere":
+        geom.size = (shape.size[0], 0.0, 0.0)
+    else:
+        spec.add_mesh(name=name, file=str(mesh), scale=shape.size)
+        geom.meshname = name
+    return geom
+
+
+def primitive_volume(shape: Shape) -> float:
+    """The volume of a box, a cylinder or a sphere, m^3."""
+    if shape.kind == "box":
+        return float(np.prod(shape.size))
+    if shape.kind == "cylinder":
+        return float(np.pi * shape.size[0] ** 2 * shape.size[1])
+    return float(4 / 3 * np.pi * shape.size[0] ** 3)
