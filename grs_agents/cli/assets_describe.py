@@ -64,7 +64,7 @@ def describe_library(
                 if not as_json:
                     say(f"{asset.name}: {asset.description}")
     finally:
-        write_entries(root, entries, set())
+        write_entries(root, entries)
     if as_json:
         say_json(told)
     return 1 if silent else 0

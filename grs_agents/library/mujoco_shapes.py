@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from grs_agents.library.shapes import Shape
 
 
@@ -33,12 +31,3 @@ def add_shape(spec: Any, body: Any, shape: Shape, name: str, mesh: Path | None =
         spec.add_mesh(name=name, file=str(mesh), scale=shape.size)
         geom.meshname = name
     return geom
-
-
-def primitive_volume(shape: Shape) -> float:
-    """The volume of a box, a cylinder or a sphere, m^3."""
-    if shape.kind == "box":
-        return float(np.prod(shape.size))
-    if shape.kind == "cylinder":
-        return float(np.pi * shape.size[0] ** 2 * shape.size[1])
-    return float(4 / 3 * np.pi * shape.size[0] ** 3)

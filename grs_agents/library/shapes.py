@@ -1,5 +1,6 @@
 """What an object is made of: primitives and meshes in the object's own frame."""
 
+import math
 from collections.abc import Iterable
 from typing import Literal
 
@@ -143,6 +144,14 @@ def shape_bounds(shape: Shape, vertices: Points | None = None) -> tuple[Points, 
         radius, length = shape.size
         reach = np.abs(axis) * length / 2 + radius * np.sqrt(np.clip(1 - axis**2, 0, 1))
     return position - reach, position + reach
+
+
+def shape_volume(shape: Shape) -> float:
+    """m^3 of a box, cylinder or sphere."""
+    if shape.kind == "box":
+        return math.prod(shape.size)
+    radius = shape.size[0]
+    return math.pi * radius**2 * shape.size[1] if shape.kind == "cylinder" else 4 / 3 * math.pi * radius**3
 
 
 def union_bounds(bounds: Iterable[tuple[Points, Points]]) -> tuple[Vec3, Vec3]:

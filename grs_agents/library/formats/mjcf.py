@@ -16,7 +16,7 @@ import numpy as np
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.library.formats.model_file import Source, read_text
-from grs_agents.library.shapes import HERE, ObjectModel, Placement, Rgba, Shape, ShapeKind, composed
+from grs_agents.library.shapes import HERE, ObjectModel, Placement, Rgba, Shape, ShapeKind, composed, shape_volume
 
 _MAX_ANGLE = 1000.0
 """Degrees, or radians, of an angle at most."""
@@ -267,10 +267,7 @@ class _Reader:
         density = self._nonnegative(said.get("density", f"{_DENSITY}"), "density", 1e5)
         if density == 0:
             return 0.0
-        if shape.kind == "mesh":
-            return None
-        volumes = {"box": math.prod(shape.size), "sphere": 4 / 3 * math.pi * shape.size[0] ** 3}
-        return density * volumes.get(shape.kind, math.pi * shape.size[0] ** 2 * shape.size[-1])
+        return None if shape.kind == "mesh" else density * shape_volume(shape)
 
     def _mass(self, geom: _Geom) -> float:
         if geom.mass is not None:

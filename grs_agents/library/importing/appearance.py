@@ -12,25 +12,25 @@ from grs_agents.base import Vec3
 from grs_agents.geometry.raster import rasterise
 from grs_agents.library.asset import Asset
 from grs_agents.library.colors import color_name
-from grs_agents.library.importing.types import Floats, Solid
+from grs_agents.library.importing.types import Floats, Image, Solid, texture_colors
 
 HOPE_LICENSE: Final = "CC-BY-NC-SA-4.0"
 OPEN_LICENSE: Final = "CC-BY-4.0"
 """Of the YCB set and of Google Scanned Objects."""
-YCB_GRAMS: Final[dict[str, float]] = {
-    "002": 414, "003": 411, "004": 514, "005": 349, "006": 603, "007": 171, "008": 187, "009": 97, "010": 370,
-    "011": 66, "012": 18, "013": 68, "014": 29, "015": 33, "016": 49, "017": 47, "018": 25, "019": 178, "021": 1131,
-    "022": 1022, "024": 147, "025": 118, "026": 6.2, "029": 279, "035": 895, "036": 729, "037": 82, "040": 15.8,
-    "048": 665, "051": 125, "052": 202, "055": 148, "056": 56, "061": 28, "077": 252,
-}  # fmt: skip
+_YCB_MASSES: Final = """
+    002:414 003:411 004:514 005:349 006:603 007:171 008:187 009:97 010:370 011:66 012:18 013:68 014:29 015:33 016:49
+    017:47 018:25 019:178 021:1131 022:1022 024:147 025:118 026:6.2 029:279 035:895 036:729 037:82 040:15.8 048:665
+    051:125 052:202 055:148 056:56 061:28 077:252
+"""
+_YCB_GRAMS: Final = {number: float(grams) for number, _, grams in (row.partition(":") for row in _YCB_MASSES.split())}
 """Mass by number, as the set's authors weighed it (Calli et al., 2015)."""
-_CATEGORIES: Final = (
-    "bottle", "can", "box", "bowl", "mug", "cup", "plate", "jar", "carton", "tub", "canister", "cube", "pitcher",
-    "spoon", "fork", "knife", "spatula", "hammer", "screwdriver", "wrench", "drill", "scissors", "marker", "clamp",
-    "ball", "banana", "apple", "lemon", "peach", "pear", "orange", "plum", "strawberry", "sponge", "block", "pan",
-    "basket", "tray", "shoe", "toy", "bag", "glass", "vase", "lid", "basin", "pot", "book",
-)  # fmt: skip
-_NOT_PLAIN: Final = {
+_NOUNS: Final = """
+    bottle can box bowl mug cup plate jar carton tub canister cube pitcher spoon fork knife spatula hammer screwdriver
+    wrench drill scissors marker clamp ball banana apple lemon peach pear orange plum strawberry sponge block pan basket
+    tray shoe toy bag glass vase lid basin pot book
+"""
+_CATEGORIES: Final = frozenset(_NOUNS.split())
+_SYNONYMS: Final = {
     "mushroom": "can",
     "tin": "can",
     "skillet": "pan",
@@ -48,25 +48,20 @@ def words_of(name: str) -> list[str]:
 
 def category_of(name: str) -> str:
     """The plain noun that a name tells, the last of several; ``object`` where it tells none."""
-    told = [_NOT_PLAIN.get(word, word) for word in words_of(name)]
-    return next((word for word in reversed(told) if word in _CATEGORIES), "object")
+    words = [_SYNONYMS.get(word, word) for word in words_of(name)]
+    return next((word for word in reversed(words) if word in _CATEGORIES), "object")
 
 
 def ycb_mass(name: str) -> float | None:
     """kg of a YCB object by its name (``006_mustard_bottle``), None where it is not known."""
-    grams = YCB_GRAMS.get(name[:3])
+    grams = _YCB_GRAMS.get(name[:3])
     return None if grams is None else grams / 1000
 
 
-def hope_kind(slug: str) -> str:
-    """The HOPE data set's name of a kind: ``alphabet_soup`` is ``AlphabetSoup``."""
-    joined = "".join(word.capitalize() for word in words_of(slug))
-    return {"BbqSauce": "BBQSauce"}.get(joined, joined)
-
-
 def known_hope(slug: str, assets: tuple[Asset, ...]) -> Asset | None:
-    """The asset that GRS ships of the kind ``slug``: its size is that of the real thing."""
-    return next((asset for asset in assets if asset.name == f"HOPE/{hope_kind(slug)}.urdf"), None)
+    """The asset that GRS ships of the HOPE kind ``slug`` (``alphabet_soup``): its size is that of the real thing."""
+    kind = "".join(word.capitalize() for word in words_of(slug)).replace("BbqSauce", "BBQSauce")
+    return next((asset for asset in assets if asset.name == f"HOPE/{kind}.urdf"), None)
 
 
 _SHARE = 0.08
@@ -86,7 +81,7 @@ def colors(solid: Solid) -> list[str]:
     bright = np.minimum(texels * max(1.0, lit), 255).astype(np.uint8)
     levels, number = np.unique(bright // 12, axis=0, return_inverse=True)
     for level, amount in zip(levels, np.bincount(number.ravel(), amounts, len(levels)), strict=True):
-        red, green, blue = ((float(one) * 12 + 6) / 255 for one in level)
+        red, green, blue = ((float(channel) * 12 + 6) / 255 for channel in level)
         name = color_name((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))
         shares[name] = shares.get(name, 0.0) + float(amount)
     total = sum(shares.values()) or 1.0
@@ -102,20 +97,13 @@ def look(solid: Solid) -> tuple[float, ...]:
     return tuple(round(float(share), 4) for share in shares / max(float(shares.sum()), 1e-12))
 
 
-def _samples(solid: Solid) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.uint8]], Floats]:
+def _samples(solid: Solid) -> tuple[Image, Floats]:
     """Colours (S, 3) of points on the surface and the area that each stands for."""
     corners = solid.vertices[solid.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     places = [(a, b, 1 - a - b) for a in (0.1, 0.3, 0.5, 0.7) for b in (0.1, 0.2, 0.4, 0.6, 0.8) if a + b < 1]
-    found = [_texels(solid, np.einsum("j,ijk->ik", np.array(place), solid.uvs)) for place in places]
-    return np.concatenate(found), np.tile(areas, len(places))
-
-
-def _texels(solid: Solid, uvs: Floats) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
-    height, width = solid.image.shape[:2]
-    columns = np.clip((uvs[:, 0] * width).astype(np.int64), 0, width - 1)
-    rows = np.clip(((1 - uvs[:, 1]) * height).astype(np.int64), 0, height - 1)
-    return solid.image[rows, columns]
+    texels = [texture_colors(solid.image, np.einsum("j,ijk->ik", np.array(place), solid.uvs)) for place in places]
+    return np.concatenate(texels), np.tile(areas, len(places))
 
 
 def is_hollow(solid: Solid) -> bool:

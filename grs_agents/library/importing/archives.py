@@ -16,18 +16,20 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Final
 
 from grs_agents.errors import InputError
-from grs_agents.library.importing.discovery import find_items, slug_of
+from grs_agents.library.importing.discovery import DESCRIPTIONS, find_items, slug_of
 from grs_agents.library.importing.mesh_reader import SUFFIXES
 from grs_agents.library.importing.source_folder import Folder
 from grs_agents.library.importing.types import ImportLimits, ImportOptions, Item, RefusedError
 
 ARCHIVE_SUFFIXES: Final = (".zip", ".whl", ".tgz", ".tar.gz", ".tar")
-_WANTED: Final = (
-    ".obj", ".mtl", ".glb", ".gltf", ".bin", ".stl", ".ply", ".dae", ".msh", ".urdf", ".xml", ".mjcf", ".png", ".jpg",
-    ".jpeg", ".tga", ".bmp", ".pbtxt", ".sdf", ".txt", ".md",
-)  # fmt: skip
-_FILES: Final = 100_000
+_PICTURES: Final = (".png", ".jpg", ".jpeg", ".tga", ".bmp")
+_TEXTS: Final = (".mtl", ".bin", ".pbtxt", ".sdf", ".txt", ".md")
+_WANTED: Final = frozenset((*SUFFIXES, *DESCRIPTIONS, *_PICTURES, *_TEXTS))
+_MAX_FILES: Final = 100_000
 _CHUNK: Final = 1 << 20
+_ROOM: Final = 50_000_000
+"""Bytes that any archive may unpack to, however small it is."""
+_ARCHIVE_ERRORS: Final = (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, OSError, RuntimeError)
 
 
 def is_archive(path: Path) -> bool:
@@ -41,35 +43,42 @@ def unpack(archive: Path, target: Path, limits: ImportLimits) -> None:
     Raises:
         RefusedError: it is no archive, a name in it leaves the folder, or it unpacks to too much.
     """
-    room = min(limits.unpacked, max(50_000_000, int(limits.ratio * archive.stat().st_size)))
+    room = min(limits.unpacked, max(_ROOM, int(limits.ratio * archive.stat().st_size)))
     try:
         if archive.name.lower().endswith((".zip", ".whl")):
             with zipfile.ZipFile(archive) as zipped:
-                entries = [one for one in zipped.infolist() if not one.is_dir()]
-                members = ((one.filename, zipped.open(one)) for one in entries if _wanted(one.filename, archive))
-                _write(members, len(entries), target, archive, room)
+                _write(_zip_members(zipped, archive), target, archive, room)
         else:
             with tarfile.open(archive) as tarred:
-                _write(_regular(tarred, archive), 0, target, archive, room)
-    except (
-        zipfile.BadZipFile,
-        tarfile.TarError,
-        zlib.error,
-        EOFError,
-        OSError,
-        RuntimeError,
-        NotImplementedError,
-    ) as error:
+                _write(_tar_members(tarred, archive), target, archive, room)
+    except _ARCHIVE_ERRORS as error:
         raise RefusedError(f"{archive.name} cannot be unpacked: {str(error)[:120]}", "pack it again") from error
 
 
-def _regular(tarred: tarfile.TarFile, archive: Path) -> Iterable[tuple[str, IO[bytes]]]:
-    for one in tarred:
-        if one.issym() or one.islnk():
-            raise RefusedError(f"{archive.name} holds the link {one.name[:120]!r}", "pack files, not links")
-        opened = tarred.extractfile(one) if one.isfile() and _wanted(one.name, archive) else None
-        if opened is not None:
-            yield one.name, opened
+Member = tuple[str, IO[bytes]]
+"""The name and the content of a file in an archive."""
+
+
+def _zip_members(zipped: zipfile.ZipFile, archive: Path) -> Iterable[Member]:
+    entries = [entry for entry in zipped.infolist() if not entry.is_dir()]
+    if len(entries) > _MAX_FILES:
+        raise _too_many(archive)
+    return ((entry.filename, zipped.open(entry)) for entry in entries if _wanted(entry.filename, archive))
+
+
+def _tar_members(tarred: tarfile.TarFile, archive: Path) -> Iterable[Member]:
+    for number, entry in enumerate(tarred):
+        if number >= _MAX_FILES:
+            raise _too_many(archive)
+        if entry.issym() or entry.islnk():
+            raise RefusedError(f"{archive.name} holds the link {entry.name[:120]!r}", "pack files, not links")
+        content = tarred.extractfile(entry) if entry.isfile() and _wanted(entry.name, archive) else None
+        if content is not None:
+            yield entry.name, content
+
+
+def _too_many(archive: Path) -> RefusedError:
+    return RefusedError(f"{archive.name} holds more than {_MAX_FILES} files", "import parts of it")
 
 
 def _wanted(name: str, archive: Path) -> bool:
@@ -84,27 +93,24 @@ def _wanted(name: str, archive: Path) -> bool:
     return pure.suffix.lower() in _WANTED or pure.name.upper().startswith("LICENSE")
 
 
-def _write(members: Iterable[tuple[str, IO[bytes]]], count: int, target: Path, archive: Path, room: int) -> None:
-    left, files, written = room, count, list[Path]()
-    for name, opened in members:
-        files += 0 if count else 1
-        if files > _FILES:
-            raise RefusedError(f"{archive.name} holds more than {_FILES} files", "import parts of it")
+def _write(members: Iterable[Member], target: Path, archive: Path, room: int) -> None:
+    """Write files until ``room`` bytes are used up; then what was written is removed."""
+    left, written = room, list[Path]()
+    for name, content in members:
         path = target / name
         path.parent.mkdir(parents=True, exist_ok=True)
         written.append(path)
-        with opened, path.open("wb") as file:
-            while chunk := opened.read(_CHUNK):
-                left -= len(chunk)
-                if left < 0:
-                    for one in written:
-                        one.unlink(missing_ok=True)
-                    times = room / archive.stat().st_size
-                    raise RefusedError(
-                        f"{archive.name} unpacks to more than {room} bytes, {times:.0f} times its size",
-                        "unpack it yourself and import the folder",
-                    )
+        with content, path.open("wb") as file:
+            while (chunk := content.read(_CHUNK)) and (left := left - len(chunk)) >= 0:
                 file.write(chunk)
+        if left < 0:
+            for path in written:
+                path.unlink(missing_ok=True)
+            times = room / archive.stat().st_size
+            raise RefusedError(
+                f"{archive.name} unpacks to more than {room} bytes, {times:.0f} times its size",
+                "unpack it yourself and import the folder",
+            )
 
 
 HOPE = "hope"
@@ -143,51 +149,47 @@ def opened(source: str, options: ImportOptions) -> Generator[Opened]:
     """
     path = _hope_folder() if source == HOPE else Path(source)
     if not path.exists():
-        raise InputError(
-            f"source {source} does not exist", "name a folder, a mesh, URDF, MJCF or archive file, or hope"
-        )
+        remedy = "name a folder, a mesh, URDF, MJCF or archive file, or hope"
+        raise InputError(f"source {source} does not exist", remedy)
     if not (path.is_file() or path.is_dir()):
         raise InputError(f"source {source} is neither a regular file nor a folder", "name one of these")
     name = HOPE if source == HOPE else slug_of(path.resolve().name.partition(".")[0])
-    if path.is_file() and not is_archive(path):
-        folder = Folder(_root_of(path.resolve()), options.limits.bytes)
-        yield Opened(folder, (_single(path, folder.relative(path)),), name)
-        return
-    loose = Folder(path, options.limits.bytes) if path.is_dir() else None
-    items = find_items(loose) if loose is not None else []
-    archives = [path] if loose is None else sorted(filter(is_archive, path.iterdir()))
-    if loose is not None and (items or not archives):
-        wanted = [item for item in items if source != HOPE or item.kind == "hope"]
+    archives = sorted(filter(is_archive, path.iterdir() if path.is_dir() else [path]))
+    loose = None if path in archives else _loose(path, options, hope_only=source == HOPE)
+    if loose is not None and (loose[1] or not archives):
         beside = RefusedError("it lies beside assets that are not packed", "import it by itself")
-        yield Opened(loose, tuple(wanted), name, tuple((one.name, beside) for one in archives))
+        yield Opened(*loose, name, tuple((archive.name, beside) for archive in archives))
         return
-    with _unpacked(archives, options) as (folder, refused):
-        yield Opened(folder, tuple(find_items(folder)), name, tuple(refused))
+    with tempfile.TemporaryDirectory(prefix="grs-import-") as home:
+        refused = tuple(_unpack_all(archives, Path(home), options.limits))
+        folder = Folder(Path(home), options.limits.bytes)
+        yield Opened(folder, tuple(find_items(folder)), name, refused)
 
 
-@contextmanager
-def _unpacked(archives: list[Path], options: ImportOptions) -> Generator[tuple[Folder, list[tuple[str, RefusedError]]]]:
-    """A temporary folder with what archives hold; wheels are laid over one another, as when they are installed."""
-    refused: list[tuple[str, RefusedError]] = []
-    with tempfile.TemporaryDirectory(prefix="grs-import-") as name:
-        for archive in archives:
-            home = Path(name) if archive.suffix == ".whl" else Path(name) / slug_of(archive.name.partition(".")[0])
-            try:
-                unpack(archive, home, options.limits)
-            except RefusedError as error:
-                refused.append((archive.name, error))
-        yield Folder(Path(name), options.limits.bytes), refused
+def _loose(path: Path, options: ImportOptions, *, hope_only: bool) -> tuple[Folder, tuple[Item, ...]]:
+    """The assets of a folder or file that is not packed, and what their file names are relative to."""
+    if path.is_file():
+        folder = Folder(_root_of(path.resolve()), options.limits.bytes)
+        return folder, (_single(path, folder.relative(path)),)
+    folder = Folder(path, options.limits.bytes)
+    return folder, tuple(item for item in find_items(folder) if not hope_only or item.kind == "hope")
+
+
+def _unpack_all(archives: list[Path], home: Path, limits: ImportLimits) -> Iterable[tuple[str, RefusedError]]:
+    """Unpack archives, wheels over one another as when they are installed; those that are refused."""
+    for archive in archives:
+        target = home if archive.suffix == ".whl" else home / slug_of(archive.name.partition(".")[0])
+        try:
+            unpack(archive, target, limits)
+        except RefusedError as error:
+            yield archive.name, error
 
 
 def _single(path: Path, relative: str) -> Item:
     suffix = path.suffix.lower()
-    if suffix in SUFFIXES:
-        return Item(kind="mesh", name=slug_of(path.stem), file=relative)
-    if suffix == ".urdf":
-        return Item(kind="urdf", name=slug_of(path.stem), file=relative)
-    if suffix in (".xml", ".mjcf"):
-        return Item(kind="mjcf", name=slug_of(path.stem), file=relative)
-    raise InputError(f"{path} is no asset", f"name a file that ends in {', '.join((*SUFFIXES, '.urdf', '.xml'))}")
+    if suffix not in (*SUFFIXES, *DESCRIPTIONS):
+        raise InputError(f"{path} is no asset", f"name a file that ends in {', '.join((*SUFFIXES, '.urdf', '.xml'))}")
+    return Item(kind=DESCRIPTIONS.get(suffix, "mesh"), name=slug_of(path.stem), file=relative)
 
 
 def _root_of(path: Path) -> Path:

@@ -9,16 +9,19 @@ from typing import Final
 from grs_agents.library.importing.appearance import HOPE_LICENSE, OPEN_LICENSE
 from grs_agents.library.importing.mesh_reader import SUFFIXES
 from grs_agents.library.importing.source_folder import Folder, mtl_pictures
-from grs_agents.library.importing.types import Item, RefusedError
+from grs_agents.library.importing.types import Item, Kind, RefusedError
 
+DESCRIPTIONS: Final[dict[str, Kind]] = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 _PREFERRED: Final = (".glb", ".gltf", ".obj", ".dae", ".ply", ".stl", ".msh")
 _COLLISION: Final = re.compile(r"(_coll?|_collision|_ch|_vis|\.part\d+|_convex.*|coacd.*|vhacd.*)$", re.IGNORECASE)
+_UNTOLD: Final = ("model", "mesh", "textured", "object", "scene", "untitled")
+"""Names of mesh files that say nothing: the folder's name is taken."""
 _YCB: Final = re.compile(r"^\d{3}(-[a-z])?_\w+$")
+_YCB_FOLDERS: Final = ("google_16k/", "google_64k/", "google_512k/", "tsdf/", "poisson/")
 _YCB_FILES: Final = (
-    "google_16k/textured.obj", "google_64k/textured.obj", "google_512k/textured.obj", "tsdf/textured.obj",
-    "poisson/textured.obj", "textured_simple.obj", "textured.obj",
-    "google_16k/nontextured.ply", "google_16k/nontextured.stl",
-)  # fmt: skip
+    *(f"{folder}textured.obj" for folder in _YCB_FOLDERS),
+    *("textured_simple.obj", "textured.obj", "google_16k/nontextured.ply", "google_16k/nontextured.stl"),
+)
 _FILES: Final = re.compile(r"""(?:filename|file)\s*=\s*["']([^"']+)["']""")
 _HOPE: Final = "stable_hope_objects"
 _MOST: Final = 1_000_000
@@ -30,26 +33,25 @@ def find_items(folder: Folder) -> list[Item]:
     names = list(_walk(folder.root))
     claimed: set[str] = set()
     items: list[Item] = []
-    for found in (_hope(names), _gso(names), _ycb(names), _described(folder, names, claimed)):
-        items += [item for item in found if not _inside(item.file, claimed)]
+    for layout in (_hope(names), _gso(names), _ycb(names), _described(folder, names, claimed)):
+        items += [item for item in layout if not _inside(item.file, claimed)]
         claimed |= {item.file for item in items}
-        claimed |= {f"{_home(item)}/" for item in items if item.kind in ("gso", "ycb")}
-        claimed |= {f"{_set_of(item.file)}/" for item in items if item.kind == "hope"}
+        claimed |= {f"{_home(item)}/" for item in items if item.kind in ("gso", "ycb", "hope")}
     items += list(_meshes(names, claimed))
     return _named_once(sorted(items, key=lambda item: item.file))
 
 
 def item_files(folder: Folder, item: Item) -> tuple[str, ...]:
     """All files that an item is made of, as far as they can be found; what is wrong with them is said on reading."""
-    found = {item.file, *([item.texture] if item.texture else []), *item.files}
-    for name in tuple(found):
+    files = {item.file, *([item.texture] if item.texture else []), *item.files}
+    for name in tuple(files):
         if name.lower().endswith(".obj"):
             try:
                 materials, pictures = mtl_pictures(folder, name)
             except RefusedError:
                 continue
-            found |= {*materials, *pictures}
-    return tuple(sorted(found))
+            files |= {*materials, *pictures}
+    return tuple(sorted(files))
 
 
 def slug_of(name: str) -> str:
@@ -70,17 +72,16 @@ def _inside(file: str, claimed: set[str]) -> bool:
     return file in claimed or any(f"{parent}/" in claimed for parent in PurePosixPath(file).parents)
 
 
+def _suffix(file: str) -> str:
+    return PurePosixPath(file).suffix.lower()
+
+
 def _home(item: Item) -> str:
-    """The folder that belongs to an item of a known layout."""
+    """The folder that belongs to an item of a known layout; that of the whole set for HOPE with its copies."""
     parts = PurePosixPath(item.file).parts
-    depth = 2 if item.kind == "gso" or not _YCB.match(parts[-2]) else 1
-    return "/".join(parts[:-depth])
-
-
-def _set_of(file: str) -> str:
-    """The folder of the HOPE set that a file belongs to; its recoloured copies are in it too."""
-    parts = PurePosixPath(file).parts
-    return "/".join(parts[: parts.index(_HOPE) + 1])
+    if item.kind == "hope":
+        return "/".join(parts[: parts.index(_HOPE) + 1])
+    return "/".join(parts[: -2 if item.kind == "gso" or not _YCB.match(parts[-2]) else -1])
 
 
 def _hope(names: list[str]) -> Iterator[Item]:
@@ -89,96 +90,97 @@ def _hope(names: list[str]) -> Iterator[Item]:
     for name in names:
         parts = PurePosixPath(name).parts
         if _HOPE in parts[:-2]:
-            at = parts.index(_HOPE)
-            homes.setdefault("/".join(parts[: at + 2]), []).append(name)
+            homes.setdefault("/".join(parts[: parts.index(_HOPE) + 2]), []).append(name)
     kinds = {PurePosixPath(home).name for home in homes}
     for home, files in homes.items():
         kind = PurePosixPath(home).name
-        if "_" in kind and kind.partition("_")[2] in kinds:
-            continue
-        direct = [one for one in files if one.endswith(".obj") and not _COLLISION.search(PurePosixPath(one).stem)]
-        binary = [one for one in files if one.endswith(".msh")]
-        texture = next((one for one in files if one.endswith("/texture_map.png")), None)
-        if chosen := [one for one in direct if one.count("/") == home.count("/") + 1] or binary:
-            yield Item(kind="hope", name=kind, file=chosen[0], texture=texture, license=HOPE_LICENSE)
+        mesh = _hope_mesh(home, files)
+        if mesh is not None and kind.partition("_")[2] not in kinds:
+            texture = next((file for file in files if file.endswith("/texture_map.png")), None)
+            yield Item(kind="hope", name=kind, file=mesh, texture=texture, license=HOPE_LICENSE)
+
+
+def _hope_mesh(home: str, files: list[str]) -> str | None:
+    """The mesh to look at of a HOPE object: the OBJ in its folder, else a binary one anywhere below."""
+    direct = (file for file in files if PurePosixPath(file).parent.as_posix() == home and file.endswith(".obj"))
+    visible = (file for file in direct if not _COLLISION.search(PurePosixPath(file).stem))
+    return next(visible, None) or next((file for file in files if file.endswith(".msh")), None)
 
 
 def _gso(names: list[str]) -> Iterator[Item]:
+    """Google Scanned Objects: ``NAME/meshes/model.obj`` with its picture in another folder."""
     known = set(names)
     for name in names:
         if name.endswith("meshes/model.obj"):
             home = name.removesuffix("meshes/model.obj")
-            picture = f"{home}materials/textures/texture.png"
-            title = PurePosixPath(home).name or "model"
+            picture, metadata = f"{home}materials/textures/texture.png", f"{home}metadata.pbtxt"
             yield Item(
                 kind="gso",
-                name=title,
+                name=PurePosixPath(home).name or "model",
                 file=name,
-                files=tuple(one for one in (f"{home}metadata.pbtxt",) if one in known),
+                files=(metadata,) if metadata in known else (),
                 texture=picture if picture in known else None,
                 license=OPEN_LICENSE,
             )
 
 
 def _ycb(names: list[str]) -> Iterator[Item]:
+    """YCB objects: a folder ``NNN_name`` with one of several meshes of the same thing."""
     known = set(names)
-    homes = {
-        "/".join(parts[: at + 1])
-        for parts in (PurePosixPath(name).parts for name in names)
-        for at, part in enumerate(parts[:-1])
-        if _YCB.match(part)
-    }
-    for home in sorted(homes):
-        file = next((f"{home}/{one}" for one in _YCB_FILES if f"{home}/{one}" in known), None)
+    parents = {parent for name in names for parent in PurePosixPath(name).parents}
+    for home in sorted(parent.as_posix() for parent in parents if _YCB.match(parent.name)):
+        file = next((f"{home}/{file}" for file in _YCB_FILES if f"{home}/{file}" in known), None)
         if file is not None:
             yield Item(kind="ycb", name=PurePosixPath(home).name, file=file, license=OPEN_LICENSE)
 
 
 def _described(folder: Folder, names: list[str], claimed: set[str]) -> Iterator[Item]:
     """URDF and MJCF files; the meshes that they name are theirs, and those beside the only one of a folder."""
-    described = [name for name in names if PurePosixPath(name).suffix.lower() in (".urdf", ".xml", ".mjcf")]
-    for name in described:
-        suffix = PurePosixPath(name).suffix.lower()
-        if _inside(name, claimed):
+    descriptions = [name for name in names if _suffix(name) in DESCRIPTIONS]
+    homes = [PurePosixPath(name).parent.as_posix() for name in descriptions]
+    for name, home in zip(descriptions, homes, strict=True):
+        text = None if _inside(name, claimed) else _description_text(folder.root / name)
+        if text is None:
             continue
-        with (folder.root / name).open(encoding="utf-8", errors="replace") as file:
-            head = file.read(_HEAD)
-            if suffix != ".urdf" and "<mujoco" not in head:
-                continue
-            text = head + file.read(_MOST)
-        told = {PurePosixPath(one).name for one in _FILES.findall(text)}
-        parts = [one for one in names if PurePosixPath(one).name in told and _related(one, name)]
+        mentioned = {PurePosixPath(file).name for file in _FILES.findall(text)}
+        parts = [file for file in names if PurePosixPath(file).name in mentioned and _related(file, name)]
         claimed |= set(parts)
-        home = PurePosixPath(name).parent.as_posix()
-        if home != "." and sum(PurePosixPath(one).parent.as_posix() == home for one in described) == 1:
-            claimed |= {one for one in names if one.startswith(f"{home}/") and one not in described}
-        kind = "urdf" if suffix == ".urdf" else "mjcf"
-        yield Item(kind=kind, name=PurePosixPath(name).stem, file=name, files=tuple(parts))
+        if home != "." and homes.count(home) == 1:
+            claimed |= {file for file in names if file.startswith(f"{home}/") and file not in descriptions}
+        yield Item(kind=DESCRIPTIONS[_suffix(name)], name=PurePosixPath(name).stem, file=name, files=tuple(parts))
+
+
+def _description_text(path: Path) -> str | None:
+    """The text of a URDF or MJCF file; None for XML of another kind."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        head = file.read(_HEAD)
+        return head + file.read(_MOST) if _suffix(path.name) == ".urdf" or "<mujoco" in head else None
 
 
 def _related(file: str, description: str) -> bool:
     """Whether a file lies below the folder of a description or below the folder around it."""
     home = PurePosixPath(description).parent
-    return any(PurePosixPath(file).is_relative_to(one) for one in (home, home.parent))
+    return any(PurePosixPath(file).is_relative_to(folder) for folder in (home, home.parent))
 
 
 def _meshes(names: list[str], claimed: set[str]) -> Iterator[Item]:
+    """Meshes that belong to nothing else: one of each name, in the format that says most."""
     loose: dict[str, list[str]] = {}
     for name in names:
-        pure = PurePosixPath(name)
-        if pure.suffix.lower() in SUFFIXES and not _inside(name, claimed):
-            loose.setdefault((pure.parent / pure.stem).as_posix(), []).append(name)
+        if _suffix(name) in SUFFIXES and not _inside(name, claimed):
+            loose.setdefault(PurePosixPath(name).with_suffix("").as_posix(), []).append(name)
     for stem, files in loose.items():
         pure = PurePosixPath(stem)
         main = _COLLISION.sub("", stem)
         if main != stem and main in loose:
             continue
-        file = min(files, key=lambda one: _PREFERRED.index(PurePosixPath(one).suffix.lower()))
-        plain = pure.name.lower() in ("model", "mesh", "textured", "object", "scene", "untitled") and pure.parent.name
-        yield Item(kind="mesh", name=pure.parent.name if plain else pure.name, file=file)
+        file = min(files, key=lambda file: _PREFERRED.index(_suffix(file)))
+        untold = pure.name.lower() in _UNTOLD and pure.parent.name
+        yield Item(kind="mesh", name=pure.parent.name if untold else pure.name, file=file)
 
 
 def _named_once(items: list[Item]) -> list[Item]:
+    """The items with names as slugs, those that were taken numbered."""
     taken: set[str] = set()
     named: list[Item] = []
     for item in items:

@@ -14,22 +14,21 @@ from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset
 from grs_agents.library.asset_views import read_texture
-from grs_agents.library.importing.convex_parts import hull_of, hull_volume
-from grs_agents.library.importing.engine import load_mujoco
+from grs_agents.library.importing.convex_parts import convex_hull
 from grs_agents.library.importing.types import Collider, Floats, Hull, RefusedError
 from grs_agents.library.library import Library
-from grs_agents.library.mesh_files import read_vertices
-from grs_agents.library.mujoco_shapes import add_shape, primitive_volume
-from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix, shape_bounds
+from grs_agents.library.mesh_files import mesh_volume, read_vertices
+from grs_agents.library.mujoco_shapes import add_shape
+from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix, shape_bounds, shape_volume
 
 SECONDS: Final = 2.0
-_DRIFT, _TILT, _SLOW = 0.01, 5.0, 0.02
+_MAX_DRIFT, _MAX_TILT, _MAX_SPEED = 0.01, 5.0, 0.02
 _STEP: Final = 0.002
 
 
 @dataclass(frozen=True)
-class Rest:
-    """How a thing stood after two seconds on a table.
+class DropResult:
+    """How an object stood after two seconds on a table.
 
     Attributes:
         drift: horizontal way of its centre, m.
@@ -44,14 +43,14 @@ class Rest:
     @property
     def stable(self) -> bool:
         """Whether it still stands where and how it was put down."""
-        return self.drift <= _DRIFT and self.tilt <= _TILT and self.speed <= _SLOW
+        return self.drift <= _MAX_DRIFT and self.tilt <= _MAX_TILT and self.speed <= _MAX_SPEED
 
     def __str__(self) -> str:
         return f"after {SECONDS:g} s: moved {1000 * self.drift:.1f} mm, tilted {self.tilt:.1f} degrees"
 
 
-def rest(colliders: Sequence[Collider], mass: float, friction: float) -> Rest:
-    """Put a thing down as its frame says and wait.
+def drop_test(colliders: Sequence[Collider], mass: float, friction: float) -> DropResult:
+    """Put an object down as its frame says and simulate it.
 
     Args:
         colliders: in the object's frame, m.
@@ -61,40 +60,26 @@ def rest(colliders: Sequence[Collider], mass: float, friction: float) -> Rest:
     Raises:
         RefusedError: MuJoCo cannot compile it, or the simulation diverges.
     """
-    mujoco = load_mujoco()
+    from grs_agents.engine import mujoco
+
+    if not colliders:
+        raise InputError("nothing of it collides", "give it a collision shape")
     spec = mujoco.MjSpec()
     spec.option.timestep, spec.option.integrator = _STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 0.1))
     floor.friction = (friction, 0.01, 0.001)
-    body = spec.worldbody.add_body(name="thing", pos=(0, 0, -_lowest(colliders) + 0.0005))
+    lowest = min(float(collider_bounds(collider)[0][2]) for collider in colliders)
+    body = spec.worldbody.add_body(name="thing", pos=(0, 0, -lowest + 0.0005))
     body.add_freejoint()
-    volumes = [_volume(one) for one in colliders]
-    for number, (one, share) in enumerate(zip(colliders, volumes, strict=True)):
-        geom = _geom(mujoco, spec, body, one, number)
+    volumes = [max(collider_volume(collider), 1e-12) for collider in colliders]
+    for number, (collider, share) in enumerate(zip(colliders, volumes, strict=True)):
+        geom = _add_geom(spec, body, collider, f"part{number}")
         geom.mass, geom.condim = max(mass * share / sum(volumes), 1e-6), 4
         geom.friction = (friction, 0.01, 0.001)
     try:
         model = spec.compile()
     except ValueError as error:
         raise RefusedError(f"MuJoCo cannot compile it: {str(error).splitlines()[0]}", "simplify it") from error
-    return _waited(mujoco, model)
-
-
-def colliders_of(library: Library, model: ObjectModel) -> list[Collider]:
-    """What of a library's asset collides, meshes as their hulls.
-
-    Raises:
-        InputError: a mesh cannot be read.
-    """
-    return [shape if shape.mesh is None else _hull(library, shape) for shape in model.colliders]
-
-
-def _hull(library: Library, shape: Shape) -> Hull:
-    vertices = read_vertices(library.mesh_path(shape.mesh or "")) * shape.size
-    return hull_of(vertices @ rotation_matrix(shape.quaternion).T + shape.position)
-
-
-def _waited(mujoco: Any, model: Any) -> Rest:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     start = np.array(data.xipos[1])
@@ -104,40 +89,36 @@ def _waited(mujoco: Any, model: Any) -> Rest:
     upright = float(np.clip(np.asarray(data.xmat[1]).reshape(3, 3)[2, 2], -1, 1))
     drift = float(np.linalg.norm((np.asarray(data.xipos[1]) - start)[:2]))
     speed = float(np.linalg.norm(data.qvel[:3]) + 0.05 * np.linalg.norm(data.qvel[3:]))
-    return Rest(drift, float(np.rad2deg(np.arccos(upright))), speed)
+    return DropResult(drift, float(np.rad2deg(np.arccos(upright))), speed)
 
 
-def _geom(mujoco: Any, spec: Any, body: Any, collider: Collider, number: int) -> Any:
+def _add_geom(spec: Any, body: Any, collider: Collider, name: str) -> Any:
+    from grs_agents.engine import mujoco
+
     if isinstance(collider, Hull):
-        name = f"part{number}"
-        spec.add_mesh(name=name, uservert=collider.vertices.ravel().tolist(), userface=collider.faces.ravel().tolist())
+        mesh = spec.add_mesh(name=name, uservert=collider.vertices.ravel().tolist())
+        mesh.userface, mesh.inertia = collider.faces.ravel().tolist(), mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
         geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH)
         geom.meshname = name
-        spec.mesh(name).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
         return geom
-    return add_shape(spec, body, collider, f"part{number}")
+    return add_shape(spec, body, collider, name)
 
 
-def _lowest(colliders: Sequence[Collider]) -> float:
-    if not colliders:
-        raise InputError("nothing of it collides", "give it a collision shape")
-    return min(float(bounds(one)[0][2]) for one in colliders)
-
-
-def bounds(collider: Collider) -> tuple[Floats, Floats]:
+def collider_bounds(collider: Collider) -> tuple[Floats, Floats]:
     """Lowest and highest corner, m."""
     if isinstance(collider, Hull):
         return collider.vertices.min(axis=0), collider.vertices.max(axis=0)
     return shape_bounds(collider)
 
 
-def _volume(collider: Collider) -> float:
+def collider_volume(collider: Collider) -> float:
+    """m^3."""
     if isinstance(collider, Hull):
-        return max(hull_volume(collider), 1e-12)
-    return primitive_volume(collider)
+        return abs(mesh_volume(collider.vertices, collider.faces))
+    return shape_volume(collider)
 
 
-_SIZE = 0.005
+_SIZE_TOLERANCE = 0.005
 """Most that the size in the manifest may differ from what the file says, m."""
 
 
@@ -159,7 +140,7 @@ class Verdict(Frozen):
 
 def verify(library: Library, asset: Asset) -> Verdict:
     """Check one asset."""
-    findings = list(_changed(library, asset))
+    findings = list(_changed_files(library, asset))
     broken = bool(findings)
     rests: bool | None = None
     try:
@@ -167,21 +148,35 @@ def verify(library: Library, asset: Asset) -> Verdict:
         for shape in model.visuals:
             if shape.texture:
                 read_texture(library.mesh_path(shape.texture))
-        if max(abs(one - other) for one, other in zip(model.size, asset.size, strict=True)) > _SIZE:
-            told = " x ".join(f"{100 * extent:.1f}" for extent in model.size)
-            findings.append(f"its file says {told} cm")
+        if np.abs(np.subtract(model.size, asset.size)).max() > _SIZE_TOLERANCE:
+            size = " x ".join(f"{100 * extent:.1f}" for extent in model.size)
+            findings.append(f"its file says {size} cm")
         if model.colliders and asset.mass > 0:
-            standing = rest(colliders_of(library, model), asset.mass, asset.friction)
-            rests = standing.stable
-            findings += [] if rests else [f"does not rest as it stands: {standing}"]
+            result = drop_test(colliders_of(library, model), asset.mass, asset.friction)
+            rests = result.stable
+            findings += [] if rests else [f"does not rest as it stands: {result}"]
     except InputError as error:
         findings.append(error.message)
         broken = True
     return Verdict(name=asset.name, ok=not broken, rests=rests, findings=tuple(findings))
 
 
-def _changed(library: Library, asset: Asset) -> Iterator[str]:
-    """Files of an imported asset that are not what was written."""
+def colliders_of(library: Library, model: ObjectModel) -> list[Collider]:
+    """What of a library's asset collides, meshes as their hulls.
+
+    Raises:
+        InputError: a mesh cannot be read.
+    """
+    return [shape if shape.mesh is None else _hull(library, shape) for shape in model.colliders]
+
+
+def _hull(library: Library, shape: Shape) -> Hull:
+    vertices = read_vertices(library.mesh_path(shape.mesh or "")) * shape.size
+    return convex_hull(vertices @ rotation_matrix(shape.quaternion).T + shape.position)
+
+
+def _changed_files(library: Library, asset: Asset) -> Iterator[str]:
+    """What is wrong with the files of an imported asset: missing, or not as they were written."""
     for name, digest in (asset.origin.files if asset.origin is not None else {}).items():
         path = next((root / name for root in reversed(library.roots) if (root / name).is_file()), None)
         if path is None:

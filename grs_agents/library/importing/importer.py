@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -11,12 +12,13 @@ from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.importing.archives import Opened
 from grs_agents.library.importing.discovery import item_files
-from grs_agents.library.importing.journal import Journal, Known, content_of, key_of, write_entries
-from grs_agents.library.importing.types import ImportOptions, Item, Outcome, RefusedError
-from grs_agents.library.importing.worker import Order, Worker
+from grs_agents.library.importing.journal import ImportedAssets, Journal, content_of, key_of, write_entries
+from grs_agents.library.importing.types import ImportJob, ImportOptions, Item, Outcome, RefusedError
+from grs_agents.library.importing.worker import Worker
 
 _SAVE_EVERY = 10.0
 """Seconds between two writings of the manifest."""
+_LICENSE_FILES = ("LICENSE", "LICENSE.txt", "LICENSE.md", "license.txt", "COPYING")
 
 
 @dataclass
@@ -38,14 +40,14 @@ class Importing:
     known: tuple[Asset, ...] = ()
     again: bool = False
     jobs: int = 1
-    _pool: SimpleQueue[Worker] = field(default_factory=SimpleQueue[Worker])
+    _workers: SimpleQueue[Worker] = field(default_factory=SimpleQueue[Worker])
 
-    def run(self, source: Opened, told: Callable[[Outcome, bool], None]) -> list[Outcome]:
+    def run(self, source: Opened, report: Callable[[Outcome, bool], None]) -> list[Outcome]:
         """Import every item of a source.
 
         Args:
             source: what to import.
-            told: called with each outcome as it is known, and whether it was known from an earlier import.
+            report: called with each outcome as it is known, and whether it was known from an earlier import.
 
         Returns:
             The outcomes in the order of the items.
@@ -53,59 +55,62 @@ class Importing:
         Raises:
             InputError: the library cannot be read or written.
         """
-        journal, taken = Journal(self.root, self.collection), Known(read_manifest(_made(self.root)).assets)
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            remedy = "name a writable folder with --library"
+            raise InputError(f"cannot write {self.root}: {error.strerror}", remedy) from error
+        journal, imported = Journal(self.root, self.collection), ImportedAssets(read_manifest(self.root).assets)
         outcomes: list[Outcome] = []
-        fresh: list[Asset] = []
+        new: list[Asset] = []
         removed: set[str] = set()
         saved = time.monotonic()
         for archive, error in source.refused:
             outcomes.append(_refused(archive, archive, error, ""))
-            told(outcomes[-1], False)
+            report(outcomes[-1], False)
         try:
-            for outcome, old in self._outcomes(source, journal, taken):
-                result = outcome if old else self._judged(outcome, taken, removed)
+            for outcome, known in self._outcomes(source, journal, imported):
+                result = outcome if known else self._without_copies(outcome, imported, removed)
                 if result.asset is not None:
-                    fresh.append(result.asset)
-                    taken.add(result.asset)
-                if not old:
+                    new.append(result.asset)
+                    imported.add(result.asset)
+                if not known:
                     journal.add(result)
                 outcomes.append(result)
-                told(result, old)
+                report(result, known)
                 if time.monotonic() - saved > _SAVE_EVERY:
-                    write_entries(self.root, fresh, removed)
+                    write_entries(self.root, new, removed)
                     saved = time.monotonic()
         finally:
-            write_entries(self.root, fresh, removed)
+            write_entries(self.root, new, removed)
         return outcomes
 
-    def _outcomes(self, source: Opened, journal: Journal, taken: Known) -> Iterator[tuple[Outcome, bool]]:
+    def _outcomes(self, source: Opened, journal: Journal, imported: ImportedAssets) -> Iterator[tuple[Outcome, bool]]:
         """Each item's outcome in their order, and whether it is from the journal."""
-
-        def one(item: Item) -> tuple[Outcome, bool]:
-            return self._one(source, item, journal, taken)
-
         for _ in range(self.jobs):
-            self._pool.put(Worker(self.options))
+            self._workers.put(Worker(self.options.limits))
         threads = ThreadPoolExecutor(self.jobs)
         try:
-            yield from threads.map(one, source.items)
+            yield from threads.map(partial(self._import_item, source, journal, imported), source.items)
         finally:
             threads.shutdown(cancel_futures=True)
-            while not self._pool.empty():
-                self._pool.get().close()
+            while not self._workers.empty():
+                self._workers.get().close()
 
-    def _one(self, source: Opened, item: Item, journal: Journal, taken: Known) -> tuple[Outcome, bool]:
-        name, license_, key = f"{self.collection}/{item.name}.urdf", self._license(source, item), ""
-        begin = time.monotonic()
+    def _import_item(
+        self, source: Opened, journal: Journal, imported: ImportedAssets, item: Item
+    ) -> tuple[Outcome, bool]:
+        license_, key, begin = self._license(source, item), "", time.monotonic()
         try:
             content = content_of(source.folder, item_files(source.folder, item))
             key = key_of(content, self.options, license_)
             before = journal.outcomes.get(item.file)
-            if before is not None and before.key == key and not self.again and self._stands(before):
+            if before is not None and before.key == key and not self.again and self._has_files(before):
                 return before, True
-            if copy := taken.of_content(content, name):
-                return self._copy(item, copy, key), False
-            order = Order(
+            if copy := imported.of_content(content, f"{self.collection}/{item.name}.urdf"):
+                reason = f"of the same files as {copy}"
+                return Outcome(item=item.name, source=item.file, status="duplicate", reason=reason, key=key), False
+            job = ImportJob(
                 source=source.folder.root,
                 item=item,
                 options=self.options,
@@ -115,28 +120,28 @@ class Importing:
                 license=license_,
                 known=self.known if item.kind == "hope" else (),
             )
-            worker = self._pool.get()
+            worker = self._workers.get()
             try:
-                asset = worker.import_item(order)
+                asset = worker.import_item(job)
             finally:
-                self._pool.put(worker)
+                self._workers.put(worker)
         except RefusedError as error:
             return _refused(item.name, item.file, error, key), False
-        seconds = round(time.monotonic() - begin, 2)
         notes = asset.origin.notes if asset.origin is not None else ()
+        seconds = round(time.monotonic() - begin, 2)
         done = Outcome(item=item.name, source=item.file, status="imported", notes=notes, key=key, asset=asset)
         return done.model_copy(update={"seconds": seconds}), False
 
-    def _stands(self, outcome: Outcome) -> bool:
-        """Whether what an outcome tells is still there."""
+    def _has_files(self, outcome: Outcome) -> bool:
+        """Whether the files that an outcome names are still there."""
         files = outcome.asset.origin.files if outcome.asset is not None and outcome.asset.origin is not None else {}
         return all((self.root / name).is_file() for name in files)
 
-    def _judged(self, outcome: Outcome, taken: Known, removed: set[str]) -> Outcome:
+    def _without_copies(self, outcome: Outcome, imported: ImportedAssets, removed: set[str]) -> Outcome:
         """The outcome, or, where a copy has been made, that it is one; the copy's files are removed."""
         if outcome.asset is None or outcome.asset.origin is None:
             return outcome
-        copy, variant = taken.like(outcome.asset)
+        copy, variant = imported.of_shape(outcome.asset)
         if variant is not None:
             return outcome.model_copy(update={"notes": (*outcome.notes, f"it has the shape of {variant}")})
         if copy is None:
@@ -149,11 +154,6 @@ class Importing:
         reason = f"of the same shape and look as {copy}"
         return outcome.model_copy(update={"status": "duplicate", "reason": reason, "asset": None})
 
-    def _copy(self, item: Item, copy: str, key: str) -> Outcome:
-        return Outcome(
-            item=item.name, source=item.file, status="duplicate", reason=f"of the same files as {copy}", key=key
-        )
-
     def _license(self, source: Opened, item: Item) -> str:
         """What the user says, else what the set is known for, else the first line of a licence file beside it."""
         if self.options.license != "unknown":
@@ -162,22 +162,12 @@ class Importing:
 
 
 def _license_file(root: Path, file: str) -> str | None:
-    for folder in [root / parent for parent in Path(file).parents]:
-        for name in ("LICENSE", "LICENSE.txt", "LICENSE.md", "license.txt", "COPYING"):
-            path = folder / name
-            if path.is_file() and not path.is_symlink():
-                with path.open(encoding="utf-8", errors="replace") as text:
-                    lines = (" ".join(line.split()) for line in text.read(2000).splitlines())
-                    return next((line[:200] for line in lines if line), None)
+    for path in (root / parent / name for parent in Path(file).parents for name in _LICENSE_FILES):
+        if path.is_file() and not path.is_symlink():
+            with path.open(encoding="utf-8", errors="replace") as text:
+                lines = (" ".join(line.split()) for line in text.read(2000).splitlines())
+                return next((line[:200] for line in lines if line), None)
     return None
-
-
-def _made(root: Path) -> Path:
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot write {root}: {error.strerror}", "name a writable folder with --library") from error
-    return root
 
 
 def _refused(name: str, source: str, error: RefusedError, key: str) -> Outcome:

@@ -60,8 +60,8 @@ class Journal:
 
 def key_of(content: str, options: ImportOptions, license_: str) -> str:
     """What an asset is made from, as one number: while it stays the same, so does the asset."""
-    told = options.model_dump_json(exclude={"limits", "license"})
-    return hashlib.sha256(f"{_VERSION} {content} {told} {license_}".encode()).hexdigest()
+    settings = options.model_dump_json(exclude={"limits", "license"})
+    return hashlib.sha256(f"{_VERSION} {content} {settings} {license_}".encode()).hexdigest()
 
 
 def content_of(folder: Folder, files: tuple[str, ...]) -> str:
@@ -80,7 +80,7 @@ def content_of(folder: Folder, files: tuple[str, ...]) -> str:
     return digest.hexdigest()
 
 
-def write_entries(root: Path, assets: list[Asset], removed: set[str]) -> None:
+def write_entries(root: Path, assets: Iterable[Asset], removed: Iterable[str] = ()) -> None:
     """Put entries into the manifest in place of those of the same name, and take ``removed`` out.
 
     Raises:
@@ -93,12 +93,12 @@ def write_entries(root: Path, assets: list[Asset], removed: set[str]) -> None:
     write_json(root / MANIFEST, manifest.model_dump(mode="json"))
 
 
-_SHAPE, _LOOK = 0.01, 0.15
+_SHAPE_TOLERANCE, _LOOK_TOLERANCE = 0.01, 0.15
 """Most that numbers of the shape differ, as a share; most that shares of colours differ in all."""
 
 
-class Known:
-    """The assets that there are.
+class ImportedAssets:
+    """The imported assets that there are, to find copies among.
 
     Args:
         assets: those without an origin are left out.
@@ -106,8 +106,7 @@ class Known:
 
     def __init__(self, assets: Iterable[Asset]) -> None:
         self._by_content: dict[str, str] = {}
-        self._names: list[str] = []
-        self._origins: list[Origin] = []
+        self._origins: dict[str, Origin] = {}
         for asset in assets:
             self.add(asset)
 
@@ -115,26 +114,25 @@ class Known:
         """One more."""
         if asset.origin is not None:
             self._by_content.setdefault(asset.origin.content, asset.name)
-            self._names.append(asset.name)
-            self._origins.append(asset.origin)
+            self._origins[asset.name] = asset.origin
 
     def of_content(self, content: str, name: str) -> str | None:
         """The name of another asset than ``name`` that was made from the same files."""
-        found = self._by_content.get(content)
-        return found if found != name else None
+        other = self._by_content.get(content)
+        return other if other != name else None
 
-    def like(self, asset: Asset) -> tuple[str | None, str | None]:
+    def of_shape(self, asset: Asset) -> tuple[str | None, str | None]:
         """The names of another asset of the same shape and look, and of one of the same shape alone."""
         origin, variant = asset.origin, None
         if origin is None or not self._origins:
             return None, None
-        shapes = np.array([one.shape for one in self._origins])
-        off = np.abs(shapes - origin.shape) / np.maximum(np.abs(shapes), 1e-12)
-        for index in np.flatnonzero(off.max(axis=1) < _SHAPE):
-            if self._names[index] == asset.name:
+        names, origins = list(self._origins), list(self._origins.values())
+        shapes = np.array([other.shape for other in origins])
+        difference = np.abs(shapes - origin.shape) / np.maximum(np.abs(shapes), 1e-12)
+        for index in np.flatnonzero(difference.max(axis=1) < _SHAPE_TOLERANCE):
+            if names[index] == asset.name:
                 continue
-            look = np.abs(np.subtract(self._origins[index].look, origin.look)).sum()
-            if look < _LOOK:
-                return self._names[index], None
-            variant = variant or self._names[index]
+            if np.abs(np.subtract(origins[index].look, origin.look)).sum() < _LOOK_TOLERANCE:
+                return names[index], None
+            variant = variant or names[index]
         return None, variant

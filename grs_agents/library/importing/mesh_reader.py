@@ -3,6 +3,7 @@
 Every file that a mesh names is checked before trimesh reads it.
 """
 
+import re
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -15,94 +16,13 @@ from grs_agents.library.formats.model_file import check_xml
 from grs_agents.library.importing.source_folder import Folder, mtl_pictures
 from grs_agents.library.importing.types import Floats, Image, ImportLimits, Ints, Part, Reading, RefusedError, Unit, Up
 
-_PLAIN = (180, 180, 180)
-
-
-def check_picture(path: Path, pixels: int) -> None:
-    """See by its header that a file is a picture of at most ``pixels``: other readers would go on without it.
-
-    Raises:
-        RefusedError: it is not.
-    """
-    from PIL import Image as Pictures
-
-    try:
-        with Pictures.open(path) as opened:
-            _check_size(path.name, opened.size, pixels)
-    except (OSError, ValueError, SyntaxError, Pictures.DecompressionBombError) as error:
-        raise RefusedError(f"{path.name} is no picture: {str(error)[:120]}", "convert it to PNG") from error
-
-
-def _check_size(name: str, size: tuple[int, int], pixels: int) -> None:
-    if size[0] * size[1] > pixels or min(size) < 1:
-        raise RefusedError(f"{name} has {size[0]} x {size[1]} px, {pixels} are the most", "make it smaller")
-
-
-def picture(source: Any, pixels: int) -> Image:
-    """A picture as (H, W, 3) uint8 RGB, what is transparent over white.
-
-    Args:
-        source: a path or an opened Pillow image.
-        pixels: the most it may have.
-
-    Raises:
-        RefusedError: it is no picture or too large.
-    """
-    from PIL import Image as Pictures
-
-    name = source.name if isinstance(source, Path) else "the texture"
-    try:
-        opened: Any = Pictures.open(source) if isinstance(source, Path) else source
-        _check_size(name, opened.size, pixels)
-        if opened.mode in ("RGBA", "LA", "PA") or "transparency" in opened.info:
-            white: Any = Pictures.new("RGBA", opened.size, (255, 255, 255, 255))
-            white.alpha_composite(opened.convert("RGBA"))
-            opened = white
-        return np.asarray(opened.convert("RGB"), np.uint8)
-    except (OSError, ValueError, SyntaxError, Pictures.DecompressionBombError) as error:
-        raise RefusedError(f"{name} is no picture: {str(error)[:120]}", "convert it to PNG") from error
-
-
-def uvs_of(mesh: Any, faces: Ints) -> Floats | None:
-    """(F, 3, 2) texture coordinates of the corners, or None."""
-    found = getattr(mesh.visual, "uv", None)
-    if found is None:
-        return None
-    uvs = np.asarray(found, np.float64)
-    if uvs.ndim != 2 or len(uvs) != len(mesh.vertices) or not np.isfinite(uvs).all():
-        return None
-    return uvs[:, :2][faces]
-
-
-def colors_of(mesh: Any, count: int) -> Image:
-    """(F, 3) uint8 colour of each face, from its material, its own colour or its vertices' colours."""
-    visual, plain = mesh.visual, np.tile(np.array(_PLAIN, np.uint8), (count, 1))
-    material = getattr(visual, "material", None)
-    if material is not None:
-        main = getattr(material, "baseColorFactor", None)
-        main = getattr(material, "main_color", None) if main is None else main
-        rgb = np.asarray(_PLAIN if main is None else main).ravel()[:3]
-        return np.tile(_bytes(rgb), (count, 1)) if len(rgb) == 3 else plain
-    if getattr(visual, "kind", None) not in ("face", "vertex"):
-        return plain
-    colors = np.asarray(visual.face_colors)
-    return colors[:, :3].astype(np.uint8) if len(colors) == count else plain
-
-
-def _bytes(rgb: Any) -> Image:
-    values = np.nan_to_num(np.asarray(rgb, np.float64))
-    scale = 255.0 if np.issubdtype(np.asarray(rgb).dtype, np.floating) and values.max(initial=0) <= 1 else 1.0
-    return np.clip(np.rint(values * scale), 0, 255).astype(np.uint8)
-
-
 SUFFIXES: Final = (".obj", ".glb", ".gltf", ".stl", ".ply", ".dae", ".msh")
 _UNITS: Final[dict[str, Unit]] = {".glb": "m", ".gltf": "m", ".msh": "auto"}
 _UPS: Final[dict[str, Up]] = {".glb": "y", ".gltf": "y"}
 _STL_HEADER, _STL_FACE = 84, 50
-_FAULTS: Final = (
-    ValueError, TypeError, LookupError, AttributeError, OSError, AssertionError, RuntimeError, ImportError,
-    ArithmeticError, SyntaxError, struct.error,
-)  # fmt: skip
+_GREY = (180, 180, 180)
+_LIBRARY_ERRORS: Final = (ValueError, TypeError, LookupError, AttributeError, OSError, AssertionError, RuntimeError)
+_LOAD_ERRORS: Final = (*_LIBRARY_ERRORS, ImportError, ArithmeticError, SyntaxError, struct.error)
 """What reading a broken file may end in."""
 
 
@@ -122,26 +42,43 @@ def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | No
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise RefusedError(f"{name} is not one of {', '.join(SUFFIXES)}", "convert it")
-    _refuse_large(path, suffix, limits)
+    _refuse_faces(path.name, _promised_faces(path, suffix), limits)
     image = picture(folder.path(texture), limits.pixels) if texture else None
     unit, up = _UNITS.get(suffix, "auto"), _UPS.get(suffix, "auto")
     if suffix == ".msh":
-        return Reading([_msh(path, image)], unit=unit, up=up)
+        return Reading([_read_msh(path, image)], unit=unit, up=up)
     if suffix == ".obj" and texture is None:
-        for one in mtl_pictures(folder, name)[1]:
-            check_picture(folder.path(one), limits.pixels)
+        for image_name in mtl_pictures(folder, name)[1]:
+            picture(folder.path(image_name), limits.pixels, header_only=True)  # trimesh would go on without it
     if suffix == ".dae":
-        check_xml(path.read_bytes(), lambda what, remedy: RefusedError(f"{name}: {what}", remedy))
-    parts = _parts(path, suffix, folder, name, limits, image)
+        check_xml(path.read_bytes(), lambda message, remedy: RefusedError(f"{name}: {message}", remedy))
+    parts = [_part(mesh, image, limits, name) for mesh in _load(path, folder, name, limits, blind=image is not None)]
     if suffix == ".dae":
         scale, up = _dae_frame(path)
         unit, parts = "m", [replace(part, vertices=part.vertices * scale) for part in parts]
-    faces = sum(len(part.faces) for part in parts)
-    if faces == 0:
+    if not parts:
         raise RefusedError(f"{name} has no faces", "export the surface, not its points")
+    _refuse_faces(name, sum(len(part.faces) for part in parts), limits)
+    return Reading(parts, unit=unit, up=up)
+
+
+def _refuse_faces(name: str, faces: int, limits: ImportLimits) -> None:
     if faces > limits.faces:
         raise RefusedError(f"{name} has {faces} faces, {limits.faces} are the most", "simplify it")
-    return Reading(parts, unit=unit, up=up)
+
+
+def _promised_faces(path: Path, suffix: str) -> int:
+    """How many faces a file says that it has, before anything is made of them; 0 where it does not say."""
+    if suffix == ".obj":
+        with path.open("rb") as file:
+            return sum(line.startswith(b"f ") for line in file)
+    with path.open("rb") as file:
+        head = file.read(4096)
+    if suffix == ".stl" and len(head) >= _STL_HEADER:
+        (count,) = struct.unpack("<I", head[80:84])
+        return count if path.stat().st_size == _STL_HEADER + _STL_FACE * count else 0
+    count = re.search(rb"element\s+face\s+(\d+)", head.split(b"end_header")[0]) if suffix == ".ply" else None
+    return int(count[1]) if count else 0
 
 
 def _dae_frame(path: Path) -> tuple[float, Up]:
@@ -149,25 +86,24 @@ def _dae_frame(path: Path) -> tuple[float, Up]:
     axes: dict[str, Up] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
     for _, element in ElementTree.iterparse(path):
         if element.tag.rpartition("}")[2] == "asset":  # the first one is that of the whole file
-            told = {child.tag.rpartition("}")[2]: child for child in element}
-            up, unit = told.get("up_axis"), told.get("unit")
+            up, unit = element.findtext("{*}up_axis", ""), element.find("{*}unit")
             try:
                 scale = float(unit.get("meter", "1")) if unit is not None else 1.0
             except ValueError:
                 scale = 1.0
-            usable = np.isfinite(scale) and scale > 0
-            return scale if usable else 1.0, axes.get((up.text or "").strip() if up is not None else "", "y")
+            return scale if np.isfinite(scale) and scale > 0 else 1.0, axes.get(up.strip(), "y")
     return 1.0, "y"
 
 
-def _parts(path: Path, suffix: str, folder: Folder, name: str, limits: ImportLimits, image: Any | None) -> list[Part]:
+def _load(path: Path, folder: Folder, name: str, limits: ImportLimits, *, blind: bool) -> list[Any]:
+    """The meshes with faces of a file, by trimesh."""
     import trimesh
 
-    resolver: Any = _Resolver(folder, name, blind=image is not None)
+    resolver: Any = _Resolver(folder, name, blind=blind)
     try:
         with path.open("rb") as file:
-            scene: Any = trimesh.load_scene(file, file_type=suffix[1:], resolver=resolver, process=False)
-        found: list[Any] = [one for one in scene.dump() if hasattr(one, "faces")]
+            scene: Any = trimesh.load_scene(file, file_type=path.suffix.lower()[1:], resolver=resolver, process=False)
+        meshes = [mesh for mesh in scene.dump() if hasattr(mesh, "faces") and len(mesh.faces)]
     except RefusedError:
         raise
     except MemoryError as error:
@@ -175,32 +111,14 @@ def _parts(path: Path, suffix: str, folder: Folder, name: str, limits: ImportLim
     except ModuleNotFoundError as error:
         remedy = 'run: pip install "grs-agents[assets]"' if error.name in ("collada", "lxml") else "convert it to GLB"
         raise RefusedError(f"{name} needs the package {error.name}", remedy) from error
-    except _FAULTS as error:
+    except _LOAD_ERRORS as error:
         if resolver.refused is not None:
             raise resolver.refused from error
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
         raise RefusedError(f"{name} cannot be read: {reason}", "export it again") from error
     if resolver.refused is not None:
         raise resolver.refused
-    return [_part(one, image, limits, name) for one in found if len(one.faces)]
-
-
-def _part(mesh: Any, image: Any | None, limits: ImportLimits, name: str) -> Part:
-    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise RefusedError(f"{name}: a face names vertex {faces.max()} of {len(vertices)}", "export it again")
-    if not np.isfinite(vertices[faces]).all():
-        raise RefusedError(f"{name} has vertices that are not finite numbers (NaN or infinity)", "export it again")
-    uvs = uvs_of(mesh, faces)
-    own = image if image is not None and uvs is not None else picture_of(mesh, limits.pixels)
-    return Part(vertices, faces, uvs if own is not None else None, own, colors_of(mesh, len(faces)))
-
-
-def picture_of(mesh: Any, pixels: int) -> Any | None:
-    """The colour picture of a trimesh mesh's material, (H, W, 3) uint8 RGB, or None."""
-    material = getattr(mesh.visual, "material", None)
-    found = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    return None if found is None else picture(found, pixels)
+    return meshes
 
 
 class _Resolver:
@@ -228,10 +146,6 @@ class _Resolver:
         """The same files."""
         return self
 
-    def write(self, name: str, data: bytes) -> None:
-        """Nothing is written."""
-        raise FileNotFoundError(name)
-
     def __getitem__(self, name: str) -> bytes:
         return self.get(name)
 
@@ -239,26 +153,50 @@ class _Resolver:
         return False
 
 
-def _refuse_large(path: Path, suffix: str, limits: ImportLimits) -> None:
-    """Refuse files whose header promises more faces than there may be, before anything is made of them."""
-    with path.open("rb") as file:
-        head = file.read(4096)
-    faces = 0
-    if suffix == ".stl" and len(head) >= _STL_HEADER:
-        (promised,) = struct.unpack("<I", head[80:84])
-        faces = promised if path.stat().st_size == _STL_HEADER + _STL_FACE * promised else 0
-    elif suffix == ".ply":
-        words = head.split(b"end_header")[0].split()
-        counts = [words[at + 2] for at in range(len(words) - 2) if words[at : at + 2] == [b"element", b"face"]]
-        faces = int(counts[0]) if counts and counts[0].isdigit() else 0
-    elif suffix == ".obj":
-        with path.open("rb") as file:
-            faces = sum(line.startswith(b"f ") for line in file)
-    if faces > limits.faces:
-        raise RefusedError(f"{path.name} has {faces} faces, {limits.faces} are the most", "simplify it")
+def _part(mesh: Any, image: Image | None, limits: ImportLimits, name: str) -> Part:
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise RefusedError(f"{name}: a face names vertex {faces.max()} of {len(vertices)}", "export it again")
+    if not np.isfinite(vertices[faces]).all():
+        raise RefusedError(f"{name} has vertices that are not finite numbers (NaN or infinity)", "export it again")
+    uvs = _uvs_of(mesh, faces)
+    if image is None or uvs is None:
+        material = getattr(mesh.visual, "material", None)
+        own = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+        image = None if own is None else picture(own, limits.pixels)
+    return Part(vertices, faces, uvs if image is not None else None, image, _colors_of(mesh, len(faces)))
 
 
-def _msh(path: Path, image: Any | None) -> Part:
+def _uvs_of(mesh: Any, faces: Ints) -> Floats | None:
+    """(F, 3, 2) texture coordinates of the corners, or None."""
+    uvs = np.asarray(getattr(mesh.visual, "uv", ()), np.float64)
+    if uvs.ndim != 2 or len(uvs) != len(mesh.vertices) or not np.isfinite(uvs).all():
+        return None
+    return uvs[:, :2][faces]
+
+
+def _colors_of(mesh: Any, count: int) -> Image:
+    """(F, 3) uint8 colour of each face, from its material, its own colour or its vertices' colours."""
+    visual, grey = mesh.visual, np.tile(np.array(_GREY, np.uint8), (count, 1))
+    material = getattr(visual, "material", None)
+    if material is not None:
+        main = getattr(material, "baseColorFactor", None)
+        main = getattr(material, "main_color", None) if main is None else main
+        rgb = np.asarray(_GREY if main is None else main).ravel()[:3]
+        return np.tile(_bytes(rgb), (count, 1)) if len(rgb) == 3 else grey
+    if getattr(visual, "kind", None) not in ("face", "vertex"):
+        return grey
+    colors = np.asarray(visual.face_colors)
+    return colors[:, :3].astype(np.uint8) if len(colors) == count else grey
+
+
+def _bytes(rgb: Any) -> Image:
+    values = np.nan_to_num(np.asarray(rgb, np.float64))
+    scale = 255.0 if np.issubdtype(np.asarray(rgb).dtype, np.floating) and values.max(initial=0) <= 1 else 1.0
+    return np.clip(np.rint(values * scale), 0, 255).astype(np.uint8)
+
+
+def _read_msh(path: Path, image: Image | None) -> Part:
     """MuJoCo's binary mesh: four counts, then positions, normals, texture coordinates and faces."""
     data = path.read_bytes()
     counts = struct.unpack("<4i", data[:16]) if len(data) >= 16 else (0, 0, 0, 0)
@@ -275,5 +213,35 @@ def _msh(path: Path, image: Any | None) -> Part:
     if coordinates == vertices and image is not None:
         flat = numbers[3 * (vertices + normals) :].reshape(-1, 2)
         uvs = np.stack([flat[:, 0], 1 - flat[:, 1]], axis=1)[index]
-    plain = np.full((len(index), 3), 180, np.uint8)
-    return Part(points, index, uvs, image if uvs is not None else None, plain)
+    grey = np.tile(np.array(_GREY, np.uint8), (len(index), 1))
+    return Part(points, index, uvs, image if uvs is not None else None, grey)
+
+
+def picture(source: Any, pixels: int, *, header_only: bool = False) -> Image:
+    """A picture as (H, W, 3) uint8 RGB, what is transparent over white.
+
+    Args:
+        source: a path or an opened Pillow image.
+        pixels: the most it may have.
+        header_only: only see that it is a picture of at most ``pixels``; the result is empty.
+
+    Raises:
+        RefusedError: it is no picture or too large.
+    """
+    from PIL import Image as Pictures
+
+    name = source.name if isinstance(source, Path) else "the texture"
+    try:
+        opened: Any = Pictures.open(source) if isinstance(source, Path) else source
+        width, height = opened.size
+        if width * height > pixels or min(width, height) < 1:
+            raise RefusedError(f"{name} has {width} x {height} px, {pixels} are the most", "make it smaller")
+        if header_only:
+            return np.zeros((0, 0, 3), np.uint8)
+        if opened.mode in ("RGBA", "LA", "PA") or "transparency" in opened.info:
+            white: Any = Pictures.new("RGBA", opened.size, (255, 255, 255, 255))
+            white.alpha_composite(opened.convert("RGBA"))
+            opened = white
+        return np.asarray(opened.convert("RGB"), np.uint8)
+    except (OSError, ValueError, SyntaxError, Pictures.DecompressionBombError) as error:
+        raise RefusedError(f"{name} is no picture: {str(error)[:120]}", "convert it to PNG") from error

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.geometry.raster import barycentric
-from grs_agents.library.importing.types import Floats, Image, Ints, Solid
+from grs_agents.library.importing.types import Floats, Image, Ints, Solid, texture_colors
 
 _NEAREST: Final = 4
 _CHUNK: Final = 200_000
@@ -51,10 +51,8 @@ def _covered(count: int, cell: int, inner: int, columns: int) -> tuple[Ints, Flo
     x, y = texel % cell, texel // cell
     u, v = (x - _MARGIN) / (inner - 1), (y - _MARGIN) / (inner - 1)
     first = u + v <= (cell - 1 - 2 * _MARGIN) / (inner - 1)
-    mirrored_u, mirrored_v = ((cell - 1 - one - _MARGIN) / (inner - 1) for one in (x, y))
-    own_u: Floats = np.where(first, u, mirrored_u)
-    own_v: Floats = np.where(first, v, mirrored_v)
-    weights: Floats = np.clip(np.stack([1 - own_u - own_v, own_u, own_v], axis=1), 0, None)
+    u, v = (np.where(first, w, (cell - 1 - xy - _MARGIN) / (inner - 1)) for w, xy in ((u, x), (v, y)))
+    weights: Floats = np.clip(np.stack([1 - u - v, u, v], axis=1), 0, None)
     weights /= weights.sum(axis=1, keepdims=True)
     squares = np.arange(-(-count // 2))
     owner = (2 * squares[:, None] + np.where(first, 0, 1)).ravel()
@@ -66,26 +64,17 @@ def _covered(count: int, cell: int, inner: int, columns: int) -> tuple[Ints, Flo
 
 def _colors(old: Solid, points: Floats, tree: Any) -> Image:
     """(N, 3) colours of the old mesh at the places nearest to points, among the faces whose middles are nearest."""
-    found: Any = tree.batch_knn_search(points, _NEAREST)
-    near = np.asarray(found[0], np.int64).reshape(len(points), -1)
+    near = np.asarray(tree.batch_knn_search(points, _NEAREST)[0], np.int64).reshape(len(points), -1)
     best, chosen, at = np.full(len(points), np.inf), np.zeros(len(points), np.int64), np.zeros((len(points), 3))
     for rank in range(near.shape[1]):
         corners = old.vertices[old.faces[near[:, rank]]]
-        weights = np.clip(np.nan_to_num(_weights(points, corners)), 0, 1)
+        with np.errstate(divide="ignore", invalid="ignore"):  # slivers give no weights, and are not chosen
+            weights = np.clip(np.nan_to_num(barycentric(points, corners)), 0, 1)
         weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
         away = np.linalg.norm(np.einsum("ij,ijk->ik", weights, corners) - points, axis=1)
         nearer = away < best
         best[nearer], chosen[nearer], at[nearer] = away[nearer], near[nearer, rank], weights[nearer]
-    uvs = np.einsum("ij,ijk->ik", at, old.uvs[chosen])
-    height, width = old.image.shape[:2]
-    columns = np.clip((uvs[:, 0] * width).astype(np.int64), 0, width - 1)
-    rows = np.clip(((1 - uvs[:, 1]) * height).astype(np.int64), 0, height - 1)
-    return old.image[rows, columns]
-
-
-def _weights(points: Floats, corners: Floats) -> Floats:
-    with np.errstate(divide="ignore", invalid="ignore"):  # slivers give no weights, and are not chosen
-        return barycentric(points, corners)
+    return texture_colors(old.image, np.einsum("ij,ijk->ik", at, old.uvs[chosen]))
 
 
 _WORTH = 1.25

@@ -71,41 +71,36 @@ _WELD = 1e-6
 
 
 def one_mesh(parts: Sequence[Part], edge: int) -> Solid:
-    """All parts as one welded mesh whose picture is at most ``edge`` px wide and high."""
+    """All parts as one welded mesh whose picture is at most ``edge`` px wide and high.
+
+    The pictures of the parts come first in the sheet, a palette of the plain colours of all others comes last.
+    """
+    textured = [part.image is not None and part.uvs is not None for part in parts]
+    palette, swatches = _palette([part for part, has_image in zip(parts, textured, strict=True) if not has_image])
+    part_uvs: list[Floats] = []
     pictures: list[Image] = []
-    where: list[int] = []
-    for part in parts:
-        if part.image is not None and part.uvs is not None:
-            where.append(len(pictures))
-            pictures.append(part.image)
+    for part, has_image in zip(parts, textured, strict=True):
+        if part.image is not None and part.uvs is not None and has_image:
+            part_uvs.append(_untiled(part.uvs))
+            pictures.append(padded(part.image, part_uvs[-1], edge))
         else:
-            where.append(-1)
-    plain = [part for part, number in zip(parts, where, strict=True) if number < 0]
-    palette, cells = _palette(plain)
-    if plain:
-        pictures.append(palette)
-    for number, picture in enumerate(pictures[: len(pictures) - bool(plain)]):
-        users = [_untiled(_uvs(part)) for part, one in zip(parts, where, strict=True) if one == number]
-        pictures[number] = padded(picture, np.concatenate(users), edge)
-    sheet, boxes = _side_by_side(pictures, edge)
-    uvs: list[Floats] = []
-    taken = 0
-    for part, number in zip(parts, where, strict=True):
-        if number < 0:
-            index = cells[taken : taken + len(part.faces)]
-            taken += len(part.faces)
-            uvs.append(_swatch_uvs(index, palette, boxes[-1]))
-        else:
-            uvs.append(_within(_untiled(_uvs(part)), boxes[number]))
-    counts = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    vertices = np.concatenate([part.vertices for part in parts])
-    faces = np.concatenate([part.faces + start for part, start in zip(parts, counts[:-1], strict=True)])
-    vertices, faces = weld(vertices, faces)
+            part_uvs.append(_swatch_uvs(swatches[: len(part.faces)], palette))
+            swatches = swatches[len(part.faces) :]
+    sheet, boxes = _side_by_side(pictures if all(textured) else [*pictures, palette], edge)
+    places = iter(boxes)
+    uvs = [
+        _within(coordinates, next(places) if has_image else boxes[-1])
+        for coordinates, has_image in zip(part_uvs, textured, strict=True)
+    ]
+    vertices, faces = weld(*joined(parts))
     return Solid(vertices, faces, np.concatenate(uvs), sheet)
 
 
-def _uvs(part: Part) -> Floats:
-    return np.zeros((len(part.faces), 3, 2)) if part.uvs is None else part.uvs
+def joined(parts: Sequence[Part]) -> tuple[Floats, Ints]:
+    """The vertices and faces of all parts."""
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])[:-1]
+    faces = [part.faces + start for part, start in zip(parts, starts, strict=True)]
+    return np.concatenate([part.vertices for part in parts]), np.concatenate(faces)
 
 
 def weld(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
@@ -127,12 +122,11 @@ def _palette(parts: Sequence[Part]) -> tuple[Image, Ints]:
     colors = np.concatenate(
         [np.repeat(grey, len(part.faces), 0) if part.colors is None else part.colors for part in parts]
     )
-    step, levels, index = 1, colors, np.zeros(0, np.int64)
-    while True:
-        levels, index = np.unique(colors // step * step + (step - 1) // 2, axis=0, return_inverse=True)
-        if len(levels) <= _PALETTE:
-            break
+    step = 1
+    levels, index = np.unique(colors, axis=0, return_inverse=True)
+    while len(levels) > _PALETTE:
         step *= 2
+        levels, index = np.unique(colors // step * step + (step - 1) // 2, axis=0, return_inverse=True)
     rows = -(-len(levels) // 16)
     swatches = np.zeros((rows * 16, 3), np.uint8)
     swatches[: len(levels)] = levels
@@ -140,11 +134,12 @@ def _palette(parts: Sequence[Part]) -> tuple[Image, Ints]:
     return cells.repeat(_SWATCH, axis=0).repeat(_SWATCH, axis=1), index.ravel()
 
 
-def _swatch_uvs(index: Ints, palette: Image, box: Floats) -> Floats:
+def _swatch_uvs(index: Ints, palette: Image) -> Floats:
+    """Texture coordinates (F, 3, 2) in the palette of faces whose swatches have these numbers."""
     height, width = palette.shape[:2]
     u = (index % 16 + 0.5) * _SWATCH / width
     v = 1 - (index // 16 + 0.5) * _SWATCH / height
-    return _within(np.repeat(np.stack([u, v], axis=1)[:, None], 3, axis=1), box)
+    return np.repeat(np.stack([u, v], axis=1)[:, None], 3, axis=1)
 
 
 def _untiled(uvs: Floats) -> Floats:
@@ -167,15 +162,15 @@ def _side_by_side(pictures: Sequence[Image], edge: int) -> tuple[Image, list[Flo
     columns = int(np.ceil(np.sqrt(len(pictures))))
     rows = -(-len(pictures) // columns)
     cell = max(4, edge // columns)
-    small = [shrunk(one, cell - 2 * _GAP) for one in pictures]
-    cell = min(cell, max(max(one.shape[:2]) for one in small) + 2 * _GAP)
+    small = [shrunk(picture, cell - 2 * _GAP) for picture in pictures]
+    cell = min(cell, max(max(picture.shape[:2]) for picture in small) + 2 * _GAP)
     sheet = np.full((rows * cell, columns * cell, 3), 128, np.uint8)
     boxes: list[Floats] = []
-    for number, one in enumerate(small):
+    for number, picture in enumerate(small):
         top, left = number // columns * cell, number % columns * cell
-        high, wide = one.shape[:2]
-        padded = np.pad(one, ((_GAP, _GAP), (_GAP, _GAP), (0, 0)), mode="edge")
-        sheet[top : top + high + 2 * _GAP, left : left + wide + 2 * _GAP] = padded
+        high, wide = picture.shape[:2]
+        framed = np.pad(picture, ((_GAP, _GAP), (_GAP, _GAP), (0, 0)), mode="edge")
+        sheet[top : top + high + 2 * _GAP, left : left + wide + 2 * _GAP] = framed
         x, y = (left + _GAP) / sheet.shape[1], 1 - (top + _GAP + high) / sheet.shape[0]
         boxes.append(np.array([x, y, wide / sheet.shape[1], high / sheet.shape[0]]))
     return sheet, boxes

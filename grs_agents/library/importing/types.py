@@ -1,6 +1,7 @@
 """What the importer is told, what it finds and what it says."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -87,6 +88,30 @@ class Item(Frozen):
     files: tuple[str, ...] = ()
     texture: str | None = None
     license: str | None = None
+
+
+class ImportJob(Frozen):
+    """One item to import.
+
+    Attributes:
+        source: folder of the source.
+        item: one of its assets.
+        options: how to read it.
+        root: of the library.
+        collection: folder of the library.
+        content: SHA-256 of the item's files.
+        license: of the item.
+        known: assets whose size and mass are known; HOPE's kinds are looked up among them.
+    """
+
+    source: Path
+    item: Item
+    options: ImportOptions
+    root: Path
+    collection: str
+    content: str
+    license: str
+    known: tuple[Asset, ...] = ()
 
 
 class Outcome(Frozen):
@@ -189,3 +214,11 @@ class Solid:
     faces: Ints
     uvs: Floats
     image: Image
+
+
+def texture_colors(image: Image, uvs: Floats) -> Image:
+    """(N, 3) colours of a picture (H, W, 3) at texture coordinates (N, 2) in 0..1, origin at the lower left."""
+    height, width = image.shape[:2]
+    columns = np.clip((uvs[:, 0] * width).astype(np.int64), 0, width - 1)
+    rows = np.clip(((1 - uvs[:, 1]) * height).astype(np.int64), 0, height - 1)
+    return image[rows, columns]

@@ -14,7 +14,8 @@ import numpy.typing as npt
 from grs_agents.engine import mujoco
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.library.mesh_files import solid_volume
-from grs_agents.library.mujoco_shapes import add_shape, primitive_volume
+from grs_agents.library.mujoco_shapes import add_shape
+from grs_agents.library.shapes import shape_volume
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.sim.arms.robot import ROBOT_CONTYPE, fit_spatula
@@ -317,7 +318,7 @@ def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, 
 def _volume(shape: Shape, library: Library) -> float:
     """Of a collider, m^3; the parts of an object share its mass in this proportion."""
     if shape.kind != "mesh":
-        return primitive_volume(shape)
+        return shape_volume(shape)
     return max(float(abs(np.prod(shape.size))) * solid_volume(library.mesh_path(shape.mesh or "")), 1e-12)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from grs_agents.library import Library
 from grs_agents.library.importing.archives import opened
-from grs_agents.library.importing.drop_test import colliders_of, rest, verify
+from grs_agents.library.importing.drop_test import colliders_of, drop_test, verify
 from grs_agents.library.importing.importer import Importing
 from grs_agents.library.importing.journal import Journal
 from grs_agents.library.importing.types import ImportOptions, Outcome
@@ -136,7 +136,7 @@ def test_known_layouts_are_read_as_what_they_are(tmp_path: Path) -> None:
     assert assets["bbq_sauce"].size[2] == pytest.approx(0.148, abs=1e-4)  # z is up in this one
     assert assets["cookies"].size == pytest.approx((0.123, 0.04, 0.167), abs=1e-4)
     for asset in assets.values():
-        assert rest(colliders_of(Library(root), Library(root).model(asset.name)), asset.mass, 0.6).stable
+        assert drop_test(colliders_of(Library(root), Library(root).model(asset.name)), asset.mass, 0.6).stable
 
 
 def test_a_dae_says_its_unit_and_what_is_up(tmp_path: Path) -> None:

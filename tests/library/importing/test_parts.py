@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.library.asset import Quantity
-from grs_agents.library.importing.convex_parts import convex_parts, hull_of, hull_volume
+from grs_agents.library.importing.convex_parts import convex_hull, convex_parts
 from grs_agents.library.importing.discovery import slug_of
-from grs_agents.library.importing.drop_test import rest
+from grs_agents.library.importing.drop_test import collider_volume, drop_test
 from grs_agents.library.importing.preparation import guess_unit, turn_up, up_by_height
 from grs_agents.library.importing.simplification import with_fewer_faces
 from grs_agents.library.importing.source_folder import Folder
@@ -43,12 +43,12 @@ def test_a_known_height_tells_the_axis() -> None:
 @given(st.integers(0, 10_000), st.integers(8, 80))
 def test_a_hull_is_convex_and_holds_its_points(seed: int, count: int) -> None:
     points = np.random.default_rng(seed).uniform(-0.05, 0.05, (count, 3)) + np.array([0.3, -2, 1])
-    hull = hull_of(points)
+    hull = convex_hull(points)
     corners = hull.vertices[hull.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     away = np.einsum("fk,nfk->nf", normals, points[:, None] - corners[None, :, 0])
     assert (away <= 1e-9).all()
-    assert 0 < hull_volume(hull) <= 0.001
+    assert 0 < collider_volume(hull) <= 0.001
 
 
 def test_without_a_decomposer_a_bowl_collides_as_its_hull_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,14 +62,14 @@ def test_a_decomposed_bowl_has_room_inside() -> None:
     bowl = models.bowl()
     parts, _ = convex_parts(np.asarray(bowl.vertices), np.asarray(bowl.faces), True, 16)
     assert 4 <= len(parts) <= 16
-    assert sum(map(hull_volume, parts)) < 0.6 * hull_volume(hull_of(np.asarray(bowl.vertices)))
+    assert sum(map(collider_volume, parts)) < 0.6 * collider_volume(convex_hull(np.asarray(bowl.vertices)))
 
 
 def test_what_cannot_stand_falls() -> None:
     cone = trimesh.creation.cone(0.03, 0.1)
     upright = Hull(np.asarray(cone.vertices), np.asarray(cone.faces))
-    assert rest([upright], 0.2, 0.6).stable
-    assert not rest([Hull(-upright.vertices, upright.faces)], 0.2, 0.6).stable
+    assert drop_test([upright], 0.2, 0.6).stable
+    assert not drop_test([Hull(-upright.vertices, upright.faces)], 0.2, 0.6).stable
 
 
 def test_parts_become_one_mesh_that_looks_the_same() -> None:

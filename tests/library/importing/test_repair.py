@@ -8,8 +8,9 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library.importing.convex_parts import repair_mesh, volume
+from grs_agents.library.importing.convex_parts import repair_mesh
 from grs_agents.library.importing.types import Ints, Solid
+from grs_agents.library.mesh_files import mesh_volume
 
 SPHERE: Any = trimesh.creation.icosphere(2, 0.05)
 
@@ -33,7 +34,7 @@ def test_turned_lost_and_duplicate_faces_are_repaired(turned: set[int], lost: in
     repaired = repair_mesh(solid(faces))
     mesh: Any = trimesh.Trimesh(repaired.solid.vertices, repaired.solid.faces, process=False)
     assert repaired.watertight and mesh.is_volume
-    assert volume(repaired.solid.vertices, repaired.solid.faces) == pytest.approx(SPHERE.volume, rel=1e-6)
+    assert mesh_volume(repaired.solid.vertices, repaired.solid.faces) == pytest.approx(SPHERE.volume, rel=1e-6)
     assert repaired.solid.uvs.shape == (len(repaired.solid.faces), 3, 2)
 
 
