@@ -20,15 +20,8 @@ COLORS: dict[str, Vec3] = {
 }
 """Red, green, blue in 0..1 by name."""
 
-_HUES = (
-    (15, "red"),
-    (42, "orange"),
-    (68, "yellow"),
-    (165, "green"),
-    (200, "cyan"),
-    (255, "blue"),
-    (315, "purple"),
-)
+_HUES = ((15, "red"), (42, "orange"), (68, "yellow"), (165, "green"), (200, "cyan"), (255, "blue"), (315, "purple"))
+"""Where the hues of a name end, degrees; from 315 on it is red again."""
 
 
 def color_name(rgb: Vec3) -> str:
@@ -38,7 +31,11 @@ def color_name(rgb: Vec3) -> str:
         return "black"
     if saturation < 0.18:
         return "white" if value > 0.78 else "gray"
-    degrees = hue * 360
+    return _hue_name(hue * 360, saturation, value)
+
+
+def _hue_name(degrees: float, saturation: float, value: float) -> str:
+    """The name of a colour that is neither black, white nor gray: dark oranges are brown, pale reds pink."""
     name = next((name for limit, name in _HUES if degrees < limit), "red")
     if name in ("red", "orange") and value < 0.62 and degrees >= 8 and saturation < 0.85:
         return "brown"

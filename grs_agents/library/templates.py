@@ -38,7 +38,7 @@ STROKE_LENGTH, STROKE_WIDTH = 0.055, 0.005
 
 _PLACEHOLDER = re.compile(r"\b(DIM[A-Z]?|HALF|INSET|COLOR|SCALE|FNAME)(\d?)\b")
 _FILE_NAME = re.compile(r"[\w-][\w.-]*")
-_TIMES: dict[str, tuple[tuple[int, int, float], ...]] = {
+_LENGTH_STEMS: dict[str, tuple[tuple[int, int, float], ...]] = {
     "HALF": ((0, 0, 2.0), (1, 1, 2.0), (2, 2, 2.0)),
     "DIMX": ((0, 0, 1.0),),
     "DIMY": ((0, 1, 1.0),),
@@ -54,7 +54,7 @@ def stems(defaults: Mapping[str, Sequence[Value]]) -> frozenset[str]:
     """Every stem that a template with these defaults understands."""
     known = set(defaults)
     if "DIM" in defaults:
-        known |= {*_TIMES, "INSET"}
+        known |= {*_LENGTH_STEMS, "INSET"}
     if "DIMX" in defaults and "DIMY" in defaults:
         known.add("DIM")
     return frozenset(known)
@@ -80,21 +80,30 @@ def resolve(
     given: dict[str, dict[int, Value]] = {
         stem: dict(enumerate(_row(stem, value, len(defaults.get(stem, (0, 0, 0)))))) for stem, value in replace.items()
     }
-    said = {stem: given.get(stem, {}) for stem in defaults}
-    if "DIM" in defaults:
-        said["DIM"] = _lengths(given, [stem for stem in _TIMES if stem in known and stem not in defaults])
-    elif "DIM" in known and len(given.get("DIM", {})) >= 2:
-        said = _corner(given["DIM"]) | {stem: found for stem, found in said.items() if found}
+    stated = _by_own_stems(given, defaults, known)
     values: dict[str, tuple[Value, ...]] = {}
     assumed: dict[str, tuple[Value, ...]] = {}
     for stem, default in defaults.items():
-        found = said.get(stem, {})
-        count = max([len(default), *(index + 1 for index in found)])
-        values[stem] = tuple(found.get(index, default[min(index, len(default) - 1)]) for index in range(count))
-        left = tuple(default[index] for index in range(len(default)) if index not in found)
-        if left and not (stem == "COLOR" and len(found) >= 3):
+        row = stated.get(stem, {})
+        count = max([len(default), *(index + 1 for index in row)])
+        values[stem] = tuple(row.get(index, default[min(index, len(default) - 1)]) for index in range(count))
+        left = tuple(default[index] for index in range(len(default)) if index not in row)
+        if left and not (stem == "COLOR" and len(row) >= 3):
             assumed[stem] = left
     return values | _own_half(given, values, known), assumed
+
+
+def _by_own_stems(
+    given: Mapping[str, dict[int, Value]], defaults: Mapping[str, Sequence[Value]], known: Collection[str]
+) -> dict[str, dict[int, Value]]:
+    """What is given by the stems that the template has: lengths in one, the centres of a corner's strokes."""
+    stated = {stem: given.get(stem, {}) for stem in defaults}
+    if "DIM" in defaults:
+        others = [stem for stem in _LENGTH_STEMS if stem in known and stem not in defaults]
+        return stated | {"DIM": _lengths(given, others)}
+    if "DIM" in known and len(given.get("DIM", {})) >= 2:
+        return _corner(given["DIM"]) | {stem: row for stem, row in stated.items() if row}
+    return stated
 
 
 def fill_template(text: str, replace: Values, defaults: Mapping[str, Sequence[Value]] | None = None) -> str:
@@ -153,12 +162,12 @@ def _substituted(text: str, values: Mapping[str, Sequence[Value]]) -> str:
 
 
 def _lengths(given: Mapping[str, Mapping[int, Value]], others: Sequence[str]) -> dict[int, Value]:
-    found: dict[int, Value] = dict(given.get("DIM", {}))
+    lengths: dict[int, Value] = dict(given.get("DIM", {}))
     for stem in others:
-        for source, target, factor in _TIMES[stem]:
-            if target not in found and source in given.get(stem, {}):
-                found[target] = factor * float(given[stem][source])
-    return found
+        for source, target, factor in _LENGTH_STEMS[stem]:
+            if target not in lengths and source in given.get(stem, {}):
+                lengths[target] = factor * float(given[stem][source])
+    return lengths
 
 
 def _corner(size: Mapping[int, Value]) -> dict[str, dict[int, Value]]:

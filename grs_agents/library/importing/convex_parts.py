@@ -91,7 +91,8 @@ def convex_hull(vertices: Floats, max_vertices: int = -1) -> Hull:
     from grs_agents.engine import mujoco
 
     low, extent = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
-    unit: Floats = np.unique(np.round((vertices - low) / extent, 7), axis=0)
+    rounded: Any = np.round((vertices - low) / extent, 7)
+    unit: Floats = np.unique(rounded, axis=0)
     if len(unit) < 4 or float(np.linalg.svd(unit - unit.mean(axis=0), compute_uv=False)[-1]) < 1e-4:
         raise RefusedError("it has no volume: all its points lie in one plane", "give a solid thing")
     spec = mujoco.MjSpec()

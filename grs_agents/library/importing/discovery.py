@@ -1,6 +1,7 @@
 """What assets a folder holds: known layouts first, then descriptions, then loose meshes."""
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path, PurePosixPath
@@ -137,17 +138,17 @@ def _ycb(names: list[str]) -> Iterator[Item]:
 def _described(folder: Folder, names: list[str], claimed: set[str]) -> Iterator[Item]:
     """URDF and MJCF files; the meshes that they name are theirs, and those beside the only one of a folder."""
     descriptions = [name for name in names if _suffix(name) in DESCRIPTIONS]
-    homes = [PurePosixPath(name).parent.as_posix() for name in descriptions]
-    for name, home in zip(descriptions, homes, strict=True):
+    homes = Counter(PurePosixPath(name).parent.as_posix() for name in descriptions)
+    for name in descriptions:
         text = None if _inside(name, claimed) else _description_text(folder.root / name)
         if text is None:
             continue
-        mentioned = {PurePosixPath(file).name for file in _FILES.findall(text)}
-        parts = [file for file in names if PurePosixPath(file).name in mentioned and _related(file, name)]
+        parts = _mentioned(text, name, names)
         claimed |= set(parts)
-        if home != "." and homes.count(home) == 1:
-            claimed |= {file for file in names if file.startswith(f"{home}/") and file not in descriptions}
-        yield Item(kind=DESCRIPTIONS[_suffix(name)], name=PurePosixPath(name).stem, file=name, files=tuple(parts))
+        home = PurePosixPath(name).parent.as_posix()
+        if home != "." and homes[home] == 1:
+            claimed |= {file for file in names if file.startswith(f"{home}/")} - set(descriptions)
+        yield Item(kind=DESCRIPTIONS[_suffix(name)], name=PurePosixPath(name).stem, file=name, files=parts)
 
 
 def _description_text(path: Path) -> str | None:
@@ -157,10 +158,12 @@ def _description_text(path: Path) -> str | None:
         return head + file.read(_MOST) if _suffix(path.name) == ".urdf" or "<mujoco" in head else None
 
 
-def _related(file: str, description: str) -> bool:
-    """Whether a file lies below the folder of a description or below the folder around it."""
-    home = PurePosixPath(description).parent
-    return any(PurePosixPath(file).is_relative_to(folder) for folder in (home, home.parent))
+def _mentioned(text: str, description: str, names: list[str]) -> tuple[str, ...]:
+    """The files whose names a description says, below its folder or the folder around that."""
+    mentioned = {PurePosixPath(file).name for file in _FILES.findall(text)}
+    around = PurePosixPath(description).parent.parent  # of "." it is "." itself
+    files = [PurePosixPath(file) for file in names]
+    return tuple(file.as_posix() for file in files if file.name in mentioned and file.is_relative_to(around))
 
 
 def _meshes(names: list[str], claimed: set[str]) -> Iterator[Item]:

@@ -5,7 +5,6 @@ Every file that a mesh names is checked before trimesh reads it.
 
 import re
 import struct
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree
@@ -17,7 +16,7 @@ from grs_agents.library.importing.source_folder import Folder, mtl_pictures
 from grs_agents.library.importing.types import Floats, Image, ImportLimits, Ints, Part, Reading, RefusedError, Unit, Up
 
 SUFFIXES: Final = (".obj", ".glb", ".gltf", ".stl", ".ply", ".dae", ".msh")
-_UNITS: Final[dict[str, Unit]] = {".glb": "m", ".gltf": "m", ".msh": "auto"}
+_UNITS: Final[dict[str, Unit]] = {".glb": "m", ".gltf": "m", ".dae": "m"}
 _UPS: Final[dict[str, Up]] = {".glb": "y", ".gltf": "y"}
 _STL_HEADER, _STL_FACE = 84, 50
 _GREY = (180, 180, 180)
@@ -44,22 +43,20 @@ def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | No
         raise RefusedError(f"{name} is not one of {', '.join(SUFFIXES)}", "convert it")
     _refuse_faces(path.name, _promised_faces(path, suffix), limits)
     image = picture(folder.path(texture), limits.pixels) if texture else None
-    unit, up = _UNITS.get(suffix, "auto"), _UPS.get(suffix, "auto")
     if suffix == ".msh":
-        return Reading([_read_msh(path, image)], unit=unit, up=up)
+        return Reading([_read_msh(path, image)])
+    scale, unit, up = 1.0, _UNITS.get(suffix, "auto"), _UPS.get(suffix, "auto")
     if suffix == ".obj" and texture is None:
         for image_name in mtl_pictures(folder, name)[1]:
             picture(folder.path(image_name), limits.pixels, header_only=True)  # trimesh would go on without it
     if suffix == ".dae":
         check_xml(path.read_bytes(), lambda message, remedy: RefusedError(f"{name}: {message}", remedy))
-    parts = [_part(mesh, image, limits, name) for mesh in _load(path, folder, name, limits, blind=image is not None)]
-    if suffix == ".dae":
         scale, up = _dae_frame(path)
-        unit, parts = "m", [replace(part, vertices=part.vertices * scale) for part in parts]
-    if not parts:
+    meshes = _load(path, folder, name, limits, blind=image is not None)
+    if not meshes:
         raise RefusedError(f"{name} has no faces", "export the surface, not its points")
-    _refuse_faces(name, sum(len(part.faces) for part in parts), limits)
-    return Reading(parts, unit=unit, up=up)
+    _refuse_faces(name, sum(len(mesh.faces) for mesh in meshes), limits)
+    return Reading([_part(mesh, scale, image, limits, name) for mesh in meshes], unit=unit, up=up)
 
 
 def _refuse_faces(name: str, faces: int, limits: ImportLimits) -> None:
@@ -153,8 +150,9 @@ class _Resolver:
         return False
 
 
-def _part(mesh: Any, image: Image | None, limits: ImportLimits, name: str) -> Part:
-    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+def _part(mesh: Any, scale: float, image: Image | None, limits: ImportLimits, name: str) -> Part:
+    """A mesh of trimesh, ``scale`` times as large."""
+    vertices, faces = np.asarray(mesh.vertices, np.float64) * scale, np.asarray(mesh.faces, np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise RefusedError(f"{name}: a face names vertex {faces.max()} of {len(vertices)}", "export it again")
     if not np.isfinite(vertices[faces]).all():

@@ -17,9 +17,8 @@ from grs_agents.library.importing.appearance import words_of
 from grs_agents.library.importing.discovery import slug_of
 
 _LICENSES: Final = {
-    "by": "CC-BY-4.0", "by-sa": "CC-BY-SA-4.0", "by-nd": "CC-BY-ND-4.0", "by-nc": "CC-BY-NC-4.0",
-    "by-nc-sa": "CC-BY-NC-SA-4.0", "by-nc-nd": "CC-BY-NC-ND-4.0", "cc0": "CC0-1.0",
-}  # fmt: skip
+    name: f"CC-{name.upper()}-4.0" for name in ("by", "by-sa", "by-nd", "by-nc", "by-nc-sa", "by-nc-nd")
+} | {"cc0": "CC0-1.0"}
 _FAULTS: Final = (OSError, EOFError, ValueError, KeyError, TypeError, zlib.error)
 """What the package raises if it is offline, or if what it downloaded before is cut off."""
 _PATIENCE: Final = 60.0

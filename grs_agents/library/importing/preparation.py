@@ -1,5 +1,6 @@
 """One item of a source, from its file to a repaired, weighed and decomposed asset in metres with z up."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -239,7 +240,7 @@ def _steadier_up(vertices: Floats, notes: list[str]) -> Up:
     return "y"
 
 
-def _centred(solid: Solid, colliders: list[Collider]) -> tuple[Solid, list[Collider]]:
+def _centred(solid: Solid, colliders: Sequence[Collider]) -> tuple[Solid, list[Collider]]:
     """Mesh and colliders about the centre of the mesh's bounds."""
     middle = (solid.vertices.min(axis=0) + solid.vertices.max(axis=0)) / 2
     return replace(solid, vertices=solid.vertices - middle), [_shifted(collider, middle) for collider in colliders]

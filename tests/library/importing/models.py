@@ -187,13 +187,18 @@ def write_malformed(folder: Path) -> dict[str, str]:
     uri |= {"bufferViews": [{"buffer": 0, "byteLength": 4}], "meshes": [], "scenes": [{"nodes": []}], "scene": 0}
     (folder / "sly_buffer.gltf").write_text(json.dumps(uri))
     return {
-        "nan.obj": "not finite", "points.obj": "face", "flat.obj": "one plane", "wild.obj": "", "noise.glb": "",
-        "static.stl": "", "huge.ply": "10000000 faces", "vast.stl": "", "bare.obj": "does not exist",
-        "sly.obj": "leaves the source", "rooted.obj": "no relative path", "sly_library.obj": "leaves the source",
-        "bomb_picture.obj": "bomb.png", "sly_urdf/sly.urdf": "leaves the source",
-        "sly_mjcf/sly.xml": "leaves the source",
-        "entities.urdf": "entities", "entities.dae": "entities", "sly_buffer.gltf": "leaves the source",
-    }  # fmt: skip
+        "nan.obj": "not finite",
+        "points.obj": "face",
+        "flat.obj": "one plane",
+        "huge.ply": "10000000 faces",
+        "bare.obj": "does not exist",
+        "rooted.obj": "no relative path",
+        "bomb_picture.obj": "bomb.png",
+        **dict.fromkeys(("wild.obj", "noise.glb", "static.stl", "vast.stl"), ""),
+        **dict.fromkeys(("entities.urdf", "entities.dae"), "entities"),
+        **dict.fromkeys(("sly.obj", "sly_library.obj", "sly_buffer.gltf"), "leaves the source"),
+        **dict.fromkeys(("sly_urdf/sly.urdf", "sly_mjcf/sly.xml"), "leaves the source"),
+    }
 
 
 def zip_bomb(path: Path, megabytes: int = 120) -> Path:

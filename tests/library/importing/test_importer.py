@@ -41,10 +41,8 @@ def test_a_mixed_folder_is_imported_and_what_is_broken_is_refused(
 ) -> None:
     _, told = imported
     states = {name: outcome.status for name, (outcome, _) in told.items()}
-    assert states == {
-        "block": "imported", "bowl": "imported", "broken": "refused", "can": "imported", "carton": "imported",
-        "copy": "duplicate", "crate": "imported", "tin": "imported",
-    }  # fmt: skip
+    assert states.pop("broken") == "refused" and states.pop("copy") == "duplicate"
+    assert states == dict.fromkeys(("block", "bowl", "can", "carton", "crate", "tin"), "imported")
     assert "same files as mine/bowl.urdf" in told["copy"][0].reason
     assert "broken.obj" in told["broken"][0].reason
 
