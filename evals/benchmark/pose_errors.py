@@ -11,7 +11,7 @@ from evals.benchmark.twin_run import Standing
 from evals.benchmark.types import FrameFigures, ObjectFigures
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.library.posed_meshes import gather_posed
+from grs_agents.library.posed_meshes import posed_triangles
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.perception import Aabb, Candidate, TableFrame, find_table, place_asset
 from grs_agents.perception.surfaces import symmetry_of
@@ -94,7 +94,7 @@ def _box_of(one: TrueObject, library: Library) -> Aabb | None:
     rotation = one.rotation
     if one.asset not in library or one.position is None or rotation is None:
         return None
-    return _box_around(gather_posed([(one.asset, (one.position, rotation))], library).corners.reshape(-1, 3))
+    return _box_around(posed_triangles([(one.asset, (one.position, rotation))], library).corners.reshape(-1, 3))
 
 
 def _box_around(points: Floats) -> Aabb:

@@ -22,7 +22,7 @@ from evals.synthesis.sensors.simple import noisy_rgb
 from grs_agents.base import Frozen, Vec3
 from grs_agents.files import write_bytes, write_json, write_text
 from grs_agents.library import Library
-from grs_agents.library.posed_meshes import Triangles, gather_posed
+from grs_agents.library.posed_meshes import Triangles, posed_triangles
 from grs_agents.perception import Aabb, Camera
 
 _SHINY = 0.15
@@ -133,7 +133,7 @@ def synthesise(recipe: Recipe, library: Library) -> SynthesisedScene:
         names = [*_chosen(recipe.objects - recipe.distractors, library, rng), *strange]
         both = library.overlay(Path(folder))
         resting = heap(names, both, rng)
-        triangles = gather_posed([(one.asset, one.pose) for one in resting], both)
+        triangles = posed_triangles([(one.asset, one.pose) for one in resting], both)
     camera = random_camera(recipe.tilt, _middle(resting), (recipe.width, recipe.height), rng)
     shiny = [number for number in range(1, recipe.objects + 1) if rng.random() < _SHINY]
     seen = draw(triangles, random_scenery(rng), camera, shiny)

@@ -22,7 +22,7 @@ from grs_agents.files import write_json
 from grs_agents.library import Asset, Library
 from grs_agents.library.asset_views import AssetView, asset_views, random_directions
 from grs_agents.library.colors import color_name
-from grs_agents.library.contact_sheet import on_paper
+from grs_agents.library.contact_sheet import over_white
 from grs_agents.models import ReplyProblem, invoke
 
 PROMPT = "describe_asset"
@@ -200,7 +200,7 @@ def _block(view: AssetView) -> dict[str, str]:
     from PIL import Image as Pictures
 
     buffer = io.BytesIO()
-    Pictures.fromarray(on_paper(view)).save(buffer, "JPEG", quality=90)
+    Pictures.fromarray(over_white(view)).save(buffer, "JPEG", quality=90)
     return {"type": "image", "base64": base64.b64encode(buffer.getvalue()).decode(), "mime_type": "image/jpeg"}
 
 

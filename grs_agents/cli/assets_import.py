@@ -11,12 +11,12 @@ from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.files import replaceable, write_bytes
 from grs_agents.library import Asset, Library
-from grs_agents.library.importing.archives import Opened, opened
+from grs_agents.library.importing.archives import ImportSource, open_source
 from grs_agents.library.importing.discovery import slug_of
-from grs_agents.library.importing.importer import Importing
-from grs_agents.library.importing.objaverse import Entry, download, load_package, matching
-from grs_agents.library.importing.source_folder import Folder
-from grs_agents.library.importing.types import ImportOptions, Item, Outcome
+from grs_agents.library.importing.importer import ImportRun
+from grs_agents.library.importing.objaverse import ObjaverseEntry, download, load_package, search_objaverse
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.types import ImportOptions, ImportOutcome, SourceItem
 from grs_agents.terminal import say, say_json
 
 DEFAULT = Path("grs-content")
@@ -51,11 +51,11 @@ def import_source(
     Raises:
         InputError: there is no such source, or nothing in it.
     """
-    with opened(source, options) as found:
+    with open_source(source, options) as found:
         collection = slug_of(name) if name is not None else found.collection
         if not found.items and not found.refused:
             raise InputError(f"{source} holds no mesh, URDF or MJCF", "name a folder that does")
-        order = Importing(library_root(library), collection, options, Library().assets(), again, jobs)
+        order = ImportRun(library_root(library), collection, options, Library().assets(), again, jobs)
         return tell_import(order.run(found, Progress(len(found.items) + len(found.refused), as_json)), library, as_json)
 
 
@@ -65,7 +65,7 @@ class Progress:
     def __init__(self, count: int, quiet: bool) -> None:
         self._count, self._quiet, self._done = count, quiet, 0
 
-    def __call__(self, outcome: Outcome, old: bool) -> None:
+    def __call__(self, outcome: ImportOutcome, old: bool) -> None:
         self._done += 1
         if self._quiet:
             return
@@ -76,7 +76,7 @@ class Progress:
             say(f"    {note}", error=True)
 
 
-def tell_import(outcomes: Sequence[Outcome], library: Path | None, as_json: bool) -> int:
+def tell_import(outcomes: Sequence[ImportOutcome], library: Path | None, as_json: bool) -> int:
     """Print the report of an import; the exit status."""
     refused = [one for one in outcomes if one.status == "refused"]
     if as_json:
@@ -145,11 +145,11 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
 
 def show_library(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:
     """Write a contact sheet; 1 where an asset cannot be drawn."""
-    from grs_agents.library.contact_sheet import MOST, contact_sheet
+    from grs_agents.library.contact_sheet import MAX_ASSETS, contact_sheet
     from grs_agents.library.mesh_files import png_bytes
 
     known, assets = chosen_assets(library, names, shipped)
-    sheets = [assets[start : start + MOST] for start in range(0, len(assets), MOST)]
+    sheets = [assets[start : start + MAX_ASSETS] for start in range(0, len(assets), MAX_ASSETS)]
     broken: dict[str, str] = {}
     for number, part in enumerate(sheets):
         picture, failed = contact_sheet(known, part, views)
@@ -164,10 +164,10 @@ def show_library(library: Path | None, names: Sequence[str], shipped: bool, out:
 
 def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> int:
     """Check assets; 1 where one is broken."""
-    from grs_agents.library.importing.drop_test import verify
+    from grs_agents.library.importing.drop_test import verify_asset
 
     known, assets = chosen_assets(library, names, shipped)
-    verdicts = [verify(known, asset) for asset in assets]
+    verdicts = [verify_asset(known, asset) for asset in assets]
     broken = [one for one in verdicts if not one.ok]
     if as_json:
         say_json([one.model_dump(mode="json") for one in verdicts])
@@ -194,7 +194,7 @@ def import_objaverse(words: str, library: Path | None, options: ImportOptions, c
         InputError: nothing matches, or Objaverse cannot be reached.
     """
     door = load_package()
-    found = matching(door, words)
+    found = search_objaverse(door, words)
     if not found:
         raise InputError(f"nothing in Objaverse matches {words!r}", "use fewer or other words")
     if count == 0:
@@ -203,16 +203,17 @@ def import_objaverse(words: str, library: Path | None, options: ImportOptions, c
     with tempfile.TemporaryDirectory(prefix="grs-objaverse-") as name:
         named = download(door, found[:count], Path(name))
         items = tuple(
-            Item(kind="mesh", name=Path(file).stem, file=file, license=entry.license) for file, entry in named.items()
+            SourceItem(kind="mesh", name=Path(file).stem, file=file, license=entry.license)
+            for file, entry in named.items()
         )
         if not items:
             raise InputError(f"none of {count} matches could be downloaded", "try again, or other words")
-        source = Opened(Folder(Path(name), options.limits.bytes), items, COLLECTION)
-        outcomes = Importing(library_root(library), COLLECTION, options).run(source, Progress(len(items), as_json))
+        source = ImportSource(SourceFolder(Path(name), options.limits.bytes), items, COLLECTION)
+        outcomes = ImportRun(library_root(library), COLLECTION, options).run(source, Progress(len(items), as_json))
         return tell_import(outcomes, library, as_json)
 
 
-def _list(found: list[Entry], as_json: bool) -> None:
+def _list(found: list[ObjaverseEntry], as_json: bool) -> None:
     if as_json:
         say_json([one.model_dump(mode="json") for one in found])
         return

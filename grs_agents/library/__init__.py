@@ -5,7 +5,7 @@ from grs_agents.library.background import BACKGROUND, write_background
 from grs_agents.library.formats.urdf import read_urdf, urdf_text
 from grs_agents.library.library import Library
 from grs_agents.library.shapes import ObjectModel, Shape
-from grs_agents.library.templates import fill_template, resolve, stems
+from grs_agents.library.templates import fill_template, resolve_template, template_stems
 
 __all__ = [
     "BACKGROUND",
@@ -16,8 +16,8 @@ __all__ = [
     "fill_template",
     "read_manifest",
     "read_urdf",
-    "resolve",
-    "stems",
+    "resolve_template",
+    "template_stems",
     "urdf_text",
     "write_background",
 ]

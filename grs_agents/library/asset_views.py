@@ -18,7 +18,7 @@ from grs_agents.errors import InputError
 from grs_agents.geometry.raster import barycentric, rasterise
 from grs_agents.library.colors import COLORS
 from grs_agents.library.library import Library
-from grs_agents.library.mesh_files import Surface, read_surface, solid_surface
+from grs_agents.library.mesh_files import Surface, primitive_surface, read_surface
 from grs_agents.library.shapes import Shape, rotation_matrix
 
 Floats = npt.NDArray[np.float64]
@@ -103,17 +103,17 @@ def asset_views(
         InputError: its files are faulty, or a number is out of range.
     """
     painted = painted_asset(library, name)
-    center, distance, focal = framed(painted, size, field_of_view)
+    center, distance, focal = framing_camera(painted, size, field_of_view)
     return tuple(_view(painted, center, one, distance, focal, size) for one in directions)
 
 
 def painted_asset(library: Library, name: str) -> Painted:
     """What is seen of an asset, or what collides where nothing is seen; errors as `asset_views`."""
     model = library.model(name)
-    return paint(library, model.visuals or model.colliders, library.asset(name).color)
+    return painted_shapes(library, model.visuals or model.colliders, library.asset(name).color)
 
 
-def framed(painted: Painted, size: int, field_of_view: float) -> tuple[Floats, float, float]:
+def framing_camera(painted: Painted, size: int, field_of_view: float) -> tuple[Floats, float, float]:
     """The point that views look at (m), the camera's distance from it (m) and its focal length (px).
 
     Raises:
@@ -127,7 +127,7 @@ def framed(painted: Painted, size: int, field_of_view: float) -> tuple[Floats, f
     return center, distance, size / 2 / float(np.tan(np.deg2rad(field_of_view) / 2))
 
 
-def paint(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Painted:
+def painted_shapes(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Painted:
     """The triangles of shapes in the object frame; ``color`` is the colour's name of those that have none.
 
     Raises:
@@ -139,7 +139,7 @@ def paint(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Pai
     numbers: list[int] = []
     textures: list[Image] = []
     for shape in shapes:
-        mesh = read_surface(library.mesh_path(shape.mesh)) if shape.mesh else solid_surface(shape)
+        mesh = read_surface(library.mesh_path(shape.mesh)) if shape.mesh else primitive_surface(shape)
         scale = np.asarray(shape.size) if shape.kind == "mesh" else np.ones(3)
         corners = mesh.corners * scale @ rotation_matrix(shape.quaternion).T + shape.position
         surfaces.append(Surface(corners, mesh.uvs))
@@ -194,7 +194,7 @@ def camera_axes(direction: Floats) -> Floats:
     return np.stack([right, np.cross(forward, right), forward])
 
 
-def unit_of(towards: Vec3) -> Floats:
+def unit_direction(towards: Vec3) -> Floats:
     """A direction with length 1.
 
     Raises:
@@ -207,11 +207,11 @@ def unit_of(towards: Vec3) -> Floats:
 
 
 def _view(painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int) -> AssetView:
-    direction = unit_of(towards)
+    direction = unit_direction(towards)
     axes, edge = camera_axes(direction), size * FINER
     local = (painted.corners - center) @ axes.T + (0.0, 0.0, distance)
     middle = (edge - 1) / 2
-    fine, deep = samples_of(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
+    fine, deep = render_samples(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
     return view_of_samples(fine, deep, direction, distance, focal)
 
 
@@ -227,7 +227,7 @@ class Lens:
     height: int
 
 
-def samples_of(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats, Floats]:
+def render_samples(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats, Floats]:
     """What a camera sees of triangles, in the light that comes from it.
 
     Args:

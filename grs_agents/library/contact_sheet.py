@@ -16,7 +16,7 @@ _SIDE: Final = 176
 _TEXT: Final = 52
 _PAPER, _INK, _FAINT = (255, 255, 255), (20, 20, 20), (110, 110, 110)
 _COLUMNS: Final = 3
-MOST: Final = 240
+MAX_ASSETS: Final = 240
 
 
 def contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> tuple[Image, dict[str, str]]:
@@ -30,8 +30,8 @@ def contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> 
     Raises:
         InputError: there are none, or too many.
     """
-    if not 0 < len(assets) <= MOST:
-        raise InputError(f"a sheet of {len(assets)} assets", f"name 1 to {MOST} of them")
+    if not 0 < len(assets) <= MAX_ASSETS:
+        raise InputError(f"a sheet of {len(assets)} assets", f"name 1 to {MAX_ASSETS} of them")
     from PIL import Image as Pictures
     from PIL import ImageDraw, ImageFont
 
@@ -49,13 +49,14 @@ def contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> 
             pen.text((left + 8, top + _SIDE // 2), "cannot be drawn", (200, 0, 0), font)
         else:
             for place, view in enumerate(pictures):
-                sheet.paste(Pictures.fromarray(on_paper(view)), (left + place * _SIDE, top))
-        for line, (text, ink) in enumerate(((asset.name, _INK), (facts(asset), _FAINT), (asset.description, _FAINT))):
+                sheet.paste(Pictures.fromarray(over_white(view)), (left + place * _SIDE, top))
+        captions = ((asset.name, _INK), (facts_line(asset), _FAINT), (asset.description, _FAINT))
+        for line, (text, ink) in enumerate(captions):
             pen.text((left + 8, top + _SIDE + 2 + 16 * line), _fitted(text, width - 16, font), ink, font)
     return np.asarray(sheet, np.uint8), broken
 
 
-def facts(asset: Asset) -> str:
+def facts_line(asset: Asset) -> str:
     """Size, mass with its provenance, and licence of an asset in one line."""
     x, y, z = (f"{100 * extent:.1f}" for extent in asset.size)
     mass = asset.physical().mass
@@ -65,7 +66,7 @@ def facts(asset: Asset) -> str:
     )
 
 
-def on_paper(view: AssetView) -> Image:
+def over_white(view: AssetView) -> Image:
     """(H, W, 3) uint8 of a view over white."""
     cover = view.rgba[:, :, 3:].astype(np.float64) / 255
     return np.rint(view.rgba[:, :, :3] * cover + 255 * (1 - cover)).astype(np.uint8)

@@ -10,7 +10,7 @@ from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.formats.urdf import read_urdf
 from grs_agents.library.shapes import ObjectModel
 from grs_agents.library.templates import Value, Values, fill_template
-from grs_agents.library.user_models import own_asset, own_names, own_path, read_model
+from grs_agents.library.user_models import read_model_file, user_model_asset, user_model_names, user_model_path
 
 
 class Library:
@@ -41,7 +41,7 @@ class Library:
 
     def names(self) -> list[str]:
         """Every asset's name and every description file's, sorted."""
-        return sorted({*self._assets, *(name for root in self.roots for name in own_names(root))})
+        return sorted({*self._assets, *(name for root in self.roots for name in user_model_names(root))})
 
     def assets(self) -> tuple[Asset, ...]:
         """Every asset that a manifest lists, by name."""
@@ -61,7 +61,7 @@ class Library:
         if name in self._assets:
             return self._assets[name]
         if name not in self._own:
-            self._own[name] = own_asset(name, self._read(name))
+            self._own[name] = user_model_asset(name, self._read(name))
         return self._own[name]
 
     def __contains__(self, name: object) -> bool:
@@ -146,7 +146,7 @@ class Library:
     def _read(self, name: str) -> ObjectModel:
         if name not in self._models:
             root = self._root(name)
-            self._models[name] = read_model(member(root, name), root)
+            self._models[name] = read_model_file(member(root, name), root)
         return self._models[name]
 
     def _defaulted(self, name: str) -> ObjectModel:
@@ -158,7 +158,7 @@ class Library:
         return self._root_of.get(name) or self._own_root(name)
 
     def _own_root(self, name: str) -> Path | None:
-        return next((root for root in reversed(self.roots) if own_path(root, name) is not None), None)
+        return next((root for root in reversed(self.roots) if user_model_path(root, name) is not None), None)
 
     def _root(self, name: str) -> Path:
         root = self._origin(name)

@@ -71,7 +71,7 @@ def read_surface(path: Path) -> Surface:
     return _read_surface(path, path.stat().st_mtime_ns, len(vertices))
 
 
-def solid_volume(path: Path) -> float:
+def convex_volume(path: Path) -> float:
     """The volume that an OBJ file's convex mesh encloses, in its own units cubed, whichever way its faces are turned.
 
     Of a mesh that is not convex it is about that of what can be seen from its middle.
@@ -133,7 +133,7 @@ _BOX = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1
 """Corners of each side, counter-clockwise from outside; corner number 4x + 2y + z of the unit cube."""
 
 
-def solid_surface(shape: Shape) -> Surface:
+def primitive_surface(shape: Shape) -> Surface:
     """The triangles of a primitive in its own frame (m), without texture coordinates."""
     if shape.kind == "box":
         cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

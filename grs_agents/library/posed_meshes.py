@@ -17,7 +17,7 @@ _PLAIN = (0.6, 0.6, 0.6, 1.0)
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedAsset:
     """An asset that stands upright on the table.
 
     Attributes:
@@ -59,16 +59,16 @@ class Triangles:
     textures: tuple[npt.NDArray[np.uint8], ...]
 
 
-def gather(placed: Sequence[Placed], library: Library) -> Triangles:
+def placed_triangles(placed: Sequence[PlacedAsset], library: Library) -> Triangles:
     """All the visible triangles of ``placed``."""
     posed: list[tuple[str, Placement]] = []
     for thing in placed:
         centre, yaw = thing.pose(library)
         posed.append((thing.asset, (centre, (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))))))
-    return gather_posed(posed, library)
+    return posed_triangles(posed, library)
 
 
-def gather_posed(posed: Sequence[tuple[str, Placement]], library: Library) -> Triangles:
+def posed_triangles(posed: Sequence[tuple[str, Placement]], library: Library) -> Triangles:
     """All the visible triangles of assets, each with its pose in the robot frame; the first one's ``owner`` is 1."""
     parts: list[tuple[Floats, Floats, Floats, Floats, int, int]] = []
     textures: list[npt.NDArray[np.uint8]] = []

@@ -14,7 +14,7 @@ ShapeKind = Literal["box", "cylinder", "sphere", "mesh"]
 Points = npt.NDArray[np.float64]
 Placement = tuple[Vec3, Quat]
 """A position in m and a rotation, xyzw."""
-HERE: Placement = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+IDENTITY_PLACEMENT: Placement = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 class Shape(Frozen):
@@ -91,9 +91,9 @@ def composed(outer: Placement, inner: Placement) -> Placement:
     return (px + dx, py + dy, pz + dz), rotation
 
 
-def moved(shape: Shape, placement: Placement) -> Shape:
+def moved_shape(shape: Shape, placement: Placement) -> Shape:
     """The shape of a frame that is placed by ``placement``, in the frame around."""
-    if placement == HERE:
+    if placement == IDENTITY_PLACEMENT:
         return shape
     position, quaternion = composed(placement, (shape.position, shape.quaternion))
     return shape.model_copy(update={"position": position, "quaternion": quaternion})
@@ -154,7 +154,7 @@ def shape_volume(shape: Shape) -> float:
     return math.pi * radius**2 * shape.size[1] if shape.kind == "cylinder" else 4 / 3 * math.pi * radius**3
 
 
-def union_bounds(bounds: Iterable[tuple[Points, Points]]) -> tuple[Vec3, Vec3]:
+def joint_bounds(bounds: Iterable[tuple[Points, Points]]) -> tuple[Vec3, Vec3]:
     """The bounds around several bounds."""
     lows, highs = zip(*bounds, strict=True)
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)

@@ -50,7 +50,7 @@ _LENGTH_STEMS: dict[str, tuple[tuple[int, int, float], ...]] = {
 """Other ways to say ``DIM``: (index there, index in ``DIM``, factor)."""
 
 
-def stems(defaults: Mapping[str, Sequence[Value]]) -> frozenset[str]:
+def template_stems(defaults: Mapping[str, Sequence[Value]]) -> frozenset[str]:
     """Every stem that a template with these defaults understands."""
     known = set(defaults)
     if "DIM" in defaults:
@@ -60,7 +60,7 @@ def stems(defaults: Mapping[str, Sequence[Value]]) -> frozenset[str]:
     return frozenset(known)
 
 
-def resolve(
+def resolve_template(
     replace: Values, defaults: Mapping[str, Sequence[Value]]
 ) -> tuple[dict[str, tuple[Value, ...]], dict[str, tuple[Value, ...]]]:
     """What a template's own placeholders become, and which of them take their defaults.
@@ -76,7 +76,7 @@ def resolve(
     Raises:
         InputError: a value is not a finite number, a colour or a file name.
     """
-    known = stems(defaults)
+    known = template_stems(defaults)
     given: dict[str, dict[int, Value]] = {
         stem: dict(enumerate(_row(stem, value, len(defaults.get(stem, (0, 0, 0)))))) for stem, value in replace.items()
     }
@@ -124,7 +124,7 @@ def fill_template(text: str, replace: Values, defaults: Mapping[str, Sequence[Va
     if defaults is None:
         values = {stem: tuple(_row(stem, value, 1)) for stem, value in replace.items()}
     else:
-        values, _ = resolve(replace, defaults)
+        values, _ = resolve_template(replace, defaults)
     lengths = [float(value) for value in values.get("DIM", ())]
     derived: dict[str, tuple[Value, ...]] = {
         "HALF": tuple(length / 2 for length in lengths),

@@ -11,7 +11,7 @@ from grs_agents.library.shapes import ObjectModel
 SUFFIXES = (".urdf", ".xml")
 
 
-def own_path(root: Path, name: str) -> Path | None:
+def user_model_path(root: Path, name: str) -> Path | None:
     """The file called ``name`` below ``root``, None where there is none or the name leaves the folder."""
     pure = PurePosixPath(name)
     if pure.suffix.lower() not in SUFFIXES or "\0" in name or pure.as_posix() != name:
@@ -22,14 +22,14 @@ def own_path(root: Path, name: str) -> Path | None:
     return path if path.is_relative_to(root.resolve()) and path.is_file() else None
 
 
-def own_names(root: Path) -> list[str]:
+def user_model_names(root: Path) -> list[str]:
     """The name of every URDF and MJCF file below ``root``, sorted."""
     files = (path for suffix in SUFFIXES for path in root.rglob(f"*{suffix}"))
     names = (path.relative_to(root).as_posix() for path in files)
-    return sorted(name for name in names if own_path(root, name) is not None)
+    return sorted(name for name in names if user_model_path(root, name) is not None)
 
 
-def read_model(path: Path, root: Path) -> ObjectModel:
+def read_model_file(path: Path, root: Path) -> ObjectModel:
     """What a description file says, whichever of the two formats it is.
 
     Raises:
@@ -38,7 +38,7 @@ def read_model(path: Path, root: Path) -> ObjectModel:
     return read_mjcf(path, root) if path.suffix.lower() == ".xml" else read_urdf(path, root)
 
 
-def own_asset(name: str, model: ObjectModel) -> Asset:
+def user_model_asset(name: str, model: ObjectModel) -> Asset:
     """The entry that a manifest would have for a file that says ``model``."""
     colors = [shape.color for shape in model.visuals if shape.color is not None]
     color = color_name(colors[0][:3]) if colors else "gray"

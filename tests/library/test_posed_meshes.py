@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.library.posed_meshes import Placed, gather, smooth_normals
+from grs_agents.library.posed_meshes import PlacedAsset, placed_triangles, smooth_normals
 
 
 def test_things_stand_on_the_table_where_they_are_placed() -> None:
     library = Library()
-    placed = [Placed("HOPE/Milk.urdf", 0.4, -0.1, np.pi / 2), Placed("cylinder/cylinder-template.urdf", 0.6, 0.2)]
-    triangles = gather(placed, library)
+    placed = [
+        PlacedAsset("HOPE/Milk.urdf", 0.4, -0.1, np.pi / 2),
+        PlacedAsset("cylinder/cylinder-template.urdf", 0.6, 0.2),
+    ]
+    triangles = placed_triangles(placed, library)
     milk = triangles.corners[triangles.owner == 1].reshape(-1, 3)
     low, high = milk.min(axis=0), milk.max(axis=0)
     assert low[2] == pytest.approx(0, abs=1e-6)

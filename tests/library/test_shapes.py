@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from grs_agents.library import Shape
 from grs_agents.library.shapes import (
+    joint_bounds,
     quaternion_from_rpy,
     rotation_matrix,
     rpy_from_quaternion,
     shape_bounds,
-    union_bounds,
 )
 
 ANGLES = st.floats(-3.1, 3.1)
@@ -68,4 +68,4 @@ def test_a_mesh_is_scaled_and_moved() -> None:
 def test_union_of_bounds() -> None:
     sphere = Shape(kind="sphere", size=(1,), position=(3, 0, 0))
     box = Shape(kind="box", size=(1, 1, 1))
-    assert union_bounds(map(shape_bounds, [sphere, box])) == ((-0.5, -1, -1), (4, 1, 1))
+    assert joint_bounds(map(shape_bounds, [sphere, box])) == ((-0.5, -1, -1), (4, 1, 1))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library, fill_template, resolve, stems
+from grs_agents.library import Library, fill_template, resolve_template, template_stems
 from grs_agents.library.templates import Values
 
 LIBRARY = Library()
@@ -23,11 +23,11 @@ SPELLINGS = (
 
 
 def understood(name: str) -> frozenset[str]:
-    return stems(LIBRARY.asset(name).template)
+    return template_stems(LIBRARY.asset(name).template)
 
 
 def assumed(name: str, replace: Values) -> dict[str, tuple[float | str, ...]]:
-    return resolve(replace, LIBRARY.asset(name).template)[1]
+    return resolve_template(replace, LIBRARY.asset(name).template)[1]
 
 
 def test_values_replace_placeholders_by_position() -> None:
@@ -96,7 +96,9 @@ def test_marks_have_a_height_of_their_own() -> None:
     assert LIBRARY.filled("zone/zone-template.urdf", {"DIM": (0.12, 0.1, 0)}).size[:2] == pytest.approx((0.12, 0.1))
     square = LIBRARY.filled("square/square-template.urdf", {"DIM": (0.2,), "HALF": (0.095,)})
     assert square.size[:2] == pytest.approx((0.2, 0.2))
-    values, _ = resolve({"DIM": (0.2,), "HALF": (0.095,)}, LIBRARY.template_defaults("square/square-template.urdf"))
+    values, _ = resolve_template(
+        {"DIM": (0.2,), "HALF": (0.095,)}, LIBRARY.template_defaults("square/square-template.urdf")
+    )
     assert LIBRARY.filled("square/square-template.urdf", values) == square, "what is resolved may be filled in again"
 
 

@@ -15,8 +15,17 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from grs_agents.base import Quat, Vec3
-from grs_agents.library.formats.model_file import Source, read_text
-from grs_agents.library.shapes import HERE, ObjectModel, Placement, Rgba, Shape, ShapeKind, composed, shape_volume
+from grs_agents.library.formats.model_file import ModelFile, read_text
+from grs_agents.library.shapes import (
+    IDENTITY_PLACEMENT,
+    ObjectModel,
+    Placement,
+    Rgba,
+    Shape,
+    ShapeKind,
+    composed,
+    shape_volume,
+)
 
 _MAX_ANGLE = 1000.0
 """Degrees, or radians, of an angle at most."""
@@ -34,7 +43,7 @@ class Frames:
         InputError: it uses coordinates that we do not read.
     """
 
-    def __init__(self, source: Source, compiler: Mapping[str, str]) -> None:
+    def __init__(self, source: ModelFile, compiler: Mapping[str, str]) -> None:
         self.source = source
         self.unit = 1.0 if compiler.get("angle", "degree") == "radian" else math.pi / 180
         self.sequence = compiler.get("eulerseq", "xyz")
@@ -70,11 +79,11 @@ class Frames:
             return _along(np.array(self._unit(self.source.numbers(said["zaxis"], "zaxis", 3), "zaxis")))
         if "euler" in said:
             return self._euler(self.source.numbers(said["euler"], "euler", 3, _MAX_ANGLE))
-        return HERE[1]
+        return IDENTITY_PLACEMENT[1]
 
     def _euler(self, angles: tuple[float, ...]) -> Quat:
         """Lower-case letters turn about the moving axes, capitals about the fixed ones."""
-        total = HERE
+        total = IDENTITY_PLACEMENT
         for letter, angle in zip(self.sequence, angles, strict=True):
             axis = np.eye(3)["xyz".index(letter.lower())]
             turn: Placement = (_ORIGIN, _turn(axis, angle * self.unit))
@@ -151,13 +160,13 @@ def read_mjcf(path: Path, root: Path) -> ObjectModel:
     Raises:
         InputError: the file is not MJCF of one rigid object that we can trust; names the fault.
     """
-    return _Reader(Source(read_text(path), str(path), root, path.parent)).model()
+    return _Reader(ModelFile(read_text(path), str(path), root, path.parent)).model()
 
 
 class _Reader:
     """One pass over one file."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: ModelFile) -> None:
         self.source = source
         if source.top.tag != "mujoco":
             raise source.fault(f"<{source.top.tag}> is not MJCF", "give a <mujoco> file")
@@ -183,7 +192,7 @@ class _Reader:
             found = f"{len(bodies)} bodies and {len(loose)} loose geoms in <worldbody>"
             raise self.source.fault(found, "give exactly one <body> that holds every geom")
         weights: list[float] = []
-        geoms = list(self._body(bodies[0], HERE, "", weights, True))
+        geoms = list(self._body(bodies[0], IDENTITY_PLACEMENT, "", weights, True))
         frictions = [geom.friction for geom in geoms if geom.collides]
         colliders = [geom.shape for geom in geoms if geom.collides]
         visuals = [geom.shape for geom in geoms if not geom.collides]

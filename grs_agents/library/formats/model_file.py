@@ -16,7 +16,7 @@ from grs_agents import foreign
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.library.mesh_files import read_vertices
-from grs_agents.library.shapes import ObjectModel, Rgba, Shape, shape_bounds, union_bounds
+from grs_agents.library.shapes import ObjectModel, Rgba, Shape, joint_bounds, shape_bounds
 
 MAX_BYTES, MAX_DEPTH = 1_000_000, 32
 
@@ -82,7 +82,7 @@ def check_xml(text: str | bytes, fault: Fault, max_depth: int = 64, refused_tag:
 MAX_SHAPES, MAX_METRES, MAX_PARTS = 500, 100.0, 64
 
 
-class Source:
+class ModelFile:
     """The XML of one file and the folder that its file names are relative to.
 
     Args:
@@ -173,7 +173,7 @@ class Source:
             raise self.fault("neither visual nor collision", "add at least one shape")
         if max(len(visuals), len(colliders)) > MAX_SHAPES:
             raise self.fault(f"{max(len(visuals), len(colliders))} shapes, at most {MAX_SHAPES} are allowed")
-        bounds = union_bounds(shape_bounds(shape, self._vertices(shape)) for shape in colliders or visuals)
+        bounds = joint_bounds(shape_bounds(shape, self._vertices(shape)) for shape in colliders or visuals)
         return ObjectModel(
             visuals=tuple(visuals or colliders),
             colliders=tuple(colliders),

@@ -12,15 +12,15 @@ from xml.etree.ElementTree import Element
 from xml.sax.saxutils import quoteattr
 
 from grs_agents.base import Vec3
-from grs_agents.library.formats.model_file import MAX_SHAPES, Source, read_text
+from grs_agents.library.formats.model_file import MAX_SHAPES, ModelFile, read_text
 from grs_agents.library.shapes import (
-    HERE,
+    IDENTITY_PLACEMENT,
     ObjectModel,
     Placement,
     Rgba,
     Shape,
     composed,
-    moved,
+    moved_shape,
     quaternion_from_rpy,
     rpy_from_quaternion,
 )
@@ -94,7 +94,7 @@ def words(numbers: Sequence[float]) -> str:
 MAX_LINKS = 100
 
 
-def link_placements(source: Source) -> Iterator[tuple[Element, Placement]]:
+def link_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
     """Every link, from the root on, with its place in the root link's frame.
 
     Raises:
@@ -113,7 +113,7 @@ def link_placements(source: Source) -> Iterator[tuple[Element, Placement]]:
         yield link, _placement(source, name, links, parents)
 
 
-def _fixed_joints(source: Source) -> list[Element]:
+def _fixed_joints(source: ModelFile) -> list[Element]:
     """The joints, all of them fixed."""
     joints = source.top.findall("joint")
     for joint in joints:
@@ -128,8 +128,8 @@ def _link(joint: Element, role: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def _placement(source: Source, name: str, links: dict[str, Element], parents: dict[str, Element]) -> Placement:
-    placement, seen = HERE, {name}
+def _placement(source: ModelFile, name: str, links: dict[str, Element], parents: dict[str, Element]) -> Placement:
+    placement, seen = IDENTITY_PLACEMENT, {name}
     while name in parents:
         joint = parents[name]
         origin, name = joint.find("origin"), _link(joint, "parent")
@@ -160,14 +160,14 @@ def read_urdf(source: Path | str, root: Path, folder: str = "") -> ObjectModel:
         InputError: the file or text is not a URDF of one rigid object that we can trust; names the fault.
     """
     if isinstance(source, Path):
-        return _Reader(Source(read_text(source), str(source), root, source.parent)).model()
-    return _Reader(Source(source, "URDF text", root, root / folder)).model()
+        return _Reader(ModelFile(read_text(source), str(source), root, source.parent)).model()
+    return _Reader(ModelFile(source, "URDF text", root, root / folder)).model()
 
 
 class _Reader:
     """One pass over one URDF."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: ModelFile) -> None:
         self.source, self.fault = source, source.fault
         self.looks = {one.get("name", ""): self._own_look(one) for one in source.top.findall("material")}
 
@@ -177,8 +177,8 @@ class _Reader:
         colliders: list[Shape] = []
         mass, frictions = 0.0, list[float]()
         for link, placement in link_placements(self.source):
-            visuals += [moved(shape, placement) for shape in self._shapes(link, "visual")]
-            colliders += [moved(shape, placement) for shape in self._shapes(link, "collision")]
+            visuals += [moved_shape(shape, placement) for shape in self._shapes(link, "visual")]
+            colliders += [moved_shape(shape, placement) for shape in self._shapes(link, "collision")]
             mass += self._scalar(link.find("inertial/mass"), 0.0)
             friction = link.find("contact/lateral_friction")
             frictions += [] if friction is None else [self._scalar(friction, _DEFAULT_FRICTION)]

@@ -12,7 +12,7 @@ from grs_agents.base import Vec3
 from grs_agents.geometry.raster import rasterise
 from grs_agents.library.asset import Asset
 from grs_agents.library.colors import color_name
-from grs_agents.library.importing.types import Floats, Image, Solid, texture_colors
+from grs_agents.library.importing.types import Floats, Image, TexturedMesh, texture_colors
 
 HOPE_LICENSE: Final = "CC-BY-NC-SA-4.0"
 OPEN_LICENSE: Final = "CC-BY-4.0"
@@ -58,7 +58,7 @@ def ycb_mass(name: str) -> float | None:
     return None if grams is None else grams / 1000
 
 
-def known_hope(slug: str, assets: tuple[Asset, ...]) -> Asset | None:
+def shipped_hope_asset(slug: str, assets: tuple[Asset, ...]) -> Asset | None:
     """The asset that GRS ships of the HOPE kind ``slug`` (``alphabet_soup``): its size is that of the real thing."""
     kind = "".join(word.capitalize() for word in words_of(slug)).replace("BbqSauce", "BBQSauce")
     return next((asset for asset in assets if asset.name == f"HOPE/{kind}.urdf"), None)
@@ -73,7 +73,7 @@ _DEEP = 0.4
 """Share of the height that an opening must be deep."""
 
 
-def colors(solid: Solid) -> list[str]:
+def main_colors(solid: TexturedMesh) -> list[str]:
     """Names of the colours of the surface, the largest share first, at most three."""
     shares: dict[str, float] = {}
     texels, amounts = _samples(solid)
@@ -89,7 +89,7 @@ def colors(solid: Solid) -> list[str]:
     return ranked[:1] + [name for name in ranked[1:3] if shares[name] >= _SHARE * total]
 
 
-def look(solid: Solid) -> tuple[float, ...]:
+def color_shares(solid: TexturedMesh) -> tuple[float, ...]:
     """(27,) shares of the surface by colour: three levels each of red, green and blue."""
     texels, amounts = _samples(solid)
     red, green, blue = (np.minimum(texels[:, channel].astype(np.int64) * 3 // 256, 2) for channel in range(3))
@@ -97,7 +97,7 @@ def look(solid: Solid) -> tuple[float, ...]:
     return tuple(round(float(share), 4) for share in shares / max(float(shares.sum()), 1e-12))
 
 
-def _samples(solid: Solid) -> tuple[Image, Floats]:
+def _samples(solid: TexturedMesh) -> tuple[Image, Floats]:
     """Colours (S, 3) of points on the surface and the area that each stands for."""
     corners = solid.vertices[solid.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -106,7 +106,7 @@ def _samples(solid: Solid) -> tuple[Image, Floats]:
     return np.concatenate(texels), np.tile(areas, len(places))
 
 
-def is_hollow(solid: Solid) -> bool:
+def is_hollow(solid: TexturedMesh) -> bool:
     """Whether a rather large part of it, seen from above, lies deep below a rim all around: a bowl, mug or basket."""
     vertices = solid.vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -127,7 +127,7 @@ def is_hollow(solid: Solid) -> bool:
     return bool((rim > floor + _DEEP * 0.75).mean() > 0.8)
 
 
-def sentence(name: str, names: list[str], size: Vec3) -> str:
+def plain_description(name: str, names: list[str], size: Vec3) -> str:
     """What can be told without a model: colours, the name in words and the size."""
     x, y, z = (f"{100 * extent:.1f}" for extent in size)
     called = " ".join(word for word in words_of(name) if word not in names[:2]) or name

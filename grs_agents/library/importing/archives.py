@@ -18,8 +18,8 @@ from typing import IO, Final
 from grs_agents.errors import InputError
 from grs_agents.library.importing.discovery import DESCRIPTIONS, find_items, slug_of
 from grs_agents.library.importing.mesh_reader import SUFFIXES
-from grs_agents.library.importing.source_folder import Folder
-from grs_agents.library.importing.types import ImportLimits, ImportOptions, Item, RefusedError
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.types import ImportLimits, ImportOptions, RefusedError, SourceItem
 
 ARCHIVE_SUFFIXES: Final = (".zip", ".whl", ".tgz", ".tar.gz", ".tar")
 _PICTURES: Final = (".png", ".jpg", ".jpeg", ".tga", ".bmp")
@@ -37,7 +37,7 @@ def is_archive(path: Path) -> bool:
     return path.is_file() and path.name.lower().endswith(ARCHIVE_SUFFIXES)
 
 
-def unpack(archive: Path, target: Path, limits: ImportLimits) -> None:
+def unpack_archive(archive: Path, target: Path, limits: ImportLimits) -> None:
     """Unpack the files of an archive that may belong to assets.
 
     Raises:
@@ -119,7 +119,7 @@ _HOMES = ("urdf", "urdfs", "xml", "mjcf", "robots")
 
 
 @dataclass(frozen=True)
-class Opened:
+class ImportSource:
     """A source that can be read.
 
     Attributes:
@@ -129,14 +129,14 @@ class Opened:
         refused: archives that are not read, each with the reason.
     """
 
-    folder: Folder
-    items: tuple[Item, ...]
+    folder: SourceFolder
+    items: tuple[SourceItem, ...]
     collection: str
     refused: tuple[tuple[str, RefusedError], ...] = ()
 
 
 @contextmanager
-def opened(source: str, options: ImportOptions) -> Generator[Opened]:
+def open_source(source: str, options: ImportOptions) -> Generator[ImportSource]:
     """The assets of a source; what had to be unpacked is removed at the end.
 
     Args:
@@ -158,20 +158,20 @@ def opened(source: str, options: ImportOptions) -> Generator[Opened]:
     loose = None if path in archives else _loose(path, options, hope_only=source == HOPE)
     if loose is not None and (loose[1] or not archives):
         beside = RefusedError("it lies beside assets that are not packed", "import it by itself")
-        yield Opened(*loose, name, tuple((archive.name, beside) for archive in archives))
+        yield ImportSource(*loose, name, tuple((archive.name, beside) for archive in archives))
         return
     with tempfile.TemporaryDirectory(prefix="grs-import-") as home:
         refused = tuple(_unpack_all(archives, Path(home), options.limits))
-        folder = Folder(Path(home), options.limits.bytes)
-        yield Opened(folder, tuple(find_items(folder)), name, refused)
+        folder = SourceFolder(Path(home), options.limits.bytes)
+        yield ImportSource(folder, tuple(find_items(folder)), name, refused)
 
 
-def _loose(path: Path, options: ImportOptions, *, hope_only: bool) -> tuple[Folder, tuple[Item, ...]]:
+def _loose(path: Path, options: ImportOptions, *, hope_only: bool) -> tuple[SourceFolder, tuple[SourceItem, ...]]:
     """The assets of a folder or file that is not packed, and what their file names are relative to."""
     if path.is_file():
-        folder = Folder(_root_of(path.resolve()), options.limits.bytes)
+        folder = SourceFolder(_root_of(path.resolve()), options.limits.bytes)
         return folder, (_single(path, folder.relative(path)),)
-    folder = Folder(path, options.limits.bytes)
+    folder = SourceFolder(path, options.limits.bytes)
     return folder, tuple(item for item in find_items(folder) if not hope_only or item.kind == "hope")
 
 
@@ -180,16 +180,16 @@ def _unpack_all(archives: list[Path], home: Path, limits: ImportLimits) -> Itera
     for archive in archives:
         target = home if archive.suffix == ".whl" else home / slug_of(archive.name.partition(".")[0])
         try:
-            unpack(archive, target, limits)
+            unpack_archive(archive, target, limits)
         except RefusedError as error:
             yield archive.name, error
 
 
-def _single(path: Path, relative: str) -> Item:
+def _single(path: Path, relative: str) -> SourceItem:
     suffix = path.suffix.lower()
     if suffix not in (*SUFFIXES, *DESCRIPTIONS):
         raise InputError(f"{path} is no asset", f"name a file that ends in {', '.join((*SUFFIXES, '.urdf', '.xml'))}")
-    return Item(kind=DESCRIPTIONS.get(suffix, "mesh"), name=slug_of(path.stem), file=relative)
+    return SourceItem(kind=DESCRIPTIONS.get(suffix, "mesh"), name=slug_of(path.stem), file=relative)
 
 
 def _root_of(path: Path) -> Path:

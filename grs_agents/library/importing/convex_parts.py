@@ -7,8 +7,8 @@ from typing import Any, Final
 import numpy as np
 import trimesh
 
-from grs_agents.library.importing.simplification import simplified
-from grs_agents.library.importing.types import Floats, Hull, Ints, RefusedError, Solid
+from grs_agents.library.importing.simplification import simplify_mesh
+from grs_agents.library.importing.types import ConvexHull, Floats, Ints, RefusedError, TexturedMesh
 from grs_agents.library.mesh_files import mesh_volume
 
 CONVEX: Final = 0.85
@@ -29,12 +29,12 @@ class RepairedMesh:
         notes: what was done.
     """
 
-    solid: Solid
+    solid: TexturedMesh
     watertight: bool
     notes: tuple[str, ...]
 
 
-def repair_mesh(solid: Solid) -> RepairedMesh:
+def repair_mesh(solid: TexturedMesh) -> RepairedMesh:
     """Drop degenerate and duplicate faces, make the winding consistent, close holes of three or four edges.
 
     A larger hole stays open: it may be an opening that the object has. Winding and holes need ``networkx``, which the
@@ -67,7 +67,7 @@ def repair_mesh(solid: Solid) -> RepairedMesh:
     watertight = bool(mesh.is_watertight and mesh.is_winding_consistent)
     if not watertight:
         notes.append("not watertight: its volume is that of its convex parts")
-    return RepairedMesh(Solid(solid.vertices, repaired, uvs, solid.image), watertight, tuple(notes))
+    return RepairedMesh(TexturedMesh(solid.vertices, repaired, uvs, solid.image), watertight, tuple(notes))
 
 
 def _valid_faces(faces: Ints) -> Ints:
@@ -78,7 +78,7 @@ def _valid_faces(faces: Ints) -> Ints:
     return kept[np.sort(first)]
 
 
-def convex_hull(vertices: Floats, max_vertices: int = -1) -> Hull:
+def convex_hull(vertices: Floats, max_vertices: int = -1) -> ConvexHull:
     """The convex hull of points, as MuJoCo makes it.
 
     Args:
@@ -91,8 +91,8 @@ def convex_hull(vertices: Floats, max_vertices: int = -1) -> Hull:
     from grs_agents.engine import mujoco
 
     low, extent = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
-    rounded: Any = np.round((vertices - low) / extent, 7)
-    unit: Floats = np.unique(rounded, axis=0)
+    scaled: Floats = (vertices - low) / extent
+    unit: Floats = np.unique(scaled.round(7), axis=0)
     if len(unit) < 4 or float(np.linalg.svd(unit - unit.mean(axis=0), compute_uv=False)[-1]) < 1e-4:
         raise RefusedError("it has no volume: all its points lie in one plane", "give a solid thing")
     spec = mujoco.MjSpec()
@@ -109,10 +109,10 @@ def convex_hull(vertices: Floats, max_vertices: int = -1) -> Hull:
     corners, triangles = graph[2 + count : 2 + 2 * count], graph[2 + 3 * count + 3 * faces :][: 3 * faces]
     number = np.full(len(unit), -1, np.int64)
     number[corners] = np.arange(count)
-    return Hull(unit[corners] * extent + low, number[triangles.reshape(-1, 3)])
+    return ConvexHull(unit[corners] * extent + low, number[triangles.reshape(-1, 3)])
 
 
-def convex_parts(vertices: Floats, faces: Ints, watertight: bool, most: int) -> tuple[list[Hull], list[str]]:
+def convex_parts(vertices: Floats, faces: Ints, watertight: bool, most: int) -> tuple[list[ConvexHull], list[str]]:
     """The convex parts of a solid, and notes; one hull where it is nearly convex or ``coacd`` is not installed.
 
     Raises:
@@ -125,13 +125,13 @@ def convex_parts(vertices: Floats, faces: Ints, watertight: bool, most: int) -> 
         coacd: Any = importlib.import_module("coacd")
     except ImportError:
         return [whole], ['collides as its convex hull: parts need pip install "grs-agents[assets]"']
-    points, triangles = simplified(vertices, faces, _MAX_FACES)
+    points, triangles = simplify_mesh(vertices, faces, _MAX_FACES)
     settings = {"threshold": _THRESHOLD, "max_convex_hull": most, "max_ch_vertex": MAX_VERTICES, "decimate": True}
     resolution = {"preprocess_resolution": 30, "resolution": 300}
     search = {"mcts_nodes": 8, "mcts_iterations": 10, "mcts_max_depth": 2, "seed": 0}
     coacd.set_log_level("error")
     mesh = coacd.Mesh(points, triangles.astype(np.int32))
-    parts: list[Hull] = []
+    parts: list[ConvexHull] = []
     for corners, _ in coacd.run_coacd(mesh, **settings, **resolution, **search):
         try:
             parts.append(convex_hull(np.asarray(corners, np.float64), MAX_VERTICES))

@@ -9,8 +9,8 @@ from typing import Final
 
 from grs_agents.library.importing.appearance import HOPE_LICENSE, OPEN_LICENSE
 from grs_agents.library.importing.mesh_reader import SUFFIXES
-from grs_agents.library.importing.source_folder import Folder, mtl_pictures
-from grs_agents.library.importing.types import Item, Kind, RefusedError
+from grs_agents.library.importing.source_folder import SourceFolder, mtl_pictures
+from grs_agents.library.importing.types import Kind, RefusedError, SourceItem
 
 DESCRIPTIONS: Final[dict[str, Kind]] = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 _PREFERRED: Final = (".glb", ".gltf", ".obj", ".dae", ".ply", ".stl", ".msh")
@@ -29,11 +29,11 @@ _MOST: Final = 1_000_000
 _HEAD: Final = 2000
 
 
-def find_items(folder: Folder) -> list[Item]:
+def find_items(folder: SourceFolder) -> list[SourceItem]:
     """The assets of a folder, in the order of their paths, each with a name of its own."""
     names = list(_walk(folder.root))
     claimed: set[str] = set()
-    items: list[Item] = []
+    items: list[SourceItem] = []
     for layout in (_hope(names), _gso(names), _ycb(names), _described(folder, names, claimed)):
         items += [item for item in layout if not _inside(item.file, claimed)]
         claimed |= {item.file for item in items}
@@ -42,7 +42,7 @@ def find_items(folder: Folder) -> list[Item]:
     return _named_once(sorted(items, key=lambda item: item.file))
 
 
-def item_files(folder: Folder, item: Item) -> tuple[str, ...]:
+def item_files(folder: SourceFolder, item: SourceItem) -> tuple[str, ...]:
     """All files that an item is made of, as far as they can be found; what is wrong with them is said on reading."""
     files = {item.file, *([item.texture] if item.texture else []), *item.files}
     for name in tuple(files):
@@ -77,7 +77,7 @@ def _suffix(file: str) -> str:
     return PurePosixPath(file).suffix.lower()
 
 
-def _home(item: Item) -> str:
+def _home(item: SourceItem) -> str:
     """The folder that belongs to an item of a known layout; that of the whole set for HOPE with its copies."""
     parts = PurePosixPath(item.file).parts
     if item.kind == "hope":
@@ -85,7 +85,7 @@ def _home(item: Item) -> str:
     return "/".join(parts[: -2 if item.kind == "gso" or not _YCB.match(parts[-2]) else -1])
 
 
-def _hope(names: list[str]) -> Iterator[Item]:
+def _hope(names: list[str]) -> Iterator[SourceItem]:
     """The HOPE meshes as LIBERO packages them, ``stable_hope_objects/KIND``, without their recoloured copies."""
     homes: dict[str, list[str]] = {}
     for name in names:
@@ -98,7 +98,7 @@ def _hope(names: list[str]) -> Iterator[Item]:
         mesh = _hope_mesh(home, files)
         if mesh is not None and kind.partition("_")[2] not in kinds:
             texture = next((file for file in files if file.endswith("/texture_map.png")), None)
-            yield Item(kind="hope", name=kind, file=mesh, texture=texture, license=HOPE_LICENSE)
+            yield SourceItem(kind="hope", name=kind, file=mesh, texture=texture, license=HOPE_LICENSE)
 
 
 def _hope_mesh(home: str, files: list[str]) -> str | None:
@@ -108,14 +108,14 @@ def _hope_mesh(home: str, files: list[str]) -> str | None:
     return next(visible, None) or next((file for file in files if file.endswith(".msh")), None)
 
 
-def _gso(names: list[str]) -> Iterator[Item]:
+def _gso(names: list[str]) -> Iterator[SourceItem]:
     """Google Scanned Objects: ``NAME/meshes/model.obj`` with its picture in another folder."""
     known = set(names)
     for name in names:
         if name.endswith("meshes/model.obj"):
             home = name.removesuffix("meshes/model.obj")
             picture, metadata = f"{home}materials/textures/texture.png", f"{home}metadata.pbtxt"
-            yield Item(
+            yield SourceItem(
                 kind="gso",
                 name=PurePosixPath(home).name or "model",
                 file=name,
@@ -125,17 +125,17 @@ def _gso(names: list[str]) -> Iterator[Item]:
             )
 
 
-def _ycb(names: list[str]) -> Iterator[Item]:
+def _ycb(names: list[str]) -> Iterator[SourceItem]:
     """YCB objects: a folder ``NNN_name`` with one of several meshes of the same thing."""
     known = set(names)
     parents = {parent for name in names for parent in PurePosixPath(name).parents}
     for home in sorted(parent.as_posix() for parent in parents if _YCB.match(parent.name)):
         file = next((f"{home}/{file}" for file in _YCB_FILES if f"{home}/{file}" in known), None)
         if file is not None:
-            yield Item(kind="ycb", name=PurePosixPath(home).name, file=file, license=OPEN_LICENSE)
+            yield SourceItem(kind="ycb", name=PurePosixPath(home).name, file=file, license=OPEN_LICENSE)
 
 
-def _described(folder: Folder, names: list[str], claimed: set[str]) -> Iterator[Item]:
+def _described(folder: SourceFolder, names: list[str], claimed: set[str]) -> Iterator[SourceItem]:
     """URDF and MJCF files; the meshes that they name are theirs, and those beside the only one of a folder."""
     descriptions = [name for name in names if _suffix(name) in DESCRIPTIONS]
     homes = Counter(PurePosixPath(name).parent.as_posix() for name in descriptions)
@@ -148,7 +148,7 @@ def _described(folder: Folder, names: list[str], claimed: set[str]) -> Iterator[
         home = PurePosixPath(name).parent.as_posix()
         if home != "." and homes[home] == 1:
             claimed |= {file for file in names if file.startswith(f"{home}/")} - set(descriptions)
-        yield Item(kind=DESCRIPTIONS[_suffix(name)], name=PurePosixPath(name).stem, file=name, files=parts)
+        yield SourceItem(kind=DESCRIPTIONS[_suffix(name)], name=PurePosixPath(name).stem, file=name, files=parts)
 
 
 def _description_text(path: Path) -> str | None:
@@ -166,7 +166,7 @@ def _mentioned(text: str, description: str, names: list[str]) -> tuple[str, ...]
     return tuple(file.as_posix() for file in files if file.name in mentioned and file.is_relative_to(around))
 
 
-def _meshes(names: list[str], claimed: set[str]) -> Iterator[Item]:
+def _meshes(names: list[str], claimed: set[str]) -> Iterator[SourceItem]:
     """Meshes that belong to nothing else: one of each name, in the format that says most."""
     loose: dict[str, list[str]] = {}
     for name in names:
@@ -179,13 +179,13 @@ def _meshes(names: list[str], claimed: set[str]) -> Iterator[Item]:
             continue
         file = min(files, key=lambda file: _PREFERRED.index(_suffix(file)))
         untold = pure.name.lower() in _UNTOLD and pure.parent.name
-        yield Item(kind="mesh", name=pure.parent.name if untold else pure.name, file=file)
+        yield SourceItem(kind="mesh", name=pure.parent.name if untold else pure.name, file=file)
 
 
-def _named_once(items: list[Item]) -> list[Item]:
+def _named_once(items: list[SourceItem]) -> list[SourceItem]:
     """The items with names as slugs, those that were taken numbered."""
     taken: set[str] = set()
-    named: list[Item] = []
+    named: list[SourceItem] = []
     for item in items:
         slug = base = slug_of(item.name)
         number = 2

@@ -15,7 +15,7 @@ from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset
 from grs_agents.library.asset_views import read_texture
 from grs_agents.library.importing.convex_parts import convex_hull
-from grs_agents.library.importing.types import Collider, Floats, Hull, RefusedError
+from grs_agents.library.importing.types import Collider, ConvexHull, Floats, RefusedError
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import mesh_volume, read_vertices
 from grs_agents.library.mujoco_shapes import add_shape
@@ -95,7 +95,7 @@ def drop_test(colliders: Sequence[Collider], mass: float, friction: float) -> Dr
 def _add_geom(spec: Any, body: Any, collider: Collider, name: str) -> Any:
     from grs_agents.engine import mujoco
 
-    if isinstance(collider, Hull):
+    if isinstance(collider, ConvexHull):
         mesh = spec.add_mesh(name=name, uservert=collider.vertices.ravel().tolist())
         mesh.userface, mesh.inertia = collider.faces.ravel().tolist(), mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
         geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH)
@@ -106,14 +106,14 @@ def _add_geom(spec: Any, body: Any, collider: Collider, name: str) -> Any:
 
 def collider_bounds(collider: Collider) -> tuple[Floats, Floats]:
     """Lowest and highest corner, m."""
-    if isinstance(collider, Hull):
+    if isinstance(collider, ConvexHull):
         return collider.vertices.min(axis=0), collider.vertices.max(axis=0)
     return shape_bounds(collider)
 
 
 def collider_volume(collider: Collider) -> float:
     """m^3."""
-    if isinstance(collider, Hull):
+    if isinstance(collider, ConvexHull):
         return abs(mesh_volume(collider.vertices, collider.faces))
     return shape_volume(collider)
 
@@ -122,7 +122,7 @@ _SIZE_TOLERANCE = 0.005
 """Most that the size in the manifest may differ from what the file says, m."""
 
 
-class Verdict(Frozen):
+class AssetVerdict(Frozen):
     """What was found of one asset.
 
     Attributes:
@@ -138,7 +138,7 @@ class Verdict(Frozen):
     findings: tuple[str, ...] = ()
 
 
-def verify(library: Library, asset: Asset) -> Verdict:
+def verify_asset(library: Library, asset: Asset) -> AssetVerdict:
     """Check one asset."""
     findings = list(_changed_files(library, asset))
     broken = bool(findings)
@@ -158,7 +158,7 @@ def verify(library: Library, asset: Asset) -> Verdict:
     except InputError as error:
         findings.append(error.message)
         broken = True
-    return Verdict(name=asset.name, ok=not broken, rests=rests, findings=tuple(findings))
+    return AssetVerdict(name=asset.name, ok=not broken, rests=rests, findings=tuple(findings))
 
 
 def colliders_of(library: Library, model: ObjectModel) -> list[Collider]:
@@ -170,7 +170,7 @@ def colliders_of(library: Library, model: ObjectModel) -> list[Collider]:
     return [shape if shape.mesh is None else _hull(library, shape) for shape in model.colliders]
 
 
-def _hull(library: Library, shape: Shape) -> Hull:
+def _hull(library: Library, shape: Shape) -> ConvexHull:
     vertices = read_vertices(library.mesh_path(shape.mesh or "")) * shape.size
     return convex_hull(vertices @ rotation_matrix(shape.quaternion).T + shape.position)
 

@@ -10,10 +10,10 @@ from queue import SimpleQueue
 
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset, read_manifest
-from grs_agents.library.importing.archives import Opened
+from grs_agents.library.importing.archives import ImportSource
 from grs_agents.library.importing.discovery import item_files
-from grs_agents.library.importing.journal import ImportedAssets, Journal, content_of, key_of, write_entries
-from grs_agents.library.importing.types import ImportJob, ImportOptions, Item, Outcome, RefusedError
+from grs_agents.library.importing.journal import ImportedAssets, Journal, content_digest, import_key, write_entries
+from grs_agents.library.importing.types import ImportJob, ImportOptions, ImportOutcome, RefusedError, SourceItem
 from grs_agents.library.importing.worker import Worker
 
 _SAVE_EVERY = 10.0
@@ -22,7 +22,7 @@ _LICENSE_FILES = ("LICENSE", "LICENSE.txt", "LICENSE.md", "license.txt", "COPYIN
 
 
 @dataclass
-class Importing:
+class ImportRun:
     """One import into a library.
 
     Attributes:
@@ -42,7 +42,7 @@ class Importing:
     jobs: int = 1
     _workers: SimpleQueue[Worker] = field(default_factory=SimpleQueue[Worker])
 
-    def run(self, source: Opened, report: Callable[[Outcome, bool], None]) -> list[Outcome]:
+    def run(self, source: ImportSource, report: Callable[[ImportOutcome, bool], None]) -> list[ImportOutcome]:
         """Import every item of a source.
 
         Args:
@@ -61,7 +61,7 @@ class Importing:
             remedy = "name a writable folder with --library"
             raise InputError(f"cannot write {self.root}: {error.strerror}", remedy) from error
         journal, imported = Journal(self.root, self.collection), ImportedAssets(read_manifest(self.root).assets)
-        outcomes: list[Outcome] = []
+        outcomes: list[ImportOutcome] = []
         new: list[Asset] = []
         removed: set[str] = set()
         saved = time.monotonic()
@@ -85,7 +85,9 @@ class Importing:
             write_entries(self.root, new, removed)
         return outcomes
 
-    def _outcomes(self, source: Opened, journal: Journal, imported: ImportedAssets) -> Iterator[tuple[Outcome, bool]]:
+    def _outcomes(
+        self, source: ImportSource, journal: Journal, imported: ImportedAssets
+    ) -> Iterator[tuple[ImportOutcome, bool]]:
         """Each item's outcome in their order, and whether it is from the journal."""
         for _ in range(self.jobs):
             self._workers.put(Worker(self.options.limits))
@@ -98,18 +100,20 @@ class Importing:
                 self._workers.get().close()
 
     def _import_item(
-        self, source: Opened, journal: Journal, imported: ImportedAssets, item: Item
-    ) -> tuple[Outcome, bool]:
+        self, source: ImportSource, journal: Journal, imported: ImportedAssets, item: SourceItem
+    ) -> tuple[ImportOutcome, bool]:
         license_, key, begin = self._license(source, item), "", time.monotonic()
         try:
-            content = content_of(source.folder, item_files(source.folder, item))
-            key = key_of(content, self.options, license_)
+            content = content_digest(source.folder, item_files(source.folder, item))
+            key = import_key(content, self.options, license_)
             before = journal.outcomes.get(item.file)
             if before is not None and before.key == key and not self.again and self._has_files(before):
                 return before, True
             if copy := imported.of_content(content, f"{self.collection}/{item.name}.urdf"):
                 reason = f"of the same files as {copy}"
-                return Outcome(item=item.name, source=item.file, status="duplicate", reason=reason, key=key), False
+                return ImportOutcome(
+                    item=item.name, source=item.file, status="duplicate", reason=reason, key=key
+                ), False
             job = ImportJob(
                 source=source.folder.root,
                 item=item,
@@ -129,15 +133,15 @@ class Importing:
             return _refused(item.name, item.file, error, key), False
         notes = asset.origin.notes if asset.origin is not None else ()
         seconds = round(time.monotonic() - begin, 2)
-        done = Outcome(item=item.name, source=item.file, status="imported", notes=notes, key=key, asset=asset)
+        done = ImportOutcome(item=item.name, source=item.file, status="imported", notes=notes, key=key, asset=asset)
         return done.model_copy(update={"seconds": seconds}), False
 
-    def _has_files(self, outcome: Outcome) -> bool:
+    def _has_files(self, outcome: ImportOutcome) -> bool:
         """Whether the files that an outcome names are still there."""
         files = outcome.asset.origin.files if outcome.asset is not None and outcome.asset.origin is not None else {}
         return all((self.root / name).is_file() for name in files)
 
-    def _without_copies(self, outcome: Outcome, imported: ImportedAssets, removed: set[str]) -> Outcome:
+    def _without_copies(self, outcome: ImportOutcome, imported: ImportedAssets, removed: set[str]) -> ImportOutcome:
         """The outcome, or, where a copy has been made, that it is one; the copy's files are removed."""
         if outcome.asset is None or outcome.asset.origin is None:
             return outcome
@@ -154,7 +158,7 @@ class Importing:
         reason = f"of the same shape and look as {copy}"
         return outcome.model_copy(update={"status": "duplicate", "reason": reason, "asset": None})
 
-    def _license(self, source: Opened, item: Item) -> str:
+    def _license(self, source: ImportSource, item: SourceItem) -> str:
         """What the user says, else what the set is known for, else the first line of a licence file beside it."""
         if self.options.license != "unknown":
             return self.options.license
@@ -170,5 +174,5 @@ def _license_file(root: Path, file: str) -> str | None:
     return None
 
 
-def _refused(name: str, source: str, error: RefusedError, key: str) -> Outcome:
-    return Outcome(item=name, source=source, status="refused", reason=f"{error.message}; {error.remedy}", key=key)
+def _refused(name: str, source: str, error: RefusedError, key: str) -> ImportOutcome:
+    return ImportOutcome(item=name, source=source, status="refused", reason=f"{error.message}; {error.remedy}", key=key)

@@ -13,8 +13,8 @@ from pydantic import ValidationError
 
 from grs_agents.files import unwritable, write_json
 from grs_agents.library.asset import MANIFEST, Asset, Manifest, Origin, read_manifest
-from grs_agents.library.importing.source_folder import Folder
-from grs_agents.library.importing.types import ImportOptions, Outcome, RefusedError
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.types import ImportOptions, ImportOutcome, RefusedError
 
 _VERSION = "1"
 """Of what the importer makes; a new one imports everything again."""
@@ -33,16 +33,16 @@ class Journal:
 
     def __init__(self, root: Path, collection: str) -> None:
         self.path = root / "imports" / f"{collection}.jsonl"
-        self.outcomes: dict[str, Outcome] = {}
+        self.outcomes: dict[str, ImportOutcome] = {}
         if self.path.is_file():
             for line in self.path.read_text("utf-8", errors="replace").splitlines():
                 try:
-                    outcome = Outcome.model_validate_json(line)
+                    outcome = ImportOutcome.model_validate_json(line)
                 except ValidationError:
                     continue  # an import was stopped while it wrote this line
                 self.outcomes[outcome.source] = outcome
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: ImportOutcome) -> None:
         """Remember an outcome, on disk too.
 
         Raises:
@@ -58,13 +58,13 @@ class Journal:
             raise unwritable(self.path, error) from error
 
 
-def key_of(content: str, options: ImportOptions, license_: str) -> str:
+def import_key(content: str, options: ImportOptions, license_: str) -> str:
     """What an asset is made from, as one number: while it stays the same, so does the asset."""
     settings = options.model_dump_json(exclude={"limits", "license"})
     return hashlib.sha256(f"{_VERSION} {content} {settings} {license_}".encode()).hexdigest()
 
 
-def content_of(folder: Folder, files: tuple[str, ...]) -> str:
+def content_digest(folder: SourceFolder, files: tuple[str, ...]) -> str:
     """SHA-256 of the files of an item.
 
     Raises:

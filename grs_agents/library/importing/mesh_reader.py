@@ -12,8 +12,18 @@ from xml.etree import ElementTree
 import numpy as np
 
 from grs_agents.library.formats.model_file import check_xml
-from grs_agents.library.importing.source_folder import Folder, mtl_pictures
-from grs_agents.library.importing.types import Floats, Image, ImportLimits, Ints, Part, Reading, RefusedError, Unit, Up
+from grs_agents.library.importing.source_folder import SourceFolder, mtl_pictures
+from grs_agents.library.importing.types import (
+    Floats,
+    Image,
+    ImportLimits,
+    Ints,
+    MeshPart,
+    RefusedError,
+    SourceModel,
+    Unit,
+    Up,
+)
 
 SUFFIXES: Final = (".obj", ".glb", ".gltf", ".stl", ".ply", ".dae", ".msh")
 _UNITS: Final[dict[str, Unit]] = {".glb": "m", ".gltf": "m", ".dae": "m"}
@@ -25,7 +35,7 @@ _LOAD_ERRORS: Final = (*_LIBRARY_ERRORS, ImportError, ArithmeticError, SyntaxErr
 """What reading a broken file may end in."""
 
 
-def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | None = None) -> Reading:
+def read_mesh(folder: SourceFolder, name: str, limits: ImportLimits, texture: str | None = None) -> SourceModel:
     """The parts of a mesh file.
 
     Args:
@@ -42,13 +52,15 @@ def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | No
     if suffix not in SUFFIXES:
         raise RefusedError(f"{name} is not one of {', '.join(SUFFIXES)}", "convert it")
     _refuse_faces(path.name, _promised_faces(path, suffix), limits)
-    image = picture(folder.path(texture), limits.pixels) if texture else None
+    image = read_texture_image(folder.path(texture), limits.pixels) if texture else None
     if suffix == ".msh":
-        return Reading([_read_msh(path, image)])
+        return SourceModel([_read_msh(path, image)])
     scale, unit, up = 1.0, _UNITS.get(suffix, "auto"), _UPS.get(suffix, "auto")
     if suffix == ".obj" and texture is None:
         for image_name in mtl_pictures(folder, name)[1]:
-            picture(folder.path(image_name), limits.pixels, header_only=True)  # trimesh would go on without it
+            read_texture_image(
+                folder.path(image_name), limits.pixels, header_only=True
+            )  # trimesh would go on without it
     if suffix == ".dae":
         check_xml(path.read_bytes(), lambda message, remedy: RefusedError(f"{name}: {message}", remedy))
         scale, up = _dae_frame(path)
@@ -56,7 +68,7 @@ def read_mesh(folder: Folder, name: str, limits: ImportLimits, texture: str | No
     if not meshes:
         raise RefusedError(f"{name} has no faces", "export the surface, not its points")
     _refuse_faces(name, sum(len(mesh.faces) for mesh in meshes), limits)
-    return Reading([_part(mesh, scale, image, limits, name) for mesh in meshes], unit=unit, up=up)
+    return SourceModel([_part(mesh, scale, image, limits, name) for mesh in meshes], unit=unit, up=up)
 
 
 def _refuse_faces(name: str, faces: int, limits: ImportLimits) -> None:
@@ -92,7 +104,7 @@ def _dae_frame(path: Path) -> tuple[float, Up]:
     return 1.0, "y"
 
 
-def _load(path: Path, folder: Folder, name: str, limits: ImportLimits, *, blind: bool) -> list[Any]:
+def _load(path: Path, folder: SourceFolder, name: str, limits: ImportLimits, *, blind: bool) -> list[Any]:
     """The meshes with faces of a file, by trimesh."""
     import trimesh
 
@@ -121,7 +133,7 @@ def _load(path: Path, folder: Folder, name: str, limits: ImportLimits, *, blind:
 class _Resolver:
     """What trimesh opens beside a mesh file; nothing where its picture is given (``blind``)."""
 
-    def __init__(self, folder: Folder, name: str, *, blind: bool) -> None:
+    def __init__(self, folder: SourceFolder, name: str, *, blind: bool) -> None:
         self._folder, self._name, self._blind = folder, name, blind
         self.refused: RefusedError | None = None
 
@@ -150,7 +162,7 @@ class _Resolver:
         return False
 
 
-def _part(mesh: Any, scale: float, image: Image | None, limits: ImportLimits, name: str) -> Part:
+def _part(mesh: Any, scale: float, image: Image | None, limits: ImportLimits, name: str) -> MeshPart:
     """A mesh of trimesh, ``scale`` times as large."""
     vertices, faces = np.asarray(mesh.vertices, np.float64) * scale, np.asarray(mesh.faces, np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
@@ -161,8 +173,8 @@ def _part(mesh: Any, scale: float, image: Image | None, limits: ImportLimits, na
     if image is None or uvs is None:
         material = getattr(mesh.visual, "material", None)
         own = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-        image = None if own is None else picture(own, limits.pixels)
-    return Part(vertices, faces, uvs if image is not None else None, image, _colors_of(mesh, len(faces)))
+        image = None if own is None else read_texture_image(own, limits.pixels)
+    return MeshPart(vertices, faces, uvs if image is not None else None, image, _colors_of(mesh, len(faces)))
 
 
 def _uvs_of(mesh: Any, faces: Ints) -> Floats | None:
@@ -194,7 +206,7 @@ def _bytes(rgb: Any) -> Image:
     return np.clip(np.rint(values * scale), 0, 255).astype(np.uint8)
 
 
-def _read_msh(path: Path, image: Image | None) -> Part:
+def _read_msh(path: Path, image: Image | None) -> MeshPart:
     """MuJoCo's binary mesh: four counts, then positions, normals, texture coordinates and faces."""
     data = path.read_bytes()
     counts = struct.unpack("<4i", data[:16]) if len(data) >= 16 else (0, 0, 0, 0)
@@ -212,10 +224,10 @@ def _read_msh(path: Path, image: Image | None) -> Part:
         flat = numbers[3 * (vertices + normals) :].reshape(-1, 2)
         uvs = np.stack([flat[:, 0], 1 - flat[:, 1]], axis=1)[index]
     grey = np.tile(np.array(_GREY, np.uint8), (len(index), 1))
-    return Part(points, index, uvs, image if uvs is not None else None, grey)
+    return MeshPart(points, index, uvs, image if uvs is not None else None, grey)
 
 
-def picture(source: Any, pixels: int, *, header_only: bool = False) -> Image:
+def read_texture_image(source: Any, pixels: int, *, header_only: bool = False) -> Image:
     """A picture as (H, W, 3) uint8 RGB, what is transparent over white.
 
     Args:

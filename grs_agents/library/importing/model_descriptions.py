@@ -15,17 +15,26 @@ from grs_agents.library.formats.model_file import parse, read_text
 from grs_agents.library.formats.urdf import read_urdf
 from grs_agents.library.importing.convex_parts import MAX_VERTICES, convex_hull, convex_parts
 from grs_agents.library.importing.mesh_reader import read_mesh
-from grs_agents.library.importing.source_folder import Folder
-from grs_agents.library.importing.texture_atlas import joined
-from grs_agents.library.importing.types import Collider, Floats, Hull, ImportOptions, Item, Part, Reading, RefusedError
-from grs_agents.library.mesh_files import obj_text, solid_surface
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.texture_atlas import join_parts
+from grs_agents.library.importing.types import (
+    Collider,
+    ConvexHull,
+    Floats,
+    ImportOptions,
+    MeshPart,
+    RefusedError,
+    SourceItem,
+    SourceModel,
+)
+from grs_agents.library.mesh_files import obj_text, primitive_surface
 from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix
 
 _GREY = (0.7, 0.7, 0.7, 1.0)
 _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
-def read_described(folder: Folder, item: Item, options: ImportOptions) -> Reading:
+def read_description(folder: SourceFolder, item: SourceItem, options: ImportOptions) -> SourceModel:
     """What a URDF or MJCF file says, in metres with z up.
 
     Raises:
@@ -60,8 +69,8 @@ class _Stage:
         meshes: the parts of each mesh, by its file name there.
     """
 
-    def __init__(self, home: Path, source: Folder, description: str, options: ImportOptions) -> None:
-        self.home, self.meshes = home, dict[str, list[Part]]()
+    def __init__(self, home: Path, source: SourceFolder, description: str, options: ImportOptions) -> None:
+        self.home, self.meshes = home, dict[str, list[MeshPart]]()
         self._source, self._description, self._options = source, description, options
 
     def source_path(self, name: str) -> str:
@@ -84,7 +93,7 @@ class _Stage:
         reading, name = read_mesh(self._source, source, self._options.limits, texture), f"mesh{len(self.meshes)}.obj"
         turn = _Y_TO_Z if reading.up == "y" else np.eye(3)
         self.meshes[name] = [_moved(part, np.ones(3), turn, np.zeros(3)) for part in reading.parts]
-        vertices, faces = joined(self.meshes[name])
+        vertices, faces = join_parts(self.meshes[name])
         write_text(self.home / name, obj_text(vertices, faces[:1]))  # the readers want the vertices
         return name
 
@@ -132,7 +141,7 @@ def _mesh_pictures(top: Element) -> dict[str, str]:
     return {geom.get("mesh", ""): materials.get(geom.get("material"), "") for geom in top.iter("geom")}
 
 
-def _reading(model: ObjectModel, meshes: dict[str, list[Part]], has_friction: bool, max_parts: int) -> Reading:
+def _reading(model: ObjectModel, meshes: dict[str, list[MeshPart]], has_friction: bool, max_parts: int) -> SourceModel:
     """What an object shows and what of it collides; its meshes collide as at most ``max_parts`` hulls each."""
     colliders: list[Collider] = []
     notes: list[str] = []
@@ -143,7 +152,7 @@ def _reading(model: ObjectModel, meshes: dict[str, list[Part]], has_friction: bo
             notes += more
         else:
             colliders.append(shape.model_copy(update={"color": None, "texture": None}))
-    return Reading(
+    return SourceModel(
         parts=[_colored(part, shape) for shape in model.visuals for part in _parts_of(shape, meshes)],
         colliders=colliders or None,
         unit="m",
@@ -154,34 +163,34 @@ def _reading(model: ObjectModel, meshes: dict[str, list[Part]], has_friction: bo
     )
 
 
-def _parts_of(shape: Shape, meshes: dict[str, list[Part]]) -> list[Part]:
+def _parts_of(shape: Shape, meshes: dict[str, list[MeshPart]]) -> list[MeshPart]:
     """The triangles of a shape in the object's frame."""
     if shape.kind == "mesh":
         return [_placed(part, shape) for part in meshes[shape.mesh or ""]]
-    corners = solid_surface(shape).corners
-    part = Part(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    corners = primitive_surface(shape).corners
+    part = MeshPart(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
     return [_moved(part, np.ones(3), rotation_matrix(shape.quaternion), np.asarray(shape.position))]
 
 
-def _placed(part: Part, shape: Shape) -> Part:
+def _placed(part: MeshPart, shape: Shape) -> MeshPart:
     """A part of a mesh in the object's frame."""
     return _moved(part, np.asarray(shape.size), rotation_matrix(shape.quaternion), np.asarray(shape.position))
 
 
-def _moved(part: Part, scale: Floats, turn: Floats, position: Floats) -> Part:
-    return Part(part.vertices * scale @ turn.T + position, part.faces, part.uvs, part.image, part.colors)
+def _moved(part: MeshPart, scale: Floats, turn: Floats, position: Floats) -> MeshPart:
+    return MeshPart(part.vertices * scale @ turn.T + position, part.faces, part.uvs, part.image, part.colors)
 
 
-def _colored(part: Part, shape: Shape) -> Part:
+def _colored(part: MeshPart, shape: Shape) -> MeshPart:
     """A description's own colour goes over what a mesh without a picture says."""
     if part.image is not None or (shape.color is None and part.colors is not None):
         return part
     rgb = np.rint(np.array((shape.color or _GREY)[:3]) * 255).astype(np.uint8)
-    return Part(part.vertices, part.faces, part.uvs, part.image, np.tile(rgb, (len(part.faces), 1)))
+    return MeshPart(part.vertices, part.faces, part.uvs, part.image, np.tile(rgb, (len(part.faces), 1)))
 
 
-def _hulls(parts: list[Part], most: int) -> tuple[list[Hull], list[str]]:
-    vertices, faces = joined(parts)
+def _hulls(parts: list[MeshPart], most: int) -> tuple[list[ConvexHull], list[str]]:
+    vertices, faces = join_parts(parts)
     if most == 1:
         return [convex_hull(vertices, MAX_VERTICES)], []
     return convex_parts(vertices, faces, False, most)

@@ -37,7 +37,7 @@ class Objaverse(Protocol):
         ...
 
 
-class Entry(Frozen):
+class ObjaverseEntry(Frozen):
     """What is known of an object before it is downloaded.
 
     Attributes:
@@ -71,7 +71,7 @@ def load_package() -> Objaverse:
         ) from error
 
 
-def matching(door: Objaverse, words: str, most: int = 50) -> list[Entry]:
+def search_objaverse(door: Objaverse, words: str, most: int = 50) -> list[ObjaverseEntry]:
     """The objects whose title and tags have all of ``words``, those that say it in the title and are simpler first.
 
     Raises:
@@ -85,7 +85,7 @@ def matching(door: Objaverse, words: str, most: int = 50) -> list[Entry]:
     return sorted(found, key=lambda one: (-one.score, one.faces or 10**9, one.uid))[:most]
 
 
-def download(door: Objaverse, entries: Sequence[Entry], folder: Path) -> dict[str, Entry]:
+def download(door: Objaverse, entries: Sequence[ObjaverseEntry], folder: Path) -> dict[str, ObjaverseEntry]:
     """Fetch objects into a folder, each as a GLB file under a name made of its title; the entries by file name.
 
     Raises:
@@ -93,7 +93,7 @@ def download(door: Objaverse, entries: Sequence[Entry], folder: Path) -> dict[st
     """
     with _told("models cannot be downloaded"):
         paths = door.load_objects([one.uid for one in entries])
-    named: dict[str, Entry] = {}
+    named: dict[str, ObjaverseEntry] = {}
     for entry in entries:
         path = Path(paths.get(entry.uid, ""))
         if path.is_file():
@@ -133,7 +133,7 @@ def _annotations(door: Objaverse) -> Iterator[Mapping[str, Mapping[str, Any]]]:
         yield door.load_annotations(folders[folder])
 
 
-def _entries(annotations: Mapping[str, Mapping[str, Any]], wanted: set[str]) -> Iterator[Entry]:
+def _entries(annotations: Mapping[str, Mapping[str, Any]], wanted: set[str]) -> Iterator[ObjaverseEntry]:
     for uid, told in annotations.items():
         title = str(told.get("name", ""))
         tags = " ".join(str(tag.get("name", "")) for tag in told.get("tags", ()))
@@ -141,7 +141,7 @@ def _entries(annotations: Mapping[str, Mapping[str, Any]], wanted: set[str]) -> 
         if in_title | in_tags >= wanted:
             license_ = str(told.get("license", ""))
             user = cast(Mapping[str, object], told.get("user") or {})
-            yield Entry(
+            yield ObjaverseEntry(
                 uid=str(uid),
                 title=title[:200],
                 license=_LICENSES.get(license_, license_ or "unknown"),

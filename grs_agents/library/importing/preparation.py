@@ -8,24 +8,32 @@ import numpy as np
 
 from grs_agents.base import Vec3
 from grs_agents.library.asset import Asset, Origin, Physics, Quantity
-from grs_agents.library.importing.appearance import category_of, colors, is_hollow, known_hope, look, sentence, ycb_mass
+from grs_agents.library.importing.appearance import (
+    category_of,
+    color_shares,
+    is_hollow,
+    main_colors,
+    plain_description,
+    shipped_hope_asset,
+    ycb_mass,
+)
 from grs_agents.library.importing.convex_parts import MAX_VERTICES, convex_hull, convex_parts, repair_mesh
 from grs_agents.library.importing.drop_test import collider_volume, drop_test
 from grs_agents.library.importing.mesh_reader import read_mesh
-from grs_agents.library.importing.model_descriptions import read_described
-from grs_agents.library.importing.simplification import with_fewer_faces
-from grs_agents.library.importing.source_folder import Folder
-from grs_agents.library.importing.texture_atlas import one_mesh
+from grs_agents.library.importing.model_descriptions import read_description
+from grs_agents.library.importing.simplification import simplify_textured_mesh
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.texture_atlas import merge_parts
 from grs_agents.library.importing.types import (
     METRES,
     Collider,
+    ConvexHull,
     Floats,
-    Hull,
     ImportJob,
     ImportOptions,
-    Reading,
     RefusedError,
-    Solid,
+    SourceModel,
+    TexturedMesh,
     Unit,
     Up,
 )
@@ -65,7 +73,7 @@ _SIZES: Final = (0.002, 5.0)
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedAsset:
     """An asset that can be written.
 
     Attributes:
@@ -75,11 +83,11 @@ class Prepared:
     """
 
     asset: Asset
-    solid: Solid
+    solid: TexturedMesh
     colliders: tuple[Collider, ...]
 
 
-def prepare(job: ImportJob) -> Prepared:
+def prepare_asset(job: ImportJob) -> PreparedAsset:
     """Read an item and make an asset of it.
 
     Raises:
@@ -89,7 +97,7 @@ def prepare(job: ImportJob) -> Prepared:
     reading = _read(job)
     if not reading.parts:
         raise RefusedError(f"{item.file} shows nothing", "add a visual")
-    solid = one_mesh(reading.parts, options.texture)
+    solid = merge_parts(reading.parts, options.texture)
     scale, turn = _scale_and_turn(solid, reading, options)
     repaired = repair_mesh(replace(solid, vertices=solid.vertices * scale @ turn.T))
     notes = [*reading.notes, *repaired.notes]
@@ -113,15 +121,15 @@ def prepare(job: ImportJob) -> Prepared:
     result = drop_test(colliders, physics.mass.value, physics.friction.value)
     notes += [] if result.stable else [f"it does not rest as it stands: {result}"]
     shape, hollow = (*sorted(size), mesh_area(solid.vertices, solid.faces), volume), is_hollow(solid)
-    solid, more = with_fewer_faces(solid, options.faces, options.texture)
-    names = colors(solid)
+    solid, more = simplify_textured_mesh(solid, options.faces, options.texture)
+    names = main_colors(solid)
     origin = Origin(
         collection=job.collection,
         source=item.file,
         license=job.license,
         content=job.content,
         shape=tuple(float(f"{number:.6g}") for number in shape),
-        look=look(solid),
+        look=color_shares(solid),
         notes=(*notes, *more),
     )
     asset = Asset(
@@ -132,22 +140,22 @@ def prepare(job: ImportJob) -> Prepared:
         mass=physics.mass.value,
         friction=physics.friction.value,
         color=names[0],
-        description=reading.description or sentence(item.name, names, size),
+        description=reading.description or plain_description(item.name, names, size),
         hollow=hollow,
         physics=physics,
         origin=origin,
     )
-    return Prepared(asset, solid, tuple(colliders))
+    return PreparedAsset(asset, solid, tuple(colliders))
 
 
-def _read(job: ImportJob) -> Reading:
+def _read(job: ImportJob) -> SourceModel:
     item, options = job.item, job.options
-    folder = Folder(job.source, options.limits.bytes)
+    folder = SourceFolder(job.source, options.limits.bytes)
     if item.kind in ("urdf", "mjcf"):
-        return read_described(folder, item, options)
+        return read_description(folder, item, options)
     reading = read_mesh(folder, item.file, options.limits, item.texture)
     if item.kind == "hope":
-        known = known_hope(item.name, job.known)
+        known = shipped_hope_asset(item.name, job.known)
         reading = replace(reading, unit="cm", up="y")
         if known is not None:
             reading.height, reading.category = known.size[2], known.category
@@ -159,16 +167,16 @@ def _read(job: ImportJob) -> Reading:
     return reading
 
 
-def _scale_and_turn(solid: Solid, reading: Reading, options: ImportOptions) -> tuple[float, Floats]:
+def _scale_and_turn(solid: TexturedMesh, reading: SourceModel, options: ImportOptions) -> tuple[float, Floats]:
     """The scale to metres and the rotation to z up of a mesh; adds to the reading's notes what was guessed."""
     scale = METRES[_unit_of(float(np.ptp(solid.vertices, axis=0).max()), reading, options)]
     vertices, up = solid.vertices * scale, options.up if reading.up == "auto" else reading.up
     if reading.height is not None:
         up = _up_by_known_height(np.ptp(solid.vertices, axis=0) * scale, reading.height, up, reading.notes)
-    return scale, turn_up(_steadier_up(vertices, reading.notes) if up == "auto" else up)
+    return scale, rotation_to_z(_steadier_up(vertices, reading.notes) if up == "auto" else up)
 
 
-def _unit_of(extent: float, reading: Reading, options: ImportOptions) -> Unit:
+def _unit_of(extent: float, reading: SourceModel, options: ImportOptions) -> Unit:
     """The unit that the user or the format says, unless it cannot be or there is none: then a guess, with a note."""
     unit = options.unit if reading.unit == "auto" else reading.unit
     if unit == "auto":
@@ -197,7 +205,7 @@ def guess_unit(extent: float) -> tuple[Unit, str]:
     return fitting[0], note + (f" ({' and '.join(fitting[1:])} would do as well)" if len(fitting) > 1 else "")
 
 
-def turn_up(up: Up) -> Floats:
+def rotation_to_z(up: Up) -> Floats:
     """The rotation (3, 3) that takes the axis ``up`` to z."""
     return _TO_Z["z" if up == "auto" else up]
 
@@ -232,7 +240,7 @@ def _steadier_up(vertices: Floats, notes: list[str]) -> Up:
     hull = convex_hull(vertices, MAX_VERTICES)
 
     def stands(up: Up) -> bool:
-        return drop_test([Hull(hull.vertices @ turn_up(up).T, hull.faces)], 0.3, 0.6).stable
+        return drop_test([ConvexHull(hull.vertices @ rotation_to_z(up).T, hull.faces)], 0.3, 0.6).stable
 
     if stands("z") or not stands("y"):
         return "z"
@@ -240,20 +248,20 @@ def _steadier_up(vertices: Floats, notes: list[str]) -> Up:
     return "y"
 
 
-def _centred(solid: Solid, colliders: Sequence[Collider]) -> tuple[Solid, list[Collider]]:
+def _centred(solid: TexturedMesh, colliders: Sequence[Collider]) -> tuple[TexturedMesh, list[Collider]]:
     """Mesh and colliders about the centre of the mesh's bounds."""
     middle = (solid.vertices.min(axis=0) + solid.vertices.max(axis=0)) / 2
     return replace(solid, vertices=solid.vertices - middle), [_shifted(collider, middle) for collider in colliders]
 
 
 def _shifted(collider: Collider, middle: Floats) -> Collider:
-    if isinstance(collider, Hull):
-        return Hull(collider.vertices - middle, collider.faces)
+    if isinstance(collider, ConvexHull):
+        return ConvexHull(collider.vertices - middle, collider.faces)
     x, y, z = (float(value) for value in np.asarray(collider.position) - middle)
     return collider.model_copy(update={"position": (x, y, z)})
 
 
-def _physics(reading: Reading, category: str, volume: float) -> Physics:
+def _physics(reading: SourceModel, category: str, volume: float) -> Physics:
     """Mass and friction as the source says, else by volume (m^3) and category."""
     mass = reading.mass
     if mass is None:

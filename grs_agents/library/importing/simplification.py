@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.geometry.raster import barycentric
-from grs_agents.library.importing.types import Floats, Image, Ints, Solid, texture_colors
+from grs_agents.library.importing.types import Floats, Image, Ints, TexturedMesh, texture_colors
 
 _NEAREST: Final = 4
 _CHUNK: Final = 200_000
@@ -17,7 +17,7 @@ _MARGIN: Final = 1
 """Texels between the faces of a square, and around it."""
 
 
-def baked(old: Solid, vertices: Floats, faces: Ints, edge: int) -> Solid:
+def bake_texture(old: TexturedMesh, vertices: Floats, faces: Ints, edge: int) -> TexturedMesh:
     """The new mesh, painted as the old one is at the nearest places.
 
     Args:
@@ -42,7 +42,7 @@ def baked(old: Solid, vertices: Floats, faces: Ints, edge: int) -> Solid:
         part = slice(start, start + _CHUNK)
         points = np.einsum("ij,ijk->ik", weights[part], vertices[faces[owner[part]]])
         image[where[part]] = _colors(old, points, tree)
-    return Solid(vertices, faces, uvs, image.reshape(side, side, 3))
+    return TexturedMesh(vertices, faces, uvs, image.reshape(side, side, 3))
 
 
 def _covered(count: int, cell: int, inner: int, columns: int) -> tuple[Ints, Floats, Ints]:
@@ -62,7 +62,7 @@ def _covered(count: int, cell: int, inner: int, columns: int) -> tuple[Ints, Flo
     return owner[real], np.tile(weights, (len(squares), 1))[real], where[real]
 
 
-def _colors(old: Solid, points: Floats, tree: Any) -> Image:
+def _colors(old: TexturedMesh, points: Floats, tree: Any) -> Image:
     """(N, 3) colours of the old mesh at the places nearest to points, among the faces whose middles are nearest."""
     near = np.asarray(tree.batch_knn_search(points, _NEAREST)[0], np.int64).reshape(len(points), -1)
     best, chosen, at = np.full(len(points), np.inf), np.zeros(len(points), np.int64), np.zeros((len(points), 3))
@@ -81,7 +81,7 @@ _WORTH = 1.25
 """Times as many faces as there should be, from which on simplifying is worth a new texture."""
 
 
-def simplified(vertices: Floats, faces: Ints, most: int) -> tuple[Floats, Ints]:
+def simplify_mesh(vertices: Floats, faces: Ints, most: int) -> tuple[Floats, Ints]:
     """The mesh with about ``most`` faces; as it is where it has no more or ``fast-simplification`` is not installed."""
     if len(faces) <= most:
         return vertices, faces
@@ -97,12 +97,12 @@ def simplified(vertices: Floats, faces: Ints, most: int) -> tuple[Floats, Ints]:
     return np.asarray(points, np.float64) * extent + low, np.asarray(triangles, np.int64)
 
 
-def with_fewer_faces(solid: Solid, most: int, edge: int) -> tuple[Solid, list[str]]:
+def simplify_textured_mesh(solid: TexturedMesh, most: int, edge: int) -> tuple[TexturedMesh, list[str]]:
     """The solid with about ``most`` faces and a texture of at most about ``edge`` px of its own, and notes."""
     count = len(solid.faces)
     if count <= _WORTH * most:
         return solid, []
-    vertices, faces = simplified(solid.vertices, solid.faces, most)
+    vertices, faces = simplify_mesh(solid.vertices, solid.faces, most)
     if len(faces) >= count:
         return solid, [f'{count} faces: fewer need pip install "grs-agents[assets]"']
-    return baked(solid, vertices, faces, edge), [f"{count} faces became {len(faces)}"]
+    return bake_texture(solid, vertices, faces, edge), [f"{count} faces became {len(faces)}"]

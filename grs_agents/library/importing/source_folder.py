@@ -9,7 +9,7 @@ from grs_agents.library.importing.types import RefusedError
 _CONTROL: Final = 32
 
 
-class Folder:
+class SourceFolder:
     """The folder of a source; every file is named relative to it and stays inside it.
 
     Args:
@@ -44,7 +44,7 @@ class Folder:
         return path.resolve().relative_to(self.root).as_posix()
 
 
-def mtl_pictures(folder: Folder, obj: str) -> tuple[list[str], list[str]]:
+def mtl_pictures(folder: SourceFolder, obj: str) -> tuple[list[str], list[str]]:
     """The material files and colour pictures that an OBJ file names, relative to the folder.
 
     Raises:

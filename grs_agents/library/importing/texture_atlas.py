@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from grs_agents.geometry.raster import rasterise
-from grs_agents.library.importing.types import Floats, Image, Ints, Part, Solid
+from grs_agents.library.importing.types import Floats, Image, Ints, MeshPart, TexturedMesh
 
 _LARGEST = 2048
 _SMALLEST = 4
 
 
-def padded(image: Image, uvs: Floats, edge: int) -> Image:
+def pad_texture(image: Image, uvs: Floats, edge: int) -> Image:
     """The texture with its longer side at most ``edge`` px; what no triangle uses continues what is beside it.
 
     Args:
@@ -22,21 +22,21 @@ def padded(image: Image, uvs: Floats, edge: int) -> Image:
         uvs: (F, 3, 2) coordinates in 0..1 of all triangles that use it, origin at the lower left.
         edge: px.
     """
-    image = shrunk(image, _LARGEST)
+    image = shrink_image(image, _LARGEST)
     height, width = image.shape[:2]
     if min(height, width) < 2 * _SMALLEST:
         return image
     corners = np.stack([uvs[:, :, 0] * width - 0.5, (1 - uvs[:, :, 1]) * height - 0.5], axis=2)
     used = rasterise(corners, np.zeros(corners.shape[:2]), width, height).triangle >= 0
     if used.all() or not used.any():
-        return shrunk(image, edge)
+        return shrink_image(image, edge)
     color, weight = image * used[:, :, None].astype(np.float64), used.astype(np.float64)
     while max(color.shape[:2]) > edge:
         color, weight = _halved(color), _halved(weight[:, :, None])[:, :, 0]
     return np.rint(_continued(color, weight)).clip(0, 255).astype(np.uint8)
 
 
-def shrunk(image: Image, edge: int) -> Image:
+def shrink_image(image: Image, edge: int) -> Image:
     """The picture with its longer side at most ``edge`` px."""
     from PIL import Image as Pictures
 
@@ -70,7 +70,7 @@ _WELD = 1e-6
 """Corners nearer than this share of the mesh's extent are one vertex."""
 
 
-def one_mesh(parts: Sequence[Part], edge: int) -> Solid:
+def merge_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
     """All parts as one welded mesh whose picture is at most ``edge`` px wide and high.
 
     The pictures of the parts come first in the sheet, a palette of the plain colours of all others comes last.
@@ -82,7 +82,7 @@ def one_mesh(parts: Sequence[Part], edge: int) -> Solid:
     for part, has_image in zip(parts, textured, strict=True):
         if part.image is not None and part.uvs is not None and has_image:
             part_uvs.append(_untiled(part.uvs))
-            pictures.append(padded(part.image, part_uvs[-1], edge))
+            pictures.append(pad_texture(part.image, part_uvs[-1], edge))
         else:
             part_uvs.append(_swatch_uvs(swatches[: len(part.faces)], palette))
             swatches = swatches[len(part.faces) :]
@@ -92,18 +92,18 @@ def one_mesh(parts: Sequence[Part], edge: int) -> Solid:
         _within(coordinates, next(places) if has_image else boxes[-1])
         for coordinates, has_image in zip(part_uvs, textured, strict=True)
     ]
-    vertices, faces = weld(*joined(parts))
-    return Solid(vertices, faces, np.concatenate(uvs), sheet)
+    vertices, faces = weld_vertices(*join_parts(parts))
+    return TexturedMesh(vertices, faces, np.concatenate(uvs), sheet)
 
 
-def joined(parts: Sequence[Part]) -> tuple[Floats, Ints]:
+def join_parts(parts: Sequence[MeshPart]) -> tuple[Floats, Ints]:
     """The vertices and faces of all parts."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])[:-1]
     faces = [part.faces + start for part, start in zip(parts, starts, strict=True)]
     return np.concatenate([part.vertices for part in parts]), np.concatenate(faces)
 
 
-def weld(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+def weld_vertices(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Vertices at one place become one; those that no face uses are dropped."""
     used = np.unique(faces)
     extent = float(np.ptp(vertices[used], axis=0).max()) or 1.0
@@ -114,7 +114,7 @@ def weld(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     return vertices[used][first], number[faces]
 
 
-def _palette(parts: Sequence[Part]) -> tuple[Image, Ints]:
+def _palette(parts: Sequence[MeshPart]) -> tuple[Image, Ints]:
     """A picture of swatches, 16 in a row, and the number of the swatch of each face."""
     if not parts:
         return np.zeros((0, 0, 3), np.uint8), np.zeros(0, np.int64)
@@ -158,11 +158,11 @@ def _within(uvs: Floats, box: Floats) -> Floats:
 def _side_by_side(pictures: Sequence[Image], edge: int) -> tuple[Image, list[Floats]]:
     """One picture of several in a grid, and where each lies: (u, v, width, height), origin at the lower left."""
     if len(pictures) == 1:
-        return shrunk(pictures[0], edge), [np.array([0.0, 0.0, 1.0, 1.0])]
+        return shrink_image(pictures[0], edge), [np.array([0.0, 0.0, 1.0, 1.0])]
     columns = int(np.ceil(np.sqrt(len(pictures))))
     rows = -(-len(pictures) // columns)
     cell = max(4, edge // columns)
-    small = [shrunk(picture, cell - 2 * _GAP) for picture in pictures]
+    small = [shrink_image(picture, cell - 2 * _GAP) for picture in pictures]
     cell = min(cell, max(max(picture.shape[:2]) for picture in small) + 2 * _GAP)
     sheet = np.full((rows * cell, columns * cell, 3), 128, np.uint8)
     boxes: list[Floats] = []

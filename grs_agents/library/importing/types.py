@@ -70,7 +70,7 @@ class ImportOptions(Frozen):
     limits: ImportLimits = ImportLimits()
 
 
-class Item(Frozen):
+class SourceItem(Frozen):
     """One asset of a source.
 
     Attributes:
@@ -105,7 +105,7 @@ class ImportJob(Frozen):
     """
 
     source: Path
-    item: Item
+    item: SourceItem
     options: ImportOptions
     root: Path
     collection: str
@@ -114,7 +114,7 @@ class ImportJob(Frozen):
     known: tuple[Asset, ...] = ()
 
 
-class Outcome(Frozen):
+class ImportOutcome(Frozen):
     """What became of one item; a line of the journal.
 
     Attributes:
@@ -139,7 +139,7 @@ class Outcome(Frozen):
 
 
 @dataclass(frozen=True)
-class Part:
+class MeshPart:
     """Triangles of one look, as a file gives them.
 
     Attributes:
@@ -158,7 +158,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Hull:
+class ConvexHull:
     """A convex solid.
 
     Attributes:
@@ -170,11 +170,11 @@ class Hull:
     faces: Ints
 
 
-Collider = Shape | Hull
+Collider = Shape | ConvexHull
 
 
 @dataclass
-class Reading:
+class SourceModel:
     """One asset as its source describes it.
 
     Attributes:
@@ -187,7 +187,7 @@ class Reading:
         notes: what was found.
     """
 
-    parts: list[Part]
+    parts: list[MeshPart]
     colliders: list[Collider] | None = None
     unit: Unit = "auto"
     up: Up = "auto"
@@ -200,7 +200,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Solid:
+class TexturedMesh:
     """One closed or open mesh with one picture.
 
     Attributes:

@@ -77,12 +77,12 @@ class Worker:
 
 
 def _answer(line: str) -> dict[str, Any]:
-    from grs_agents.library.importing.preparation import prepare
+    from grs_agents.library.importing.preparation import prepare_asset
     from grs_agents.library.importing.writing import write_prepared
 
     try:
         job = ImportJob.model_validate_json(line)
-        asset = write_prepared(job.root, prepare(job))
+        asset = write_prepared(job.root, prepare_asset(job))
     except InputError as error:
         return {"refused": isinstance(error, RefusedError), "message": error.message, "remedy": error.remedy}
     except MemoryError:

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.library import Library
-from grs_agents.library.posed_meshes import Triangles, gather_posed
-from grs_agents.library.shapes import HERE
+from grs_agents.library.posed_meshes import Triangles, posed_triangles
+from grs_agents.library.shapes import IDENTITY_PLACEMENT
 from grs_agents.perception.matching.color_histogram import histograms, opponent_colors
 from grs_agents.perception.matching.feature_cache import Arrays, cached, key_of, store
 from grs_agents.perception.surfaces import Tree, quarter_turns
@@ -114,7 +114,7 @@ def _appearance(name: str, roots: tuple[Path, ...], path: Path, modified: int) -
 
 def _worked_out(name: str, library: Library) -> Arrays:
     """The arrays of `Appearance`."""
-    triangles = gather_posed([(name, HERE)], library)
+    triangles = posed_triangles([(name, IDENTITY_PLACEMENT)], library)
     corners = triangles.corners
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     rng = np.random.default_rng(0)

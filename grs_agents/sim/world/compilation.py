@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from grs_agents.engine import mujoco
 from grs_agents.library import Library, ObjectModel, Shape
-from grs_agents.library.mesh_files import solid_volume
+from grs_agents.library.mesh_files import convex_volume
 from grs_agents.library.mujoco_shapes import add_shape
 from grs_agents.library.shapes import shape_volume
 from grs_agents.sim.arms.arm import Arm
@@ -319,7 +319,7 @@ def _volume(shape: Shape, library: Library) -> float:
     """Of a collider, m^3; the parts of an object share its mass in this proportion."""
     if shape.kind != "mesh":
         return shape_volume(shape)
-    return max(float(abs(np.prod(shape.size))) * solid_volume(library.mesh_path(shape.mesh or "")), 1e-12)
+    return max(float(abs(np.prod(shape.size))) * convex_volume(library.mesh_path(shape.mesh or "")), 1e-12)
 
 
 def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -> Any:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from grs_agents.config import Limits
 from grs_agents.errors import InputError
-from grs_agents.library import Library, resolve, stems
+from grs_agents.library import Library, resolve_template, template_stems
 from grs_agents.sim.arms.registry import DEFAULT
 from grs_agents.sim.instance.instance import LARGEST_VALUE
 from grs_agents.sim.world import budget
@@ -134,7 +134,7 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
         return base
     for row in replace.values():
         _array(row)
-    values = resolve({**before, **_positive(replace, defaults)}, defaults)[0]
+    values = resolve_template({**before, **_positive(replace, defaults)}, defaults)[0]
     _check_lengths(base, values)
     library.filled(base, values)
     name = f"{base}#{sorted(values.items())}"
@@ -165,7 +165,7 @@ def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[
     defaults = library.template_defaults(base)
     if not defaults:
         return ["it is no template, used as it is"]
-    known, assumed = stems(defaults), resolve(_positive(replace, defaults), defaults)[1]
+    known, assumed = template_stems(defaults), resolve_template(_positive(replace, defaults), defaults)[1]
     found = [f"{stem} left out takes its default {_row(row)}" for stem, row in assumed.items()]
     found += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
     negative = [

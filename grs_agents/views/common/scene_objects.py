@@ -16,9 +16,9 @@ from pydantic import ValidationError
 
 from grs_agents.base import Pose
 from grs_agents.library import Library, Shape
-from grs_agents.library.asset_views import FINER, Lens, paint, samples_of
+from grs_agents.library.asset_views import FINER, Lens, painted_shapes, render_samples
 from grs_agents.library.colors import COLORS
-from grs_agents.library.shapes import moved, rotation_matrix
+from grs_agents.library.shapes import moved_shape, rotation_matrix
 from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world.compilation import model_of
 
@@ -132,7 +132,7 @@ def twin_picture(
     shapes += library.model(background).visuals if background else ()
     fine, deep = _table(lens, pose)
     if shapes:
-        painted = paint(library, shapes)
+        painted = painted_shapes(library, shapes)
         local = (painted.corners - pose[:3, 3]) @ pose[:3, :3]
         ahead = (local[:, :, 2] > _NEAREST).all(axis=1)
         part = replace(
@@ -142,7 +142,7 @@ def twin_picture(
             colors=painted.colors[ahead],
             texture=painted.texture[ahead],
         )
-        colors, depth = samples_of(part, local[ahead], lens)
+        colors, depth = render_samples(part, local[ahead], lens)
         seen = (colors[:, :, 3] > 0) & (depth < deep + _MARK)
         fine[seen] = colors[seen, :3]
     pixels = fine.reshape(lens.height // FINER, FINER, width, FINER, 3).mean(axis=(1, 3))
@@ -154,10 +154,13 @@ def _shown(thing: InstanceObject, library: Library) -> list[Shape]:
     model = model_of(thing, library)
     shapes = model.visuals or model.colliders
     if thing.color:
-        return [moved(shape, thing.pose).model_copy(update={"color": thing.color, "texture": None}) for shape in shapes]
+        return [
+            moved_shape(shape, thing.pose).model_copy(update={"color": thing.color, "texture": None})
+            for shape in shapes
+        ]
     named = COLORS.get(library.asset(thing.asset).color if thing.asset in library else "", COLORS["gray"])
     bare = {"color": (*named, 1.0)}
-    placed = [moved(shape, thing.pose) for shape in shapes]
+    placed = [moved_shape(shape, thing.pose) for shape in shapes]
     return [shape if shape.color or shape.texture else shape.model_copy(update=bare) for shape in placed]
 
 

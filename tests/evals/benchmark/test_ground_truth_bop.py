@@ -13,8 +13,8 @@ from evals.benchmark.pose_errors import object_figures
 from evals.synthesis import Recipe, SynthesisedScene, synthesise
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.library.posed_meshes import gather_posed
-from grs_agents.library.shapes import HERE, rotation_matrix
+from grs_agents.library.posed_meshes import posed_triangles
+from grs_agents.library.shapes import IDENTITY_PLACEMENT, rotation_matrix
 from grs_agents.perception import candidates_of, find_table
 
 RECIPE = Recipe(seed=11, objects=4, distractors=0, tilt=55.0, sensor="time_of_flight", width=320, height=240)
@@ -49,7 +49,7 @@ def bop(scene: SynthesisedScene, tmp_path_factory: pytest.TempPathFactory) -> Pa
         assert one.position is not None and one.orientation is not None
         mask = (scene.seen.labels == one.id).astype(np.uint8) * 255
         cv2.imwrite(str(folder / "mask_visib" / f"000003_{index:06d}.png"), mask)
-        points = gather_posed([(one.asset, HERE)], Library()).corners.reshape(-1, 3)
+        points = posed_triangles([(one.asset, IDENTITY_PLACEMENT)], Library()).corners.reshape(-1, 3)
         (root / "models" / f"obj_{one.id:06d}.ply").write_text(_ply(1000 * points))
         rotation = pose[:3, :3].T @ rotation_matrix(one.orientation)
         shift = 1000 * pose[:3, :3].T @ (np.array(one.position) - pose[:3, 3])

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.library.importing.appearance import known_hope
-from grs_agents.library.importing.archives import HOPE, opened
-from grs_agents.library.importing.drop_test import verify
-from grs_agents.library.importing.importer import Importing
+from grs_agents.library.importing.appearance import shipped_hope_asset
+from grs_agents.library.importing.archives import HOPE, open_source
+from grs_agents.library.importing.drop_test import verify_asset
+from grs_agents.library.importing.importer import ImportRun
 from grs_agents.library.importing.types import ImportOptions
 from tests.needs import needs
 
@@ -23,17 +23,17 @@ FOLDER = os.environ.get("HOPE_MESHES", "")
 @pytest.mark.timeout(1500)
 def test_all_13_kinds_are_metric_upright_and_rest(tmp_path: Path) -> None:
     shipped, options = Library().assets(), ImportOptions()
-    with opened(FOLDER or HOPE, options) as source:
+    with open_source(FOLDER or HOPE, options) as source:
         hope = [item for item in source.items if item.kind == "hope"]
-        outcomes = Importing(tmp_path, "hope", options, shipped, jobs=2).run(source, lambda *_: None)
+        outcomes = ImportRun(tmp_path, "hope", options, shipped, jobs=2).run(source, lambda *_: None)
     assert len(hope) == 13
     names = {item.file for item in hope}
     assert {one.status for one in outcomes if one.source in names} == {"imported"}
     library = Library(tmp_path)
     for item in hope:
-        asset, known = library.asset(f"hope/{item.name}.urdf"), known_hope(item.name, shipped)
+        asset, known = library.asset(f"hope/{item.name}.urdf"), shipped_hope_asset(item.name, shipped)
         assert known is not None
         assert sorted(asset.size) == pytest.approx(sorted(known.size), abs=0.008)  # orange_juice is 7 mm wider
         assert asset.size[2] == pytest.approx(known.size[2], rel=0.03)
-        verdict = verify(library, asset)
+        verdict = verify_asset(library, asset)
         assert verdict.ok and verdict.rests, verdict

@@ -5,29 +5,29 @@ from pathlib import Path
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.library.importing.archives import opened
-from grs_agents.library.importing.drop_test import colliders_of, drop_test, verify
-from grs_agents.library.importing.importer import Importing
+from grs_agents.library.importing.archives import open_source
+from grs_agents.library.importing.drop_test import colliders_of, drop_test, verify_asset
+from grs_agents.library.importing.importer import ImportRun
 from grs_agents.library.importing.journal import Journal
-from grs_agents.library.importing.types import ImportOptions, Outcome
+from grs_agents.library.importing.types import ImportOptions, ImportOutcome
 from grs_agents.library.importing.writing import view_path
 from tests.library.importing import models
 
 
 def run(
     source: Path, root: Path, collection: str = "mine", again: bool = False, faces: int = 12_000
-) -> dict[str, tuple[Outcome, bool]]:
+) -> dict[str, tuple[ImportOutcome, bool]]:
     """Import a source; each outcome by its item's name, and whether it was known before."""
-    told: dict[str, tuple[Outcome, bool]] = {}
+    told: dict[str, tuple[ImportOutcome, bool]] = {}
     options = ImportOptions(faces=faces)
-    with opened(str(source), options) as found:
-        order = Importing(root, collection, options, Library().assets(), again)
+    with open_source(str(source), options) as found:
+        order = ImportRun(root, collection, options, Library().assets(), again)
         order.run(found, lambda outcome, old: told.update({outcome.item: (outcome, old)}))
     return told
 
 
 @pytest.fixture(scope="module")
-def imported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, tuple[Outcome, bool]]]:
+def imported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, tuple[ImportOutcome, bool]]]:
     """A mixed folder with a copy and a broken file, imported once."""
     source, root = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("root")
     models.write_many(source)
@@ -37,7 +37,7 @@ def imported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
 
 
 def test_a_mixed_folder_is_imported_and_what_is_broken_is_refused(
-    imported: tuple[Path, dict[str, tuple[Outcome, bool]]],
+    imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]],
 ) -> None:
     _, told = imported
     states = {name: outcome.status for name, (outcome, _) in told.items()}
@@ -48,17 +48,17 @@ def test_a_mixed_folder_is_imported_and_what_is_broken_is_refused(
 
 
 def test_every_import_is_whole_and_rests_two_seconds_on_a_table(
-    imported: tuple[Path, dict[str, tuple[Outcome, bool]]],
+    imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]],
 ) -> None:
     library = Library(imported[0])
     assert len(library.assets()) == 6
     for asset in library.assets():
-        verdict = verify(library, asset)
+        verdict = verify_asset(library, asset)
         assert verdict.ok and verdict.rests, verdict
         assert all(view_path(imported[0], asset.name, number).is_file() for number in range(3))
 
 
-def test_units_up_axes_and_sizes_are_metric(imported: tuple[Path, dict[str, tuple[Outcome, bool]]]) -> None:
+def test_units_up_axes_and_sizes_are_metric(imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]]) -> None:
     library = Library(imported[0])
     sizes = {asset.kind: asset.size for asset in library.assets()}
     assert sizes["tin"] == pytest.approx((0.066, 0.066, 0.08), abs=1e-3)  # millimetres
@@ -67,7 +67,7 @@ def test_units_up_axes_and_sizes_are_metric(imported: tuple[Path, dict[str, tupl
     assert sizes["bowl"] == pytest.approx((0.16, 0.16, 0.06), abs=2e-3)
 
 
-def test_physics_tell_where_they_come_from(imported: tuple[Path, dict[str, tuple[Outcome, bool]]]) -> None:
+def test_physics_tell_where_they_come_from(imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]]) -> None:
     physics = {asset.kind: asset.physical() for asset in Library(imported[0]).assets()}
     assert physics["block"].mass.value == 0.4
     assert physics["block"].mass.provenance == "catalogue"
@@ -77,12 +77,12 @@ def test_physics_tell_where_they_come_from(imported: tuple[Path, dict[str, tuple
     assert physics["crate"].mass.deviation > physics["bowl"].mass.deviation > physics["block"].mass.deviation
 
 
-def test_a_bowl_is_hollow_and_a_box_is_not(imported: tuple[Path, dict[str, tuple[Outcome, bool]]]) -> None:
+def test_a_bowl_is_hollow_and_a_box_is_not(imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]]) -> None:
     hollow = {asset.kind for asset in Library(imported[0]).assets() if asset.hollow}
     assert hollow == {"bowl"}
 
 
-def test_colours_come_from_textures_and_materials(imported: tuple[Path, dict[str, tuple[Outcome, bool]]]) -> None:
+def test_colours_come_from_textures_and_materials(imported: tuple[Path, dict[str, tuple[ImportOutcome, bool]]]) -> None:
     colors = {asset.kind: asset.color for asset in Library(imported[0]).assets()}
     assert colors["crate"] == "green" and colors["block"] == "yellow" and colors["carton"] in ("red", "blue")
 

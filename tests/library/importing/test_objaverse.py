@@ -15,7 +15,7 @@ import pytest
 import trimesh
 
 from grs_agents.errors import InputError
-from grs_agents.library.importing.objaverse import download, load_package, matching
+from grs_agents.library.importing.objaverse import download, load_package, search_objaverse
 from tests.needs import require
 
 TOLD: dict[str, dict[str, object]] = {
@@ -60,7 +60,7 @@ def host(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_the_real_package_lists_and_downloads(host: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = matching(load_package(), "red mug")
+    found = search_objaverse(load_package(), "red mug")
     assert [(one.uid, one.license, one.faces) for one in found] == [("a1", "CC-BY-4.0", 12), ("b2", "CC-BY-NC-4.0", 0)]
     assert not (tmp_path / "cache" / "hf-objaverse-v1" / "glbs").exists()
     named = download(load_package(), found[:1], tmp_path)
@@ -72,7 +72,7 @@ def test_what_is_cut_off_or_not_there_is_said(host: Path) -> None:
     whole = (host / "metadata" / "000-001.json.gz").read_bytes()
     (host / "metadata" / "000-001.json.gz").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"metadata cannot be loaded.*objaverse"):
-        matching(load_package(), "red mug")
+        search_objaverse(load_package(), "red mug")
 
 
 def test_metadata_is_read_folder_by_folder() -> None:
@@ -83,5 +83,5 @@ def test_metadata_is_read_folder_by_folder() -> None:
         return {uid: TOLD[uid] for uid in uids}
 
     door: Any = SimpleNamespace(_load_object_paths=lambda: PLACES, load_annotations=load)
-    assert [one.uid for one in matching(door, "red")] == ["a1", "c3", "b2"]
+    assert [one.uid for one in search_objaverse(door, "red")] == ["a1", "c3", "b2"]
     assert asked == [["a1"], ["b2", "c3"]]

@@ -13,11 +13,11 @@ from grs_agents.library.asset import Quantity
 from grs_agents.library.importing.convex_parts import convex_hull, convex_parts
 from grs_agents.library.importing.discovery import slug_of
 from grs_agents.library.importing.drop_test import collider_volume, drop_test
-from grs_agents.library.importing.preparation import guess_unit, turn_up, up_by_height
-from grs_agents.library.importing.simplification import with_fewer_faces
-from grs_agents.library.importing.source_folder import Folder
-from grs_agents.library.importing.texture_atlas import one_mesh
-from grs_agents.library.importing.types import Hull, Part, RefusedError, Up
+from grs_agents.library.importing.preparation import guess_unit, rotation_to_z, up_by_height
+from grs_agents.library.importing.simplification import simplify_textured_mesh
+from grs_agents.library.importing.source_folder import SourceFolder
+from grs_agents.library.importing.texture_atlas import merge_parts
+from grs_agents.library.importing.types import ConvexHull, MeshPart, RefusedError, Up
 from tests.library.importing import models
 
 
@@ -28,7 +28,7 @@ def test_the_unit_is_that_in_which_a_thing_is_usual(extent: float, unit: str) ->
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_what_is_up_comes_to_z(axis: Up) -> None:
-    turn = turn_up(axis)
+    turn = rotation_to_z(axis)
     assert np.allclose(turn @ np.eye(3)["xyz".index(axis)], (0, 0, 1))
     assert np.isclose(np.linalg.det(turn), 1)
 
@@ -67,9 +67,9 @@ def test_a_decomposed_bowl_has_room_inside() -> None:
 
 def test_what_cannot_stand_falls() -> None:
     cone = trimesh.creation.cone(0.03, 0.1)
-    upright = Hull(np.asarray(cone.vertices), np.asarray(cone.faces))
+    upright = ConvexHull(np.asarray(cone.vertices), np.asarray(cone.faces))
     assert drop_test([upright], 0.2, 0.6).stable
-    assert not drop_test([Hull(-upright.vertices, upright.faces)], 0.2, 0.6).stable
+    assert not drop_test([ConvexHull(-upright.vertices, upright.faces)], 0.2, 0.6).stable
 
 
 def test_parts_become_one_mesh_that_looks_the_same() -> None:
@@ -78,7 +78,7 @@ def test_parts_become_one_mesh_that_looks_the_same() -> None:
     uvs = np.tile([[0.2, 0.2], [0.8, 0.2], [0.5, 0.8]], (12, 1, 1))
     red = np.full((16, 16, 3), models.RED, np.uint8)
     plain = np.full((12, 3), models.BLUE, np.uint8)
-    merged = one_mesh([Part(vertices, faces, uvs, red), Part(vertices + 1, faces, None, None, plain)], 256)
+    merged = merge_parts([MeshPart(vertices, faces, uvs, red), MeshPart(vertices + 1, faces, None, None, plain)], 256)
     assert len(merged.faces) == 24 and len(merged.vertices) == 16
     height, width = merged.image.shape[:2]
     at = merged.uvs.mean(axis=1)
@@ -92,8 +92,8 @@ def test_a_simplified_mesh_keeps_its_size_and_its_colours() -> None:
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
     height = vertices[faces].mean(axis=1)[:, 2]
     colors = np.where(height[:, None] > 0, models.RED, models.BLUE).astype(np.uint8)
-    solid = one_mesh([Part(vertices, faces, None, None, colors)], 256)
-    fewer, notes = with_fewer_faces(solid, 500, 256)
+    solid = merge_parts([MeshPart(vertices, faces, None, None, colors)], 256)
+    fewer, notes = simplify_textured_mesh(solid, 500, 256)
     assert len(fewer.faces) <= 520 and notes
     assert np.allclose(np.ptp(fewer.vertices, axis=0), 0.1, atol=0.004)
     rows, columns = fewer.image.shape[:2]
@@ -116,7 +116,7 @@ def test_names_that_leave_the_folder_are_refused(tmp_path: Path, name: str) -> N
     (tmp_path / "x").write_text("secret")
     (home / "link").symlink_to(tmp_path / "x")
     with pytest.raises(RefusedError):
-        Folder(home, 1000).path(name)
+        SourceFolder(home, 1000).path(name)
 
 
 @given(st.floats(0.001, 10), st.floats(0, 1), st.integers(0, 1000))

@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.library.importing.convex_parts import repair_mesh
-from grs_agents.library.importing.types import Ints, Solid
+from grs_agents.library.importing.types import Ints, TexturedMesh
 from grs_agents.library.mesh_files import mesh_volume
 
 SPHERE: Any = trimesh.creation.icosphere(2, 0.05)
 
 
-def solid(faces: Ints) -> Solid:
+def solid(faces: Ints) -> TexturedMesh:
     """Faces over the sphere's vertices, with a coordinate for each corner."""
     uvs = np.random.default_rng(0).uniform(size=(len(faces), 3, 2))
-    return Solid(np.asarray(SPHERE.vertices, np.float64), faces, uvs, np.zeros((4, 4, 3), np.uint8))
+    return TexturedMesh(np.asarray(SPHERE.vertices, np.float64), faces, uvs, np.zeros((4, 4, 3), np.uint8))
 
 
 @settings(max_examples=25, deadline=None)
@@ -55,5 +55,7 @@ def test_an_opening_stays_an_opening() -> None:
     sides = np.abs(pipe.face_normals[:, 2]) < 0.5
     faces = np.asarray(pipe.faces, np.int64)[sides]
     uvs = np.zeros((len(faces), 3, 2))
-    repaired = repair_mesh(Solid(np.asarray(pipe.vertices, np.float64), faces, uvs, np.zeros((2, 2, 3), np.uint8)))
+    repaired = repair_mesh(
+        TexturedMesh(np.asarray(pipe.vertices, np.float64), faces, uvs, np.zeros((2, 2, 3), np.uint8))
+    )
     assert not repaired.watertight and "not watertight" in repaired.notes[-1]

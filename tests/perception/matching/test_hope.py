@@ -14,8 +14,8 @@ from evals.benchmark.ground_truth import LabelledScene, read_labelled
 from evals.benchmark.match_types import scores
 from evals.synthesis import Recipe, recipes, synthesise
 from grs_agents.library import Library
-from grs_agents.library.importing.archives import HOPE, opened
-from grs_agents.library.importing.importer import Importing
+from grs_agents.library.importing.archives import HOPE, open_source
+from grs_agents.library.importing.importer import ImportRun
 from grs_agents.library.importing.types import ImportOptions
 from grs_agents.perception import candidates_of, find_table
 from grs_agents.perception.matching.feature_matcher import by_features
@@ -31,8 +31,8 @@ def hope(tmp_path_factory: pytest.TempPathFactory) -> Library:
     if IMPORTED:
         return Library(Path(IMPORTED))
     root, options = tmp_path_factory.mktemp("hope"), ImportOptions()
-    with opened(FOLDER or HOPE, options) as source:
-        Importing(root, "hope", options, Library().assets(), jobs=2).run(source, lambda *_: None)
+    with open_source(FOLDER or HOPE, options) as source:
+        ImportRun(root, "hope", options, Library().assets(), jobs=2).run(source, lambda *_: None)
     return Library(root)
 
 

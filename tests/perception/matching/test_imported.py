@@ -4,8 +4,8 @@ from pathlib import Path
 
 from evals.synthesis import Recipe
 from grs_agents.library import Library
-from grs_agents.library.importing.archives import opened
-from grs_agents.library.importing.importer import Importing
+from grs_agents.library.importing.archives import open_source
+from grs_agents.library.importing.importer import ImportRun
 from grs_agents.library.importing.types import ImportOptions
 from grs_agents.perception.matching.feature_matcher import by_features
 from tests.library.importing import models
@@ -16,8 +16,8 @@ def test_imported_things_match_themselves(tmp_path: Path) -> None:
     models.write_many(tmp_path / "mixed")
     models.write_ycb(tmp_path / "ycb")
     for name in ("mixed", "ycb"):
-        with opened(str(tmp_path / name), ImportOptions()) as source:
-            Importing(tmp_path / "root", name, ImportOptions(), Library().assets()).run(source, lambda *_: None)
+        with open_source(str(tmp_path / name), ImportOptions()) as source:
+            ImportRun(tmp_path / "root", name, ImportOptions(), Library().assets()).run(source, lambda *_: None)
     library = Library(tmp_path / "root")
     assert len(library.things()) == 7
     recipe = Recipe(seed=1, objects=7, distractors=0, tilt=40, width=480, height=360)

@@ -6,7 +6,7 @@ import pytest
 from sim_scenes import at
 
 from grs_agents.library import Library
-from grs_agents.library.mesh_files import solid_volume
+from grs_agents.library.mesh_files import convex_volume
 from grs_agents.perception.proxies.meshes import box_mesh, obj_text, turned_mesh
 from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world.compilation import build
@@ -46,4 +46,4 @@ def test_the_volume_of_a_mesh_does_not_depend_on_how_its_faces_are_turned(tmp_pa
     turned = np.where((np.arange(len(faces)) % 2 == 0)[:, None], faces, faces[:, ::-1])
     (tmp_path / "solid.obj").write_text(obj_text((vertices + 5, turned)))
     prism = 32 * 2**2 * math.sin(2 * math.pi / 32) / 2 * 2  # 32 sides
-    assert solid_volume(tmp_path / "solid.obj") == pytest.approx(prism, rel=1e-3)
+    assert convex_volume(tmp_path / "solid.obj") == pytest.approx(prism, rel=1e-3)
