@@ -75,7 +75,7 @@ def same_looks(library: Library) -> dict[str, str]:
     """For each asset the first of those that look exactly like it, which no method can tell from it."""
     first: dict[str, str] = {}
     found: dict[str, str] = {}
-    for asset in library.things():
+    for asset in library.everyday_assets():
         looks = repr(library.model(asset.name).visuals)
         found[asset.name] = first.setdefault(looks, asset.name)
     return found

@@ -149,7 +149,7 @@ def synthesise(recipe: Recipe, library: Library) -> SynthesisedScene:
 
 def _chosen(count: int, library: Library, rng: np.random.Generator) -> list[str]:
     """Different things of the library, cubes counting as one, for as long as there are enough."""
-    things = [asset for asset in library.things() if asset.category != "proxy"]
+    things = [asset for asset in library.everyday_assets() if asset.category != "proxy"]
     groups: dict[str, list[str]] = {}
     for asset in things:
         groups.setdefault(asset.category if asset.category == "cube" else asset.name, []).append(asset.name)

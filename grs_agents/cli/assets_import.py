@@ -193,15 +193,15 @@ def import_objaverse(words: str, library: Path | None, options: ImportOptions, c
         ConfigError: the package is not installed.
         InputError: nothing matches, or Objaverse cannot be reached.
     """
-    door = load_package()
-    found = search_objaverse(door, words)
+    package = load_package()
+    found = search_objaverse(package, words)
     if not found:
         raise InputError(f"nothing in Objaverse matches {words!r}", "use fewer or other words")
     if count == 0:
         _list(found, as_json)
         return 0
     with tempfile.TemporaryDirectory(prefix="grs-objaverse-") as name:
-        named = download(door, found[:count], Path(name))
+        named = download(package, found[:count], Path(name))
         items = tuple(
             SourceItem(kind="mesh", name=Path(file).stem, file=file, license=entry.license)
             for file, entry in named.items()

@@ -33,11 +33,9 @@ class Quantity(Frozen):
     def draw(self, rng: np.random.Generator) -> float:
         """A value for one randomised scene: log-normal around ``value``, within a factor of 4."""
         spread = float(np.log1p(self.deviation))
-        return (
-            self.value * float(np.exp(np.clip(rng.normal(0.0, spread), -np.log(4), np.log(4))))
-            if spread
-            else self.value
-        )
+        if spread == 0:
+            return self.value
+        return self.value * float(np.exp(np.clip(rng.normal(0.0, spread), -np.log(4), np.log(4))))
 
 
 class Physics(Frozen):

@@ -102,29 +102,15 @@ def asset_views(
         UnknownNameError: nothing has that name.
         InputError: its files are faulty, or a number is out of range.
     """
-    painted = painted_asset(library, name)
-    center, distance, focal = framing_camera(painted, size, field_of_view)
-    return tuple(_view(painted, center, one, distance, focal, size) for one in directions)
-
-
-def painted_asset(library: Library, name: str) -> Painted:
-    """What is seen of an asset, or what collides where nothing is seen; errors as `asset_views`."""
-    model = library.model(name)
-    return painted_shapes(library, model.visuals or model.colliders, library.asset(name).color)
-
-
-def framing_camera(painted: Painted, size: int, field_of_view: float) -> tuple[Floats, float, float]:
-    """The point that views look at (m), the camera's distance from it (m) and its focal length (px).
-
-    Raises:
-        InputError: a number is out of range.
-    """
     if not 8 <= size <= 4096 or not 1 <= field_of_view <= 120:
         raise InputError(f"views of {size} px and {field_of_view:g} degrees", "ask for 8 to 4096 px, 1 to 120 degrees")
+    model = library.model(name)
+    painted = painted_shapes(library, model.visuals or model.colliders, library.asset(name).color)
     low, high = painted.corners.min(axis=(0, 1)), painted.corners.max(axis=(0, 1))
-    center, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+    radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6)
     distance = 1.02 * radius / float(np.sin(np.deg2rad(field_of_view) / 2))
-    return center, distance, size / 2 / float(np.tan(np.deg2rad(field_of_view) / 2))
+    focal = size / 2 / float(np.tan(np.deg2rad(field_of_view) / 2))
+    return tuple(_view(painted, (low + high) / 2, towards, distance, focal, size) for towards in directions)
 
 
 def painted_shapes(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Painted:
@@ -185,34 +171,24 @@ def _unit(around: float, up: float) -> Vec3:
     return (float(np.cos(up) * np.cos(around)), float(np.cos(up) * np.sin(around)), float(np.sin(up)))
 
 
-def camera_axes(direction: Floats) -> Floats:
+def _view(painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int) -> AssetView:
+    length = float(np.linalg.norm(towards))
+    if not np.isfinite(length) or length < 1e-9:
+        raise InputError(f"view direction {towards}", "give a vector that is not zero")
+    direction, edge = np.asarray(towards, dtype=np.float64) / length, size * FINER
+    local, middle = (painted.corners - center) @ _camera_axes(direction).T + (0.0, 0.0, distance), (edge - 1) / 2
+    fine, deep = render_samples(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
+    x, y, z = direction.tolist()
+    return AssetView(_mean_color(fine, size), _nearest_depth(deep, size), (x, y, z), distance, focal)
+
+
+def _camera_axes(direction: Floats) -> Floats:
     """The rotation (3, 3) whose rows are a camera's right, down and forward as it looks against ``direction``."""
     forward = -direction
     up = (0.0, 0.0, 1.0) if abs(float(direction[2])) < 0.999 else (1.0, 0.0, 0.0)
     right = np.cross(forward, up)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(forward, right), forward])
-
-
-def unit_direction(towards: Vec3) -> Floats:
-    """A direction with length 1.
-
-    Raises:
-        InputError: it has none.
-    """
-    length = float(np.linalg.norm(towards))
-    if not np.isfinite(length) or length < 1e-9:
-        raise InputError(f"view direction {towards}", "give a vector that is not zero")
-    return np.asarray(towards, dtype=np.float64) / length
-
-
-def _view(painted: Painted, center: Floats, towards: Vec3, distance: float, focal: float, size: int) -> AssetView:
-    direction = unit_direction(towards)
-    axes, edge = camera_axes(direction), size * FINER
-    local = (painted.corners - center) @ axes.T + (0.0, 0.0, distance)
-    middle = (edge - 1) / 2
-    fine, deep = render_samples(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
-    return view_of_samples(fine, deep, direction, distance, focal)
 
 
 @dataclass(frozen=True)
@@ -252,13 +228,6 @@ def render_samples(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats,
     return fine, deep
 
 
-def view_of_samples(fine: Floats, deep: Floats, direction: Floats, distance: float, focal: float) -> AssetView:
-    """A view of `FINER` times as many rows and columns of samples: colour and coverage (.., .., 4), and depth, m."""
-    size = len(fine) // FINER
-    x, y, z = (float(value) for value in direction)
-    return AssetView(_mean(fine, size), _nearest(deep, size), (x, y, z), distance, focal)
-
-
 def _normals(corners: Floats) -> Floats:
     """(T, 3) unit normals of triangles (T, 3, 3); zero where one has no area."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -291,13 +260,14 @@ def _wrapped(values: Floats) -> Floats:
     return np.where((values >= 0) & (values <= 1), values, values % 1)
 
 
-def _mean(fine: Floats, size: int) -> Image:
+def _mean_color(fine: Floats, size: int) -> Image:
     """(size, size, 4) uint8 of premultiplied samples."""
     total = fine.reshape(size, FINER, size, FINER, 4).mean(axis=(1, 3))
     total[:, :, :3] /= np.maximum(total[:, :, 3:], 1e-9)
     return np.rint(np.clip(total, 0, 1) * 255).astype(np.uint8)
 
 
-def _nearest(deep: Floats, size: int) -> npt.NDArray[np.float32]:
+def _nearest_depth(deep: Floats, size: int) -> npt.NDArray[np.float32]:
+    """(size, size) of the samples of each pixel, 0 where nothing is."""
     samples = np.where(deep > 0, deep, np.inf).reshape(size, FINER, size, FINER).min(axis=(1, 3))
     return np.where(np.isfinite(samples), samples, 0).astype(np.float32)

@@ -60,10 +60,9 @@ def facts_line(asset: Asset) -> str:
     """Size, mass with its provenance, and licence of an asset in one line."""
     x, y, z = (f"{100 * extent:.1f}" for extent in asset.size)
     mass = asset.physical().mass
-    told = f"{x} x {y} x {z} cm, {1000 * mass.value:.0f} g ({mass.provenance})"
-    return (
-        told + (f", {asset.origin.license}" if asset.origin is not None else "") + (", hollow" if asset.hollow else "")
-    )
+    license_ = f", {asset.origin.license}" if asset.origin is not None else ""
+    hollow = ", hollow" if asset.hollow else ""
+    return f"{x} x {y} x {z} cm, {1000 * mass.value:.0f} g ({mass.provenance}){license_}{hollow}"
 
 
 def over_white(view: AssetView) -> Image:

@@ -1,16 +1,16 @@
 """The assets of one or more folders, found by name."""
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from grs_agents import content
-from grs_agents.base import Vec3
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.foreign import member, read_text
 from grs_agents.library.asset import Asset, read_manifest
+from grs_agents.library.colors import color_name
+from grs_agents.library.formats.mjcf import read_mjcf
 from grs_agents.library.formats.urdf import read_urdf
 from grs_agents.library.shapes import ObjectModel
 from grs_agents.library.templates import Value, Values, fill_template
-from grs_agents.library.user_models import read_model_file, user_model_asset, user_model_names, user_model_path
 
 
 class Library:
@@ -130,18 +130,9 @@ class Library:
         laid._models = {name: model for name, model in self._models.items() if laid._origin(name) == self._origin(name)}
         return laid
 
-    def things(self) -> tuple[Asset, ...]:
+    def everyday_assets(self) -> tuple[Asset, ...]:
         """The assets that can stand on a real table: no templates, no marks, no parts of a published task."""
         return tuple(asset for asset in self.assets() if asset.everyday and not asset.template and asset.mass > 0)
-
-    def nearest(self, size: Vec3, count: int = 5) -> tuple[Asset, ...]:
-        """The ``count`` things whose size (m, upright, x and y in either order) is nearest to ``size``."""
-
-        def distance(asset: Asset) -> float:
-            flat, own = sorted(size[:2]), sorted(asset.size[:2])
-            return abs(flat[0] - own[0]) + abs(flat[1] - own[1]) + abs(size[2] - asset.size[2])
-
-        return tuple(sorted(self.things(), key=distance)[:count])
 
     def _read(self, name: str) -> ObjectModel:
         if name not in self._models:
@@ -165,3 +156,53 @@ class Library:
         if root is None:
             raise UnknownNameError("asset", name, self.names())
         return root
+
+
+MODEL_SUFFIXES = (".urdf", ".xml")
+"""Of files that are assets without a manifest: URDF or MJCF of one rigid object."""
+
+
+def user_model_path(root: Path, name: str) -> Path | None:
+    """The file called ``name`` below ``root``, None where there is none or the name leaves the folder."""
+    pure = PurePosixPath(name)
+    if pure.suffix.lower() not in MODEL_SUFFIXES or "\0" in name or pure.as_posix() != name:
+        return None
+    if pure.is_absolute() or ".." in pure.parts:
+        return None
+    path = (root / name).resolve()
+    return path if path.is_relative_to(root.resolve()) and path.is_file() else None
+
+
+def user_model_names(root: Path) -> list[str]:
+    """The name of every URDF and MJCF file below ``root``, sorted."""
+    files = (path for suffix in MODEL_SUFFIXES for path in root.rglob(f"*{suffix}"))
+    names = (path.relative_to(root).as_posix() for path in files)
+    return sorted(name for name in names if user_model_path(root, name) is not None)
+
+
+def read_model_file(path: Path, root: Path) -> ObjectModel:
+    """What a description file says, whichever of the two formats it is.
+
+    Raises:
+        InputError: it is not one rigid object that we can trust.
+    """
+    return read_mjcf(path, root) if path.suffix.lower() == ".xml" else read_urdf(path, root)
+
+
+def user_model_asset(name: str, model: ObjectModel) -> Asset:
+    """The entry that a manifest would have for a file that says ``model``."""
+    colors = [shape.color for shape in model.visuals if shape.color is not None]
+    color = color_name(colors[0][:3]) if colors else "gray"
+    stem = PurePosixPath(name).stem
+    x, y, z = (round(extent, 5) for extent in model.size)
+    return Asset(
+        name=name,
+        kind=stem,
+        category="object",
+        size=(x, y, z),
+        mass=model.mass,
+        friction=model.friction,
+        color=color,
+        description=f"{stem}, {100 * x:.3g} x {100 * y:.3g} x {100 * z:.3g} cm, from a file of the user's own",
+        everyday=False,
+    )

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.library.library import Library
+from grs_agents.library.mesh_files import read_surface
 from grs_agents.library.shapes import Placement, Shape, rotation_matrix
 
 Floats = npt.NDArray[np.float64]
@@ -133,19 +134,16 @@ def _texture(library: Library, name: str) -> npt.NDArray[np.uint8]:
 
 def _corners(shape: Shape, library: Library) -> tuple[Floats, Floats]:
     """(T, 3, 3) corners in the shape's frame and (T, 3, 2) texture coordinates."""
+    if shape.kind == "mesh":
+        surface = read_surface(library.mesh_path(shape.mesh or ""))
+        return surface.corners * np.asarray(shape.size), surface.uvs
     import trimesh  # half a second, which a run that ends before its first mesh need not take
 
     if shape.kind == "box":
         mesh = trimesh.creation.box(shape.size)
     elif shape.kind == "cylinder":
         mesh = trimesh.creation.cylinder(shape.size[0], shape.size[1], sections=48)
-    elif shape.kind == "sphere":
-        mesh = trimesh.creation.icosphere(3, shape.size[0])
     else:
-        mesh = trimesh.load_mesh(library.mesh_path(shape.mesh or ""), process=False)
-    faces = np.asarray(mesh.faces)
-    scale = np.asarray(shape.size) if shape.kind == "mesh" else np.ones(3)
-    corners = np.asarray(mesh.vertices, dtype=np.float64)[faces] * scale
-    uv = getattr(mesh.visual, "uv", None)
-    uvs = np.zeros((len(faces), 3, 2)) if uv is None else np.asarray(uv, dtype=np.float64)[faces]
-    return corners, uvs
+        mesh = trimesh.creation.icosphere(3, shape.size[0])
+    corners = np.asarray(mesh.vertices, dtype=np.float64)[np.asarray(mesh.faces)]
+    return corners, np.zeros((len(corners), 3, 2))

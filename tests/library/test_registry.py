@@ -89,7 +89,7 @@ def test_the_names_of_published_programs_are_there() -> None:
 
 
 def test_the_parts_of_published_programs_are_not_looked_for_in_photos() -> None:
-    things = {asset.name for asset in LIBRARY.things()}
+    things = {asset.name for asset in LIBRARY.everyday_assets()}
     assert {"HOPE/Milk.urdf", "block/red_block.urdf", "bowl/bowl.urdf"} <= things
     assert not {"hanoi/block.urdf", "kitting/kit.urdf", "ball/ball.urdf"} & things
 

@@ -46,7 +46,7 @@ def run(name: str, scene_folder: Path, asked: Asked, count: int = 2) -> tuple[Ma
 def test_a_model_is_asked_among_all_assets(name: str, worded: bool, pictured: bool, sample_scene: Path) -> None:
     asked = Asked()
     found, segments = run(name, sample_scene, asked)
-    things = len([one for one in Library().things() if one.category != "proxy"])
+    things = len([one for one in Library().everyday_assets() if one.category != "proxy"])
     assert asked.told == [(one.id, things, worded, pictured) for one in segments]
     assert {one.method for one in found.matches.values()} == {name}
     assert set(found.matches) == {one.id for one in segments}

@@ -21,7 +21,7 @@ _LICENSES: Final = {
 } | {"cc0": "CC0-1.0"}
 _FAULTS: Final = (OSError, EOFError, ValueError, KeyError, TypeError, zlib.error)
 """What the package raises if it is offline, or if what it downloaded before is cut off."""
-_PATIENCE: Final = 60.0
+_TIMEOUT: Final = 60.0
 """Seconds without a byte after which a host is given up; the package itself waits for ever."""
 
 
@@ -71,7 +71,7 @@ def load_package() -> Objaverse:
         ) from error
 
 
-def search_objaverse(door: Objaverse, words: str, most: int = 50) -> list[ObjaverseEntry]:
+def search_objaverse(package: Objaverse, words: str, most: int = 50) -> list[ObjaverseEntry]:
     """The objects whose title and tags have all of ``words``, those that say it in the title and are simpler first.
 
     Raises:
@@ -80,19 +80,19 @@ def search_objaverse(door: Objaverse, words: str, most: int = 50) -> list[Objave
     wanted = set(words_of(words))
     if not wanted:
         raise InputError("objaverse: without words", "name what you look for, as in objaverse:red mug")
-    with _told("metadata cannot be loaded"):
-        found = [entry for part in _annotations(door) for entry in _entries(part, wanted)]
-    return sorted(found, key=lambda one: (-one.score, one.faces or 10**9, one.uid))[:most]
+    with _own_errors("metadata cannot be loaded"):
+        entries = [entry for part in _annotations(package) for entry in _entries(part, wanted)]
+    return sorted(entries, key=lambda entry: (-entry.score, entry.faces or 10**9, entry.uid))[:most]
 
 
-def download(door: Objaverse, entries: Sequence[ObjaverseEntry], folder: Path) -> dict[str, ObjaverseEntry]:
+def download(package: Objaverse, entries: Sequence[ObjaverseEntry], folder: Path) -> dict[str, ObjaverseEntry]:
     """Fetch objects into a folder, each as a GLB file under a name made of its title; the entries by file name.
 
     Raises:
         InputError: nothing can be fetched.
     """
-    with _told("models cannot be downloaded"):
-        paths = door.load_objects([one.uid for one in entries])
+    with _own_errors("models cannot be downloaded"):
+        paths = package.load_objects([entry.uid for entry in entries])
     named: dict[str, ObjaverseEntry] = {}
     for entry in entries:
         path = Path(paths.get(entry.uid, ""))
@@ -104,10 +104,10 @@ def download(door: Objaverse, entries: Sequence[ObjaverseEntry], folder: Path) -
 
 
 @contextlib.contextmanager
-def _told(what: str) -> Generator[None]:
-    """What the package prints goes to standard error, and what goes wrong in it is told as ours."""
-    patience = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(_PATIENCE)
+def _own_errors(what: str) -> Generator[None]:
+    """What the package prints goes to standard error, and its errors become ours."""
+    timeout = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(_TIMEOUT)
     try:
         with contextlib.redirect_stdout(sys.stderr):
             yield
@@ -117,35 +117,35 @@ def _told(what: str) -> Generator[None]:
             "see whether this machine is online, and delete what is cut off in ~/.objaverse",
         ) from error
     finally:
-        socket.setdefaulttimeout(patience)
+        socket.setdefaulttimeout(timeout)
 
 
-def _annotations(door: Objaverse) -> Iterator[Mapping[str, Mapping[str, Any]]]:
+def _annotations(package: Objaverse) -> Iterator[Mapping[str, Mapping[str, Any]]]:
     """What is known of all objects, one folder of 5,000 after the other: together they would take many gigabytes."""
-    places = getattr(door, "_load_object_paths", None)
-    if places is None:
-        yield door.load_annotations()
+    object_paths = getattr(package, "_load_object_paths", None)
+    if object_paths is None:
+        yield package.load_annotations()
         return
     folders: defaultdict[str, list[str]] = defaultdict(list)
-    for uid, path in places().items():
+    for uid, path in object_paths().items():
         folders[str(path).rpartition("/")[0]].append(str(uid))
     for folder in sorted(folders):
-        yield door.load_annotations(folders[folder])
+        yield package.load_annotations(folders[folder])
 
 
 def _entries(annotations: Mapping[str, Mapping[str, Any]], wanted: set[str]) -> Iterator[ObjaverseEntry]:
-    for uid, told in annotations.items():
-        title = str(told.get("name", ""))
-        tags = " ".join(str(tag.get("name", "")) for tag in told.get("tags", ()))
+    for uid, annotation in annotations.items():
+        title = str(annotation.get("name", ""))
+        tags = " ".join(str(tag.get("name", "")) for tag in annotation.get("tags", ()))
         in_title, in_tags = wanted & set(words_of(title)), wanted & set(words_of(tags))
         if in_title | in_tags >= wanted:
-            license_ = str(told.get("license", ""))
-            user = cast(Mapping[str, object], told.get("user") or {})
+            license_ = str(annotation.get("license", ""))
+            user = cast(Mapping[str, object], annotation.get("user") or {})
             yield ObjaverseEntry(
                 uid=str(uid),
                 title=title[:200],
                 license=_LICENSES.get(license_, license_ or "unknown"),
                 author=str(user.get("displayName", ""))[:100],
-                faces=int(told.get("faceCount") or 0),
+                faces=int(annotation.get("faceCount") or 0),
                 score=len(wanted) + len(in_title),
             )

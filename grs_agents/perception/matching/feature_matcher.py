@@ -22,7 +22,7 @@ TOLD = 5
 
 def offered(library: Library) -> tuple[Asset, ...]:
     """The assets that may be matched: things that can stand on a table, proxies of other objects aside."""
-    return tuple(asset for asset in library.things() if asset.category != "proxy")
+    return tuple(asset for asset in library.everyday_assets() if asset.category != "proxy")
 
 
 def by_features(request: MatchRequest, library: Library, method: str) -> MatchResult:

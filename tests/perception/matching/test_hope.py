@@ -49,11 +49,11 @@ def test_each_kind_matches_itself(hope: Library) -> None:
         request, names = request_of(recipe, hope, ocr=False)
         found = by_features(request, hope, "match_features").matches
         known |= {name for number, name in names.items() if found[number].asset == name}
-    assert known == {one.name for one in hope.things()}
+    assert known == {one.name for one in hope.everyday_assets()}
 
 
 def test_features_know_the_13_kinds(hope: Library, tmp_path: Path) -> None:
-    assert len(hope.things()) == 13
+    assert len(hope.everyday_assets()) == 13
     counts = np.zeros(3, np.int64)
     for recipe in recipes(6, seed=17):
         synthesise(recipe, hope).write(tmp_path / str(recipe.seed))

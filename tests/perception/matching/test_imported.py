@@ -19,7 +19,7 @@ def test_imported_things_match_themselves(tmp_path: Path) -> None:
         with open_source(str(tmp_path / name), ImportOptions()) as source:
             ImportRun(tmp_path / "root", name, ImportOptions(), Library().assets()).run(source, lambda *_: None)
     library = Library(tmp_path / "root")
-    assert len(library.things()) == 7
+    assert len(library.everyday_assets()) == 7
     recipe = Recipe(seed=1, objects=7, distractors=0, tilt=40, width=480, height=360)
     request, names = request_of(recipe, library, ocr=False)
     found = by_features(request, library, "match_features").matches
