@@ -140,7 +140,7 @@ def prepare_asset(job: ImportJob) -> PreparedAsset:
         mass=physics.mass.value,
         friction=physics.friction.value,
         color=names[0],
-        description=reading.description or plain_description(item.name, names, size),
+        description=plain_description(item.name, names, size),
         hollow=hollow,
         physics=physics,
         origin=origin,

@@ -183,7 +183,7 @@ class SourceModel:
         unit, up: as far as the format says; ``auto`` where it does not.
         mass, friction: where the source says.
         height: what it should be high, m, where that is known.
-        category, color, description: where the source says.
+        category: where the source says.
         notes: what was found.
     """
 
@@ -195,7 +195,6 @@ class SourceModel:
     friction: Quantity | None = None
     height: float | None = None
     category: str = ""
-    description: str = ""
     notes: list[str] = field(default_factory=list[str])
 
 
