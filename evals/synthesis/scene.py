@@ -18,7 +18,7 @@ from evals.synthesis.distractors import FOLDER, write_distractors
 from evals.synthesis.drawing import Seen, draw, only, visible_alone
 from evals.synthesis.scenery import random_scenery
 from evals.synthesis.sensors import SENSORS, SensorKind
-from evals.synthesis.sensors.simple import noisy_rgb
+from evals.synthesis.sensors.common import noisy_rgb
 from grs_agents.base import Frozen, Vec3
 from grs_agents.files import write_bytes, write_json, write_text
 from grs_agents.library import Library

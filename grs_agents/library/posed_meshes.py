@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import read_surface
@@ -15,26 +14,6 @@ from grs_agents.library.shapes import Placement, Shape, rotation_matrix
 
 Floats = npt.NDArray[np.float64]
 _PLAIN = (0.6, 0.6, 0.6, 1.0)
-
-
-@dataclass(frozen=True)
-class PlacedAsset:
-    """An asset that stands upright on the table.
-
-    Attributes:
-        asset: its name.
-        x, y: of its centre, m, robot frame.
-        yaw: rad.
-    """
-
-    asset: str
-    x: float
-    y: float
-    yaw: float = 0.0
-
-    def pose(self, library: Library) -> tuple[Vec3, float]:
-        """Centre (m, robot frame) and yaw; its lowest point touches z = 0."""
-        return (self.x, self.y, -library.model(self.asset).bounds[0][2]), self.yaw
 
 
 @dataclass(frozen=True)
@@ -58,15 +37,6 @@ class Triangles:
     texture: npt.NDArray[np.int64]
     owner: npt.NDArray[np.int64]
     textures: tuple[npt.NDArray[np.uint8], ...]
-
-
-def placed_triangles(placed: Sequence[PlacedAsset], library: Library) -> Triangles:
-    """All the visible triangles of ``placed``."""
-    posed: list[tuple[str, Placement]] = []
-    for thing in placed:
-        centre, yaw = thing.pose(library)
-        posed.append((thing.asset, (centre, (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))))))
-    return posed_triangles(posed, library)
 
 
 def posed_triangles(posed: Sequence[tuple[str, Placement]], library: Library) -> Triangles:

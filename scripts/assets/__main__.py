@@ -1,4 +1,4 @@
-"""Write ``assets/library`` and the sample scene again: ``python -m scripts.assets``."""
+"""Write ``assets/library`` again: ``python -m scripts.assets``."""
 
 from pathlib import Path
 
@@ -6,14 +6,12 @@ from evals.synthesis.built_asset import Built
 from grs_agents import content
 from grs_agents.files import write_json
 from grs_agents.library.asset import MANIFEST, Manifest
-from grs_agents.library.library import Library
 from grs_agents.terminal import say
 from scripts.assets.fixtures import build_fixtures
 from scripts.assets.groceries import build_groceries
 from scripts.assets.household import build_household
 from scripts.assets.kitting import build_kitting
 from scripts.assets.marks import build_marks
-from scripts.assets.scene import write_scene
 from scripts.assets.templates import build_templates
 from scripts.assets.toys import build_toys
 
@@ -41,11 +39,10 @@ def write_library(root: Path) -> Manifest:
 
 
 def main() -> None:
-    """Replace the shipped library and its sample scene."""
-    assets = content.content_root() / "assets"
-    manifest = write_library(assets / "library")
-    write_scene(assets / "scenes" / "groceries", Library(assets / "library"))
-    say(f"{len(manifest.assets)} assets and a scene in {assets}")
+    """Replace the shipped library."""
+    folder = content.content_root() / "assets" / "library"
+    manifest = write_library(folder)
+    say(f"{len(manifest.assets)} assets in {folder}")
 
 
 if __name__ == "__main__":

@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.library.posed_meshes import PlacedAsset, placed_triangles, smooth_normals
+from grs_agents.library.posed_meshes import posed_triangles, smooth_normals
+from grs_agents.library.shapes import HERE
 
 
-def test_things_stand_on_the_table_where_they_are_placed() -> None:
+def test_things_stand_where_they_are_placed() -> None:
     library = Library()
-    placed = [
-        PlacedAsset("HOPE/Milk.urdf", 0.4, -0.1, np.pi / 2),
-        PlacedAsset("cylinder/cylinder-template.urdf", 0.6, 0.2),
-    ]
-    triangles = placed_triangles(placed, library)
+    turned = (0.0, 0.0, np.sin(np.pi / 4), np.cos(np.pi / 4))
+    posed = [("HOPE/Milk.urdf", ((0.4, -0.1, 0.095), turned)), ("cylinder/cylinder-template.urdf", HERE)]
+    triangles = posed_triangles(posed, library)
     milk = triangles.corners[triangles.owner == 1].reshape(-1, 3)
     low, high = milk.min(axis=0), milk.max(axis=0)
     assert low[2] == pytest.approx(0, abs=1e-6)

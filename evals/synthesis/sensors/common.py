@@ -7,6 +7,13 @@ import numpy.typing as npt
 from evals.synthesis.drawing import Bools, Floats, Seen
 
 
+def noisy_rgb(rgb: Floats, rng: np.random.Generator) -> npt.NDArray[np.uint8]:
+    """8-bit colours of an (H, W, 3) picture in 0..1: a slight blur, then sensor noise that grows with light."""
+    soft = np.asarray(cv2.GaussianBlur(rgb, (0, 0), 0.6), dtype=np.float64)
+    noise = rng.normal(size=rgb.shape) * (0.004 + 0.008 * np.sqrt(soft))
+    return np.round(np.clip(soft + noise, 0, 1) * 255).astype(np.uint8)
+
+
 def smooth_noise(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Floats:
     """(H, W) noise of unit deviation, alike over about ``width`` pixels."""
     noise = np.asarray(cv2.GaussianBlur(rng.normal(size=shape), (0, 0), width), np.float64)

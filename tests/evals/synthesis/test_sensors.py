@@ -8,7 +8,7 @@ import pytest
 from evals.synthesis import SENSORS, SensorKind
 from evals.synthesis.drawing import Seen
 from evals.synthesis.sensors import stereo, structured_light, time_of_flight
-from evals.synthesis.sensors.common import smooth_noise, unseen_from
+from evals.synthesis.sensors.common import noisy_rgb, smooth_noise, unseen_from
 from grs_agents.perception import Camera
 
 SHAPE = (120, 160)
@@ -124,3 +124,9 @@ def test_a_second_eye_sees_all_of_a_wall_and_not_behind_a_box() -> None:
 def test_smooth_noise_has_unit_deviation(width: float) -> None:
     noise = smooth_noise((400, 400), width, np.random.default_rng(0))
     assert noise.std() == pytest.approx(1, rel=0.15)
+
+
+def test_colours_keep_their_mean() -> None:
+    noisy = noisy_rgb(np.full((60, 60, 3), 0.5), np.random.default_rng(0))
+    assert abs(noisy.mean() / 255 - 0.5) < 0.01
+    assert 0.5 < noisy.std() < 5
