@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from evals.benchmark.match_runs import METHODS, match_orders, run_matchings
-from evals.benchmark.perception_runs import Work, orders_of, synthesised_orders
+from evals.benchmark.match_runs import METHODS, match_orders, run_match_orders
+from evals.benchmark.perception_runs import MeasurementOptions, orders_of, synthesised_orders
 from evals.synthesis.scene import recipes
 from grs_agents.errors import UnknownNameError
 from grs_agents.run.experiments import positive
@@ -45,11 +45,11 @@ def main(arguments: Sequence[str]) -> int:
         if name not in METHODS:
             raise UnknownNameError("method", name, METHODS)
     count = options.synthesised if options.synthesised is not None else 0 if options.scenes else 10
-    work = Work(options.segment)
+    work = MeasurementOptions(options.segment)
     scenes = [
         *orders_of(options.scenes, work, options.images),
         *synthesised_orders(recipes(count, options.seed, options.objects), options.out, work),
     ]
     models = [name.strip() for name in options.models.split(",") if name.strip()]
     orders = match_orders(scenes, methods, models, options.runs, options.settings)
-    return run_matchings(orders, options.out, options.workers, options.price, options.json)
+    return run_match_orders(orders, options.out, options.workers, options.price, options.json)

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from evals.benchmark.perception_runs import Work, orders_of, run_orders, synthesised_orders
+from evals.benchmark.perception_runs import MeasurementOptions, orders_of, run_orders, synthesised_orders
 from evals.synthesis.scene import recipes
 from grs_agents.config import load_config
 from grs_agents.run.experiments import positive
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     count = options.synthesised if options.synthesised is not None else 0 if options.scenes else 10
     made = recipes(count, options.seed, options.objects, size=options.size)
-    work = Work(options.segment, options.seed, options.repeats, options.model)
+    work = MeasurementOptions(options.segment, options.seed, options.repeats, options.model)
     orders = [
         *orders_of(options.scenes, work, options.images),
         *synthesised_orders(made, options.out, work),

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from evals.benchmark.retrieval import measured, targets
+from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
 from grs_agents.run.experiments import positive
 from grs_agents.terminal import VisibleParser
 
@@ -29,8 +29,8 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="grs-index-") as folder:
-        figures = measured(Path(folder) / "index", options.assets, options.queries, options.seed)
-    bounds = targets(figures)
+        figures = measure_retrieval(Path(folder) / "index", options.assets, options.queries, options.seed)
+    bounds = retrieval_targets(figures)
     if options.json:
         told = [{**one.model_dump(), "reached": one.reached} for one in bounds]
         print(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from evals.benchmark.segmentation_metrics import total
+from evals.benchmark.segmentation_metrics import sum_scores
 from evals.benchmark.types import ObjectFigures, SceneFigures
 from grs_agents.base import Frozen
 from grs_agents.files import write_json, write_text
@@ -41,7 +41,7 @@ class Target(Frozen):
         return self.value <= self.bound if self.smaller_is_better else self.value >= self.bound
 
 
-def row(scene: SceneFigures) -> dict[str, Any]:
+def scene_row(scene: SceneFigures) -> dict[str, Any]:
     """The figures of one scene, one entry for each of `COLUMNS`; empty where there is nothing to say."""
     return {
         "scene": scene.name,
@@ -67,7 +67,7 @@ def total_row(name: str, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
     }
 
 
-def totals(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
+def total_rows(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
     """All scenes together; the synthesised ones beside others, and those of each sensor where there are several."""
     sensors = sorted({scene.sensor for scene in scenes})
     made = [scene for scene in scenes if scene.sensor]
@@ -79,9 +79,9 @@ def totals(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
     return [total_row(name, group) for name, group in groups]
 
 
-def targets(scenes: Sequence[SceneFigures]) -> list[Target]:
+def perception_targets(scenes: Sequence[SceneFigures]) -> list[Target]:
     """The totals that have a bound, and what tells how they came about."""
-    score = total([scene.score for scene in scenes])
+    score = sum_scores([scene.score for scene in scenes])
     objects = [one for scene in scenes for one in scene.objects]
     frames = [scene.frame for scene in scenes if scene.frame is not None]
     twins = [scene.twin for scene in scenes if scene.twin is not None]
@@ -150,7 +150,7 @@ def write_figures(out: Path, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
     Returns:
         The content of ``figures.json``.
     """
-    rows, sums, bounds = [row(scene) for scene in scenes], totals(scenes), targets(scenes)
+    rows, sums, bounds = [scene_row(scene) for scene in scenes], total_rows(scenes), perception_targets(scenes)
     value = {
         "targets": [{**one.model_dump(), "reached": one.reached} for one in bounds],
         "totals": sums,
@@ -165,7 +165,7 @@ def write_figures(out: Path, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
 
 
 def _shared(scenes: Sequence[SceneFigures]) -> dict[str, str | int]:
-    score = total([scene.score for scene in scenes])
+    score = sum_scores([scene.score for scene in scenes])
     objects = [one for scene in scenes for one in scene.objects]
     frames = [scene.frame for scene in scenes if scene.frame is not None]
     twins = [scene.twin for scene in scenes if scene.twin is not None]

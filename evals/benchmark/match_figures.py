@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from evals.benchmark.match_types import Matching, scores
-from evals.benchmark.rank_tests import RankTest, interval, kruskal_wallis, scheirer_ray_hare
+from evals.benchmark.match_types import Matching, f1_precision_recall
+from evals.benchmark.rank_tests import RankTest, confidence_interval, kruskal_wallis, scheirer_ray_hare
 from grs_agents.files import write_json, write_text
 from grs_agents.run.experiments import markdown
 
@@ -55,9 +55,9 @@ def _groups(found: Sequence[Matching]) -> dict[tuple[str, str], list[Matching]]:
 def _row(
     key: tuple[str, str], some: Sequence[Matching], prices: Mapping[str, tuple[float, float]]
 ) -> dict[str, Any]:  # fmt: skip
-    mean, low, high = interval([scores(one.counts)[0] for one in some])
+    mean, low, high = confidence_interval([f1_precision_recall(one.counts)[0] for one in some])
     right, wrong, missed = (sum(one.counts[part] for one in some) for part in range(3))
-    pooled, precision, recall = scores((right, wrong, missed))
+    pooled, precision, recall = f1_precision_recall((right, wrong, missed))
     outcomes = Counter(answer.outcome for one in some for answer in one.answers)
     into, out = (sum(getattr(one, name) for one in some) for name in ("input_tokens", "output_tokens"))
     price = prices.get(key[1])
@@ -85,7 +85,7 @@ def _row(
 
 def _tests(found: Sequence[Matching]) -> list[dict[str, Any]]:
     """Whether methods and models differ, and whether they interact, by the F1 of scenes and runs."""
-    values = [scores(one.counts)[0] for one in found]
+    values = [f1_precision_recall(one.counts)[0] for one in found]
     methods, models = [one.order.method.name for one in found], [one.order.model for one in found]
     asked = [index for index, model in enumerate(models) if model != "-"]
     told = [("Kruskal-Wallis", kruskal_wallis(_by(methods, values), "method"))]

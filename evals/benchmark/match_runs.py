@@ -61,7 +61,9 @@ def match_orders(
     return found
 
 
-def run_matchings(orders: Sequence[MatchOrder], out: Path, workers: int, prices: Sequence[str], as_json: bool) -> int:
+def run_match_orders(
+    orders: Sequence[MatchOrder], out: Path, workers: int, prices: Sequence[str], as_json: bool
+) -> int:
     """Match every scene in every way, write figures and pictures to ``out``, and print them.
 
     What was matched with the same scene, method, settings and code is not matched again, so that an interrupted run

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from evals.benchmark.contact_sheet import Picture, write_words
-from evals.benchmark.match_types import Answered, Matching
+from evals.benchmark.match_types import Matching, ScoredAnswer
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.library import Library
@@ -56,7 +56,7 @@ def write_match_plot(out: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     _write(out / "f1.png", picture)
 
 
-def _cell(out: Path, answer: Answered, library: Library, drawn: dict[str, Picture]) -> Picture:
+def _cell(out: Path, answer: ScoredAnswer, library: Library, drawn: dict[str, Picture]) -> Picture:
     """The crop, the asset that was matched and the true one, with a bar that says how it went."""
     image = cv2.imread(str(out / answer.crop))
     crop = _fitted(np.asarray(image[:, :, ::-1], np.uint8)) if image is not None else _fitted(None)

@@ -51,7 +51,7 @@ class MatchOrder(Frozen):
         return f"{self.scene.name}-{self.method.name}-{model}-{self.run}"
 
 
-class Answered(Frozen):
+class ScoredAnswer(Frozen):
     """One candidate.
 
     Attributes:
@@ -84,7 +84,7 @@ class Matching(Frozen):
     """
 
     order: MatchOrder
-    answers: tuple[Answered, ...] = ()
+    answers: tuple[ScoredAnswer, ...] = ()
     unseen: int = 0
     input_tokens: int = 0
     output_tokens: int = 0
@@ -99,7 +99,7 @@ class Matching(Frozen):
         return right, other + outcomes.count("false alarm"), other + outcomes.count("missed") + self.unseen
 
 
-def scores(counts: tuple[int, int, int]) -> tuple[float, float, float]:
+def f1_precision_recall(counts: tuple[int, int, int]) -> tuple[float, float, float]:
     """F1, precision and recall of counts; 1 where there was nothing to match and nothing was matched."""
     right, wrong, missed = counts
     f1 = 2 * right / (2 * right + wrong + missed) if right + wrong + missed else 1.0

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from evals.benchmark.ground_truth import LabelledScene, read_labelled
-from evals.benchmark.match_types import Answered, Matching, MatchOrder, Outcome, matching_file
+from evals.benchmark.match_types import Matching, MatchOrder, Outcome, ScoredAnswer, matching_file
 from evals.benchmark.segmentation_metrics import MATCHED, overlaps
 from grs_agents import content
 from grs_agents.agents import Agents, Description, NoReply, roles
@@ -36,7 +36,7 @@ from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, Reply, read_events
 
 
-def match(order: MatchOrder, out: Path) -> Matching:
+def match_scene(order: MatchOrder, out: Path) -> Matching:
     """Match a scene that is there, and write the outcome below ``out``.
 
     Raises:
@@ -71,7 +71,7 @@ def match(order: MatchOrder, out: Path) -> Matching:
     return found
 
 
-def same_looks(library: Library) -> dict[str, str]:
+def first_of_same_look(library: Library) -> dict[str, str]:
     """For each asset the first of those that look exactly like it, which no method can tell from it."""
     first: dict[str, str] = {}
     found: dict[str, str] = {}
@@ -137,7 +137,7 @@ def _answers(
     records: Sequence[CandidateRecord],
     matches: Mapping[int, MatchEvidence],
     library: Library,
-) -> tuple[tuple[Answered, ...], int]:
+) -> tuple[tuple[ScoredAnswer, ...], int]:
     labels = np.zeros(scene.labels.shape, np.int32)
     for one in candidates:
         labels[one.mask] = one.id
@@ -145,8 +145,8 @@ def _answers(
     partner = {int(common.segments[column]): int(common.truths[row]) for row, column in common.pairs()
                if common.ious[row, column] >= MATCHED}  # fmt: skip
     counting = {int(number) for number in common.segments}
-    known, looks = {one.id: one for one in scene.truth.objects}, same_looks(library)
-    found: list[Answered] = []
+    known, looks = {one.id: one for one in scene.truth.objects}, first_of_same_look(library)
+    found: list[ScoredAnswer] = []
     for record in records:
         if record.id not in counting:
             continue
@@ -156,9 +156,15 @@ def _answers(
         answer = matches.get(record.id, MatchEvidence(match="no_object", reason="described as no object"))
         visible = thing.visible / thing.whole if thing is not None and thing.visible and thing.whole else None
         found.append(
-            Answered(id=record.id, truth=truth, answer=answer, outcome=_outcome(truth, answer, looks), visible=visible,
-                     crop=f"pictures/{scene.name}/{record.crop}")
-        )  # fmt: skip
+            ScoredAnswer(
+                id=record.id,
+                truth=truth,
+                answer=answer,
+                outcome=_outcome(truth, answer, looks),
+                visible=visible,
+                crop=f"pictures/{scene.name}/{record.crop}",
+            )
+        )
     assets = [int(label) for label in common.truths if (one := known.get(int(label))) is not None and one.asset]
     return tuple(found), len(set(assets) - set(partner.values()))
 
@@ -181,7 +187,7 @@ def main(arguments: Sequence[str]) -> int:
     for root in reversed(order.scene.content):
         content.add_overlay(Path(root))
     try:
-        match(order, Path(arguments[0]))
+        match_scene(order, Path(arguments[0]))
     except GrsError as error:
         say(error, error=True)
         return error.exit_status

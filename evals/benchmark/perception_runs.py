@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from evals.benchmark.contact_sheet import write_plots, write_sheet
-from evals.benchmark.figures import Target, targets, write_figures
+from evals.benchmark.figures import Target, perception_targets, write_figures
 from evals.benchmark.ground_truth import labelled_folders
 from evals.benchmark.ground_truth_bop import bop_sources
 from evals.benchmark.segmentation_metrics import SegmentationScore
@@ -35,7 +35,7 @@ _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 
 
 @dataclass(frozen=True)
-class Work:
+class MeasurementOptions:
     """What is done with each scene: the segment tool, the seed of the search for the table, how often it is timed,
     and the folder of the tool's model."""
 
@@ -45,7 +45,7 @@ class Work:
     model: str | None = None
 
 
-def orders_of(sources: Sequence[str], work: Work, most: int) -> list[Order]:
+def orders_of(sources: Sequence[str], work: MeasurementOptions, most: int) -> list[Order]:
     """Orders for labelled scenes that are there.
 
     Args:
@@ -65,7 +65,7 @@ def orders_of(sources: Sequence[str], work: Work, most: int) -> list[Order]:
     return [_order(name, source, None, work) for name, source in zip(names, found, strict=True)]
 
 
-def synthesised_orders(wanted: Sequence[Recipe], out: Path, work: Work) -> list[Order]:
+def synthesised_orders(wanted: Sequence[Recipe], out: Path, work: MeasurementOptions) -> list[Order]:
     """Orders for scenes that are made below ``out/synthesised`` if they are not there yet."""
     made = fingerprint(EVALS / "synthesis", content.package_root() / "library", content.path("assets", "library"))[:12]
     return [
@@ -103,12 +103,12 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
     else:
         console = terminal.console()
         console.print(table("perception", _SHOWN, [*value["rows"], *value["totals"]]))
-        console.print(_targets(targets(scenes)))
+        console.print(_targets(perception_targets(scenes)))
         console.print(f"figures.md, scenes.csv, objects.csv, sheet.png, scores.png and errors.png are in {out}")
     return 0 if all(not scene.error for scene in scenes) else 1
 
 
-def _order(name: str, source: str, recipe: Recipe | None, work: Work) -> Order:
+def _order(name: str, source: str, recipe: Recipe | None, work: MeasurementOptions) -> Order:
     overlays = tuple(str(root) for root in content.roots()[:-1])
     tools = [content.path("tools", work.tool)] if work.tool else []
     code = fingerprint(content.package_root() / "perception", EVALS / "benchmark", *tools)

@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from evals.benchmark.ground_truth import LabelledScene, read_labelled
 from evals.benchmark.pose_errors import frame_figures, object_figures
-from evals.benchmark.segmentation_metrics import score
-from evals.benchmark.twin_run import Standing, standing
+from evals.benchmark.segmentation_metrics import score_segmentation
+from evals.benchmark.twin_run import TwinRun, settle_true_assets
 from evals.benchmark.types import Order, Result, SceneFigures, dumped, result_file
 from grs_agents import content
 from grs_agents.config.model import Limits
@@ -34,7 +34,7 @@ _MEBIBYTE = 1024 * 1024 if sys.platform == "darwin" else 1024
 
 
 @dataclass(frozen=True)
-class Found:
+class Segmented:
     """What perception makes of a scene: table, candidates, or why there are none; and CPU time, s."""
 
     table: TableFrame | None
@@ -43,7 +43,7 @@ class Found:
     seconds: float
 
 
-def measure(order: Order, out: Path) -> Result:
+def measure_scene(order: Order, out: Path) -> Result:
     """Measure a scene that is there, and write its result and its segments below ``out``.
 
     Raises:
@@ -71,7 +71,7 @@ def measure(order: Order, out: Path) -> Result:
     return result
 
 
-def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order) -> Found:
+def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order) -> Segmented:
     begin = time.process_time()
     table: TableFrame | None = None
     candidates: Sequence[Candidate] = ()
@@ -82,25 +82,25 @@ def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order)
         candidates = tool.run(request, context).candidates
     except GrsError as failure:
         error = failure.message
-    return Found(table, candidates, error, time.process_time() - begin)
+    return Segmented(table, candidates, error, time.process_time() - begin)
 
 
-def _figures(order: Order, scene: LabelledScene, labels: npt.NDArray[np.int32], found: Found) -> SceneFigures:
+def _figures(order: Order, scene: LabelledScene, labels: npt.NDArray[np.int32], found: Segmented) -> SceneFigures:
     frame, error = None, found.error
     try:
         frame = frame_figures(scene, np.random.default_rng(order.seed))
     except GrsError as failure:
         error = error or f"without calibration: {failure.message}"
-    library, stood = Library(), Standing()
+    library, stood = Library(), TwinRun()
     try:
-        stood = standing(scene, labels, found.candidates, library, found.table)
+        stood = settle_true_assets(scene, labels, found.candidates, library, found.table)
     except GrsError as failure:
         error = error or f"twin: {failure.message}"
     return SceneFigures(
         name=order.name,
         sensor=scene.truth.sensor,
         tilt=scene.truth.tilt,
-        score=score(labels, scene.labels, scene.ignored()),
+        score=score_segmentation(labels, scene.labels, scene.ignored()),
         objects=object_figures(scene, labels, found.candidates, library, found.table, stood),
         frame=frame,
         twin=stood.twin,
@@ -120,7 +120,7 @@ def _corners(candidate: Candidate, table: TableFrame) -> tuple[tuple[float, ...]
     return tuple(tuple(round(float(v), 4) for v in row) for row in (corners - pose[:3, 3]) @ pose[:3, :3])
 
 
-def make(order: Order) -> None:
+def make_scene(order: Order) -> None:
     """Synthesise the folder that the order names, if it is not there.
 
     Raises:
@@ -133,7 +133,7 @@ def make(order: Order) -> None:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """``make`` or ``measure``, and the folder for results; the order is read from standard input.
+    """``make_scene`` or ``measure_scene``, and the folder for results; the order is read from standard input.
 
     Returns:
         0, or the error's exit status.
@@ -143,7 +143,7 @@ def main(arguments: Sequence[str]) -> int:
     for root in reversed(order.content):
         content.add_overlay(Path(root))
     try:
-        make(order) if verb == "make" else measure(order, Path(out))
+        make_scene(order) if verb == "make" else measure_scene(order, Path(out))
     except GrsError as error:
         say(error, error=True)
         return error.exit_status

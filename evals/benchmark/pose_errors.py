@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from evals.benchmark.ground_truth import LabelledScene, TrueObject
 from evals.benchmark.segmentation_metrics import MATCHED, overlaps
-from evals.benchmark.twin_run import Standing
+from evals.benchmark.twin_run import TwinRun
 from evals.benchmark.types import FrameFigures, ObjectFigures
 from grs_agents.errors import InputError
 from grs_agents.library import Library
@@ -25,7 +25,7 @@ def object_figures(
     candidates: Sequence[Candidate],
     library: Library,
     table: TableFrame | None = None,
-    stood: Standing | None = None,
+    stood: TwinRun | None = None,
 ) -> tuple[ObjectFigures, ...]:
     """What became of each object that counts.
 
@@ -55,7 +55,7 @@ def object_figures(
                 box = _box_around(_moved(scene.points[label], table))
             made = made.model_copy(update=_box_errors(box, by_number[segment]))
             if calibrated:
-                made = made.model_copy(update=_pose_errors(one, by_number[segment], library, stood or Standing()))
+                made = made.model_copy(update=_pose_errors(one, by_number[segment], library, stood or TwinRun()))
         figures.append(made)
     return tuple(figures)
 
@@ -69,7 +69,7 @@ def _box_errors(box: Aabb | None, candidate: Candidate) -> dict[str, object]:
     }
 
 
-def _pose_errors(one: TrueObject, candidate: Candidate, library: Library, stood: Standing) -> dict[str, object]:
+def _pose_errors(one: TrueObject, candidate: Candidate, library: Library, stood: TwinRun) -> dict[str, object]:
     found: dict[str, object] = {}
     rotation = one.rotation
     if one.asset in library and one.position is not None and rotation is not None:

@@ -69,7 +69,7 @@ def scheirer_ray_hare(values: Sequence[float], rows: Sequence[str], columns: Seq
     )  # fmt: skip
 
 
-def interval(values: Sequence[float]) -> tuple[float, float, float]:
+def confidence_interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Mean and 95 % confidence interval (Student's t) of values; the interval is the mean for a single one.
 
     Raises:

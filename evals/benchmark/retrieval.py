@@ -106,7 +106,7 @@ def probe(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]
     }
 
 
-def measured(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]:
+def measure_retrieval(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]:
     """Build and probe, each in a process of its own on one core.
 
     Raises:
@@ -124,7 +124,7 @@ def measured(folder: Path, count: int, queries: int, seed: int) -> dict[str, flo
     return figures
 
 
-def targets(figures: dict[str, float]) -> list[Target]:
+def retrieval_targets(figures: dict[str, float]) -> list[Target]:
     """The figures that have a bound."""
     bounds = (("memory MiB", 1024.0), ("search ms, median", 10.0), ("open s", 1.0), ("add 1000 s", 1.0))
     found = [Target(name=name, value=figures[name], bound=bound) for name, bound in bounds]

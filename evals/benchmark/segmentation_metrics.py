@@ -135,7 +135,7 @@ def overlaps(found: Labels, truth: Labels, ignored: frozenset[int] = frozenset()
     return Overlaps(truths, segments, table[np.ix_(truths, segments)], sizes[truths], areas[segments])
 
 
-def score(found: Labels, truth: Labels, ignored: frozenset[int] = frozenset()) -> SegmentationScore:
+def score_segmentation(found: Labels, truth: Labels, ignored: frozenset[int] = frozenset()) -> SegmentationScore:
     """Score the segments ``found`` (H, W) against the objects ``truth`` (H, W); see `overlaps` for ``ignored``.
 
     Splits and merges follow the idea of Hoover et al., "An experimental comparison of range image segmentation
@@ -156,7 +156,7 @@ def score(found: Labels, truth: Labels, ignored: frozenset[int] = frozenset()) -
     )
 
 
-def total(scores: Sequence[SegmentationScore]) -> SegmentationScore:
+def sum_scores(scores: Sequence[SegmentationScore]) -> SegmentationScore:
     """The score of several pictures together, each object counting alike."""
 
     def add(name: str) -> int:

@@ -42,7 +42,7 @@ from grs_agents.perception.settling import (
 
 
 @dataclass(frozen=True)
-class Standing:
+class TwinRun:
     """What stands for the candidates, by their numbers.
 
     Attributes:
@@ -56,13 +56,13 @@ class Standing:
     twin: TwinReport | None = None
 
 
-def standing(
+def settle_true_assets(
     scene: LabelledScene,
     found: npt.NDArray[np.int32],
     candidates: Sequence[Candidate],
     library: Library,
     table: TableFrame | None,
-) -> Standing:
+) -> TwinRun:
     """Register the true asset of each candidate that matches an object, let proxies stand for the others, and settle.
 
     As in a run, what the assets do not explain of their segments is matched in its turn, and pieces of things whose
@@ -80,7 +80,7 @@ def standing(
     """
     truth = {one.id: one.asset for one in scene.truth.objects if one.asset in library}
     if table is None or not truth or not candidates:
-        return Standing()
+        return TwinRun()
     poses: dict[int, Registered] = {}
     segments = _segments(candidates, _assets(scene, found, truth), poses, (scene.frame, table, library))
     shells = [
@@ -166,14 +166,14 @@ def _settled(
     scene: LabelledScene,
     library: Library,
     table: TableFrame,
-) -> Standing:
+) -> TwinRun:
     """The twin of segments and what stands for them."""
     rest, twin, agreed, kept = _at_rest(candidates, segments, {}, scene, library, table)
     fell = {index for index, one in zip(kept, rest.placed, strict=True) if one is not None and one.fell}
     if carried := supporting_segments(fell, agreed):
         rest, twin, agreed, kept = _at_rest(candidates, segments, carried, scene, library, table)
     placed = {candidates[index].id: one for index, one in zip(kept, rest.placed, strict=True) if one is not None}
-    return Standing(poses, placed, twin if placed else None)
+    return TwinRun(poses, placed, twin if placed else None)
 
 
 def _at_rest(

@@ -16,7 +16,7 @@ from grs_agents.library.shapes import Rgba, Shape
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltAsset:
     """An asset, the text of its URDF, and its meshes (OBJ text) and textures (BGR images) by file name."""
 
     asset: Asset
@@ -37,9 +37,9 @@ class Built:
             write_bytes(root / name, png(image))
 
 
-def assemble(
+def build_asset(
     asset: Asset, visuals: Sequence[Shape], colliders: Sequence[Shape], meshes: Mapping[str, str] | None = None
-) -> Built:
+) -> BuiltAsset:
     """An asset of these shapes, with the inertia of a solid box of its size and mass."""
     x, y, z = asset.size
     inertia = tuple(asset.mass * (a * a + b * b) / 12 for a, b in ((y, z), (x, z), (x, y)))
@@ -52,7 +52,7 @@ def assemble(
         inertia=(inertia[0], inertia[1], inertia[2]),
         folder=asset.name.rsplit("/", 1)[0],
     )
-    return Built(asset, text, meshes or {})
+    return BuiltAsset(asset, text, meshes or {})
 
 
 def opaque(color: str) -> Rgba:

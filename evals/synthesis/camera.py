@@ -26,7 +26,7 @@ def random_camera(tilt: float, target: Vec3, size: tuple[int, int], rng: np.rand
     bearing, roll = float(rng.uniform(-np.pi, np.pi)), np.deg2rad(float(rng.normal(0, _ROLL / 2)))
     aim = np.array(target) + rng.normal(0, 0.02, 3)
     focal, distance = width * float(rng.uniform(0.80, 0.96)), float(rng.uniform(0.75, 1.1))
-    rotation = looking(bearing, np.deg2rad(tilt), roll)
+    rotation = camera_rotation(bearing, np.deg2rad(tilt), roll)
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation, aim - distance * rotation[:, 2]
     return Camera(
@@ -41,7 +41,7 @@ def random_camera(tilt: float, target: Vec3, size: tuple[int, int], rng: np.rand
     )
 
 
-def looking(bearing: float, tilt: float, roll: float) -> Floats:
+def camera_rotation(bearing: float, tilt: float, roll: float) -> Floats:
     """The rotation (3, 3) from a camera's axes (x right, y down, z forward) to the robot frame.
 
     Args:

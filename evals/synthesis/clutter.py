@@ -41,14 +41,14 @@ class SynthesisError(GrsError):
 
 
 @dataclass(frozen=True)
-class Resting:
+class RestingObject:
     """A thing at rest: its asset, and its pose (position in m, rotation xyzw) in the robot frame."""
 
     asset: str
     pose: Pose
 
 
-def heap(assets: Sequence[str], library: Library, rng: np.random.Generator) -> tuple[Resting, ...]:
+def settle_heap(assets: Sequence[str], library: Library, rng: np.random.Generator) -> tuple[RestingObject, ...]:
     """Let things fall into a heap around `CENTER` and come to rest.
 
     Args:
@@ -63,7 +63,7 @@ def heap(assets: Sequence[str], library: Library, rng: np.random.Generator) -> t
         dropped = _arranged(assets, library, rng)
         poses = _settled(dropped, library) if dropped else None
         if poses is not None:
-            return tuple(Resting(asset, pose) for asset, pose in zip(assets, poses, strict=True))
+            return tuple(RestingObject(asset, pose) for asset, pose in zip(assets, poses, strict=True))
     raise SynthesisError(
         f"{len(assets)} things did not come to rest within {REACH} m in {_ATTEMPTS} attempts", "ask for fewer objects"
     )

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from evals.synthesis.scenery import Light, Scenery, bilinear, dotted
+from evals.synthesis.scenery import Light, Scenery, bilinear, dot_products
 from grs_agents.geometry.raster import Buffer, barycentric, rasterise
 from grs_agents.library.posed_meshes import Triangles
 from grs_agents.perception import Camera
@@ -27,7 +27,7 @@ _GLOSS = 40.0
 
 
 @dataclass(frozen=True)
-class Seen:
+class PerfectImage:
     """The perfect picture.
 
     Attributes:
@@ -47,7 +47,7 @@ class Seen:
     shiny: Bools
 
 
-def draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequence[int] = ()) -> Seen:
+def draw_scene(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequence[int] = ()) -> PerfectImage:
     """Draw things in a room.
 
     Args:
@@ -59,12 +59,12 @@ def draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequence
     exact = _draw(triangles, scenery, camera, shiny)
     if camera.width * camera.height > _LARGE:
         return exact
-    fine = _draw(triangles, scenery, finer(camera, _FINER), shiny)
+    fine = _draw(triangles, scenery, upscaled(camera, _FINER), shiny)
     rgb = cv2.resize(fine.rgb, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     return replace(exact, rgb=np.asarray(rgb, np.float64))
 
 
-def finer(camera: Camera, times: int) -> Camera:
+def upscaled(camera: Camera, times: int) -> Camera:
     """The same view with ``times`` as many pixels each way."""
     return camera.model_copy(
         update={
@@ -78,7 +78,7 @@ def finer(camera: Camera, times: int) -> Camera:
     )
 
 
-def visible_alone(triangles: Triangles, camera: Camera) -> Bools:
+def unoccluded_mask(triangles: Triangles, camera: Camera) -> Bools:
     """(H, W) where the things would be seen if nothing hid them."""
     return _rasterised(triangles, camera).triangle >= 0
 
@@ -93,7 +93,7 @@ def rays_of(camera: Camera) -> tuple[Floats, Floats]:
     return np.stack(turned, axis=1), pose[:3, 3]
 
 
-def only(triangles: Triangles, owner: int) -> Triangles:
+def triangles_of(triangles: Triangles, owner: int) -> Triangles:
     """The triangles of one thing."""
     mine = triangles.owner == owner
     parts = {name: getattr(triangles, name)[mine] for name in ("corners", "normals", "uvs", "colors", "texture")}
@@ -108,7 +108,7 @@ def _rasterised(triangles: Triangles, camera: Camera) -> Buffer:
     return rasterise(corners, nearness, camera.width, camera.height)
 
 
-def _draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequence[int]) -> Seen:
+def _draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequence[int]) -> PerfectImage:
     rays, eye = rays_of(camera)
     depth, albedo, normals = _room(scenery, rays, eye)
     buffer = _rasterised(triangles, camera)
@@ -124,7 +124,7 @@ def _draw(triangles: Triangles, scenery: Scenery, camera: Camera, shiny: Sequenc
     lit = _lit(triangles, points, normals, scenery.light)
     rgb = _shaded(albedo, normals, units, lit, mirror, scenery.light)
     shape = (camera.height, camera.width)
-    return Seen(
+    return PerfectImage(
         rgb=rgb.reshape(*shape, 3),
         depth=depth.reshape(shape),
         labels=labels.reshape(shape),
@@ -175,7 +175,7 @@ def _lit(triangles: Triangles, points: Floats, normals: Floats, light: Light) ->
     buffer = rasterise((turned[:, :, :2] - low[:2]) * scale + 10, turned[:, :, 2], resolution, resolution)
     above = np.where(np.isfinite(buffer.nearness), buffer.nearness, -9.0).astype(np.float32)
     raised = points + normals * 0.003
-    across, along, depth = (dotted(raised, axes[:, axis]) for axis in range(3))
+    across, along, depth = (dot_products(raised, axes[:, axis]) for axis in range(3))
     columns, rows = (across - low[0]) * scale + 10, (along - low[1]) * scale + 10
     lit = np.ones(len(points))
     near = np.flatnonzero((np.abs(columns / resolution - 0.5) < 0.5) & (np.abs(rows / resolution - 0.5) < 0.5))
@@ -192,7 +192,7 @@ def _shaded(albedo: Floats, normals: Floats, units: Floats, lit: Floats, mirror:
     """(N, 3) colours: light from all around and from the lamp, with a highlight where a thing mirrors."""
     facing = np.where((_products(units, normals) > 0)[:, None], -normals, normals)
     around = (0.75 + 0.25 * facing[:, 2])[:, None] * light.sky
-    lamp = np.clip(dotted(facing, light.direction), 0, 1) * lit
+    lamp = np.clip(dot_products(facing, light.direction), 0, 1) * lit
     colors = albedo * (around + lamp[:, None] * light.lamp)
     half = light.direction - units
     middle = _products(facing, half) / np.maximum(np.sqrt(_products(half, half)), 1e-9)

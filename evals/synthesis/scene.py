@@ -13,9 +13,9 @@ from pydantic import Field
 from evals.benchmark.ground_truth import TrueObject, Truth
 from evals.synthesis.built_asset import png
 from evals.synthesis.camera import HIGHEST_TILT, LOWEST_TILT, random_camera
-from evals.synthesis.clutter import CENTER, Resting, SynthesisError, heap
+from evals.synthesis.clutter import CENTER, RestingObject, SynthesisError, settle_heap
 from evals.synthesis.distractors import FOLDER, write_distractors
-from evals.synthesis.drawing import Seen, draw, only, visible_alone
+from evals.synthesis.drawing import PerfectImage, draw_scene, triangles_of, unoccluded_mask
 from evals.synthesis.scenery import random_scenery
 from evals.synthesis.sensors import SENSORS, SensorKind
 from evals.synthesis.sensors.common import noisy_rgb
@@ -77,7 +77,7 @@ class SynthesisedScene:
     camera: Camera
     rgb: npt.NDArray[np.uint8]
     depth: npt.NDArray[np.float64]
-    seen: Seen
+    seen: PerfectImage
     truth: Truth
 
     def write(self, folder: Path) -> None:
@@ -132,11 +132,11 @@ def synthesise(recipe: Recipe, library: Library) -> SynthesisedScene:
         strange = write_distractors(Path(folder), recipe.distractors, rng)
         names = [*_chosen(recipe.objects - recipe.distractors, library, rng), *strange]
         both = library.overlay(Path(folder))
-        resting = heap(names, both, rng)
-        triangles = posed_triangles([(one.asset, one.pose) for one in resting], both)
+        resting = settle_heap(names, both, rng)
+        triangles = gather_posed([(one.asset, one.pose) for one in resting], both)
     camera = random_camera(recipe.tilt, _middle(resting), (recipe.width, recipe.height), rng)
     shiny = [number for number in range(1, recipe.objects + 1) if rng.random() < _SHINY]
-    seen = draw(triangles, random_scenery(rng), camera, shiny)
+    seen = draw_scene(triangles, random_scenery(rng), camera, shiny)
     truth = Truth(
         objects=tuple(_true_object(number, one, triangles, seen, camera) for number, one in enumerate(resting, 1)),
         sensor=recipe.sensor,
@@ -159,13 +159,15 @@ def _chosen(count: int, library: Library, rng: np.random.Generator) -> list[str]
     return [str(rng.choice(groups[key])) for key in picked]
 
 
-def _middle(resting: Sequence[Resting]) -> Vec3:
+def _middle(resting: Sequence[RestingObject]) -> Vec3:
     x, y, z = (float(value) for value in np.mean([one.pose[0] for one in resting], axis=0))
     return ((x + CENTER[0]) / 2, (y + CENTER[1]) / 2, z)
 
 
-def _true_object(number: int, one: Resting, triangles: Triangles, seen: Seen, camera: Camera) -> TrueObject:
-    mine = only(triangles, number)
+def _true_object(
+    number: int, one: RestingObject, triangles: Triangles, seen: PerfectImage, camera: Camera
+) -> TrueObject:
+    mine = triangles_of(triangles, number)
     low, high = mine.corners.min(axis=(0, 1)).round(5).tolist(), mine.corners.max(axis=(0, 1)).round(5).tolist()
     return TrueObject(
         id=number,
@@ -174,5 +176,5 @@ def _true_object(number: int, one: Resting, triangles: Triangles, seen: Seen, ca
         orientation=one.pose[1],
         box=Aabb(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2])),
         visible=int((seen.labels == number).sum()),
-        whole=int(visible_alone(mine, camera).sum()),
+        whole=int(unoccluded_mask(mine, camera).sum()),
     )

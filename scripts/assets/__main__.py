@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from evals.synthesis.built_asset import Built
+from evals.synthesis.built_asset import BuiltAsset
 from grs_agents import content
 from grs_agents.files import write_json
 from grs_agents.library.asset import MANIFEST, Manifest
@@ -16,7 +16,7 @@ from scripts.assets.templates import build_templates
 from scripts.assets.toys import build_toys
 
 
-def build_all() -> list[Built]:
+def build_all() -> list[BuiltAsset]:
     """Every asset, in the order of its families."""
     everyday = [*build_groceries(), *build_household()]
     return [*everyday, *build_toys(), *build_fixtures(), *build_templates(), *build_marks(), *build_kitting()]

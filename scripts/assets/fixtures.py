@@ -3,11 +3,11 @@
 Origins and dimensions are the published ones, since programs compute offsets from them.
 """
 
-from evals.synthesis.built_asset import Built, assemble, opaque
+from evals.synthesis.built_asset import BuiltAsset, build_asset, opaque
 from evals.synthesis.colliders import box, cylinder
 from grs_agents.base import Vec3
-from grs_agents.library.shapes import Rgba, Shape, joint_bounds, shape_bounds
-from scripts.assets.toys import toy
+from grs_agents.library.shapes import Rgba, Shape, shape_bounds, union_bounds
+from scripts.assets.toys import toy_asset
 
 _WOOD: tuple[Rgba, ...] = ((0.86, 0.68, 0.47, 1.0), (0.64, 0.46, 0.30, 1.0), (0.40, 0.27, 0.18, 1.0))
 """Light, middle and dark wood."""
@@ -16,7 +16,7 @@ _PALLET: Vec3 = (0.30, 0.25, 0.0375)
 _BOARD = 0.0075
 
 
-def build_fixtures() -> list[Built]:
+def build_fixtures() -> list[BuiltAsset]:
     """Everything that other things are put on or in."""
     return [
         _fixture("stacking/stand", _steps(0.05, 0.005), 0.1, "brown", "three plates in a row, 5 cm wide each"),
@@ -29,11 +29,11 @@ def build_fixtures() -> list[Built]:
     ]
 
 
-def _fixture(name: str, shapes: tuple[Shape, ...], mass: float, color: str, look: str) -> Built:
+def _fixture(name: str, shapes: tuple[Shape, ...], mass: float, color: str, look: str) -> BuiltAsset:
     size = _extents(shapes)
     category = name.rsplit("/", 1)[-1]
     bare = [shape.model_copy(update={"color": None}) for shape in shapes]
-    return assemble(toy(name, category, size, mass, color, look, category != "ell"), shapes, bare)
+    return build_asset(toy_asset(name, category, size, mass, color, look, category != "ell"), shapes, bare)
 
 
 def _extents(shapes: tuple[Shape, ...]) -> Vec3:
@@ -67,7 +67,7 @@ def _walls() -> tuple[Shape, ...]:
     )
 
 
-def _pallet() -> Built:
+def _pallet() -> BuiltAsset:
     """A deck of boards upon three beams; it touches as the solid around them, so nothing falls between."""
     x, y, z = _PALLET
     count, beam = 7, z - 2 * _BOARD
@@ -79,13 +79,13 @@ def _pallet() -> Built:
         if side == 1 or index % 2 == 0
     ]
     beams = [box((x, 0.02, beam), (0, step * (y - 0.02) / 2, 0), color=_WOOD[1]) for step in (-1, 0, 1)]
-    asset = toy("pallet/pallet", "pallet", _PALLET, 0.4, "brown", "a small wooden pallet, 30 x 25 cm", True)
-    return assemble(asset, [*boards, *beams], [box(_PALLET)])
+    asset = toy_asset("pallet/pallet", "pallet", _PALLET, 0.4, "brown", "a small wooden pallet, 30 x 25 cm", True)
+    return build_asset(asset, [*boards, *beams], [box(_PALLET)])
 
 
-def _plane() -> Built:
+def _plane() -> BuiltAsset:
     """A slab whose top is the ground, z = 0."""
     size = (10.0, 10.0, 0.1)
     slab = box(size, (0, 0, -size[2] / 2), color=(0.8, 0.8, 0.8, 1.0))
-    asset = toy("plane/plane", "ground", size, 0.0, "white", "level ground whose top is at z = 0")
-    return assemble(asset, [slab], [slab.model_copy(update={"color": None})])
+    asset = toy_asset("plane/plane", "ground", size, 0.0, "white", "level ground whose top is at z = 0")
+    return build_asset(asset, [slab], [slab.model_copy(update={"color": None})])

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from evals.synthesis.built_asset import Built
+from evals.synthesis.built_asset import BuiltAsset
 from evals.synthesis.colliders import box, stadium
 from evals.synthesis.meshes import Floats, loft, rectangle, superellipse
 from grs_agents.base import Vec3
@@ -11,11 +11,11 @@ from grs_agents.library.asset import Asset
 from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.shapes import Shape
 from scripts.assets.grocery_table import GROCERIES, Grocery
-from scripts.assets.label import texture
+from scripts.assets.label import label_texture
 
 
 @dataclass(frozen=True)
-class Form:
+class PackageForm:
     """The shape of a package, as fractions of its extents.
 
     Attributes:
@@ -44,22 +44,22 @@ _BOTTLE: tuple[Vec3, ...] = (
     (0.5, 0.5, 1.0),
 )
 _BOTTLE_SLABS = ((1.0, 1.0, 0.0, 0.66), (0.75, 0.75, 0.66, 0.78), (0.56, 0.56, 0.78, 1.0))
-FORMS: dict[str, Form] = {
-    "can": Form(
+FORMS: dict[str, PackageForm] = {
+    "can": PackageForm(
         _ROUND,
         ((0.95, 0.95, 0.0), (1, 1, 0.03), (1, 1, 0.97), (0.97, 0.97, 1.0), (0.9, 0.9, 1.0), (0.9, 0.9, 0.97)),
         _WHOLE,
         2,
     ),
-    "box": Form(rectangle(), ((1, 1, 0), (1, 1, 1)), _WHOLE, 4),
-    "carton": Form(
+    "box": PackageForm(rectangle(), ((1, 1, 0), (1, 1, 1)), _WHOLE, 4),
+    "carton": PackageForm(
         rectangle(),
         ((1, 1, 0), (1, 1, 0.76), (1, 0.08, 0.92), (1, 0.08, 1)),
         ((1, 1, 0, 0.78), (1, 0.6, 0.78, 0.85), (1, 0.32, 0.85, 1)),
         4,
     ),
-    "bottle": Form(_SQUARISH, _BOTTLE, _BOTTLE_SLABS, 2),
-    "jar": Form(
+    "bottle": PackageForm(_SQUARISH, _BOTTLE, _BOTTLE_SLABS, 2),
+    "jar": PackageForm(
         _SQUARISH,
         (
             (0.93, 0.93, 0),
@@ -73,10 +73,10 @@ FORMS: dict[str, Form] = {
         ((1, 1, 0, 0.7), (0.84, 0.84, 0.7, 1)),
         2,
     ),
-    "canister": Form(
+    "canister": PackageForm(
         _ROUND, ((0.96, 0.96, 0), (0.96, 0.96, 0.84), (1, 1, 0.84), (1, 1, 0.98), (0.94, 0.94, 1)), _WHOLE, 2
     ),
-    "tub": Form(
+    "tub": PackageForm(
         _ROUND,
         ((0.78, 0.78, 0), (0.95, 0.95, 0.9), (1, 1, 0.9), (1, 1, 0.98), (0.98, 0.98, 1)),
         ((0.82, 0.82, 0, 0.5), (0.93, 0.93, 0.5, 0.88), (1, 1, 0.88, 1)),
@@ -85,12 +85,12 @@ FORMS: dict[str, Form] = {
 }
 
 
-def build_groceries() -> list[Built]:
+def build_groceries() -> list[BuiltAsset]:
     """All of them."""
-    return [build(grocery) for grocery in GROCERIES]
+    return [build_grocery(grocery) for grocery in GROCERIES]
 
 
-def build(grocery: Grocery) -> Built:
+def build_grocery(grocery: Grocery) -> BuiltAsset:
     """Mesh, texture, colliders and manifest entry of one kind."""
     form, (x, y, z) = FORMS[grocery.form], grocery.size
     mesh = loft(form.outline, [(a * x / 2, b * y / 2, c * z) for a, b, c in form.rings]).centred()
@@ -118,7 +118,7 @@ def build(grocery: Grocery) -> Built:
         color=grocery.color,
         description=f"{grocery.look}, {100 * x:.1f} x {100 * y:.1f} x {100 * z:.1f} cm",
     )
-    return Built(
+    return BuiltAsset(
         asset,
         urdf_text(
             grocery.kind,
@@ -130,5 +130,5 @@ def build(grocery: Grocery) -> Built:
             folder="HOPE",
         ),
         {mesh_name: mesh.obj()},
-        {texture_name: texture(grocery.label, around, z, printed_cap=form.faces == 4)},
+        {texture_name: label_texture(grocery.label, around, z, printed_cap=form.faces == 4)},
     )

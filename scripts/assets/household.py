@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from evals.synthesis.built_asset import Built, assemble, opaque
+from evals.synthesis.built_asset import BuiltAsset, build_asset, opaque
 from evals.synthesis.colliders import box, cylinder, lifted, open_box, ring
 from evals.synthesis.meshes import Mesh, loft, superellipse, tube
 from grs_agents.base import Vec3
@@ -17,26 +17,26 @@ _CUBE_COLORS = ("red", "green", "blue", "yellow", "orange", "purple", "cyan", "b
 _ROUND = superellipse(2.0, 32)
 
 
-def build_household() -> list[Built]:
+def build_household() -> list[BuiltAsset]:
     """Everything that is neither a grocery nor a template."""
     return [*build_cubes(), *build_open_boxes(), build_bowl(), build_mug(), build_plate(), build_zone()]
 
 
-def build_cubes() -> list[Built]:
+def build_cubes() -> list[BuiltAsset]:
     """One 4 cm cube for each colour, and the neutral ``block/block.urdf``."""
     cubes = [(f"{name}_block", name) for name in _CUBE_COLORS]
     return [_cube(stem, color) for stem, color in [("block", "gray"), *cubes]]
 
 
-def _cube(stem: str, color: str) -> Built:
+def _cube(stem: str, color: str) -> BuiltAsset:
     size = (_CUBE, _CUBE, _CUBE)
     solid = box(size, color=opaque(color))
     look = f"a {color} cube, 4 cm" if stem != "block" else "a plain gray cube, 4 cm, to be given any colour"
     asset = _asset(f"block/{stem}.urdf", stem, "cube", size, 0.05, color, look)
-    return assemble(asset, [solid], [solid])
+    return build_asset(asset, [solid], [solid])
 
 
-def build_open_boxes() -> list[Built]:
+def build_open_boxes() -> list[BuiltAsset]:
     """Boxes without a lid, in two sizes."""
     kinds = (
         (
@@ -54,16 +54,16 @@ def build_open_boxes() -> list[Built]:
             "a small blue plastic box without a lid, 18 x 14 x 6 cm",
         ),
     )
-    built: list[Built] = []
+    built: list[BuiltAsset] = []
     for stem, size, color, mass, look in kinds:
         tint: Rgba = (0.72, 0.54, 0.36, 1.0) if color == "brown" else opaque(color)
         walls = open_box(size, 0.005, tint)
         asset = _asset(f"container/{stem}.urdf", stem, "container", size, mass, color, look, True, True)
-        built.append(assemble(asset, walls, walls))
+        built.append(build_asset(asset, walls, walls))
     return built
 
 
-def build_bowl() -> Built:
+def build_bowl() -> BuiltAsset:
     """A round bowl, 16 cm wide and 6 cm high."""
     outer = ((0.035, 0.0), (0.052, 0.006), (0.068, 0.022), (0.076, 0.042), (0.080, 0.060))
     inner = ((0.076, 0.060), (0.072, 0.043), (0.064, 0.025), (0.048, 0.010), (0.030, 0.006))
@@ -80,7 +80,7 @@ def build_bowl() -> Built:
     return _with_mesh(asset, [("bowl/bowl.obj", mesh, (0.93, 0.92, 0.88, 1.0))], colliders)
 
 
-def build_mug() -> Built:
+def build_mug() -> BuiltAsset:
     """A mug 8 cm wide and 9.5 cm high; its handle points to +x."""
     radius, height, reach = 0.040, 0.095, 0.030
     profile = (
@@ -111,7 +111,7 @@ def build_mug() -> Built:
     return _with_mesh(asset, meshes, lifted(colliders, shift))
 
 
-def build_plate() -> Built:
+def build_plate() -> BuiltAsset:
     """A flat plate, 22 cm wide."""
     profile = ((0.065, 0.0), (0.070, 0.004), (0.110, 0.016), (0.110, 0.018), (0.107, 0.018), (0.068, 0.007))
     mesh = loft(_ROUND, [(r, r, z) for r, z in profile]).centred()
@@ -125,12 +125,12 @@ def build_plate() -> Built:
     return _with_mesh(asset, [("plate/plate.obj", mesh, (0.90, 0.92, 0.95, 1.0))], lifted(colliders, (0, 0, -0.009)))
 
 
-def build_zone() -> Built:
+def build_zone() -> BuiltAsset:
     """A coloured area on the table that nothing collides with."""
     size = (0.12, 0.12, 0.002)
     look = "a green square marked on the table, 12 x 12 cm, to place things on"
     asset = _asset("zone/zone.urdf", "zone", "zone", size, 0.0, "green", look, True, True)
-    return assemble(asset, [box(size, color=opaque("green"))], [])
+    return build_asset(asset, [box(size, color=opaque("green"))], [])
 
 
 def _asset(
@@ -162,9 +162,9 @@ def _moved(mesh: Mesh, offset: Vec3) -> Mesh:
     return Mesh(mesh.vertices + np.asarray(offset), mesh.faces, mesh.uvs, mesh.face_uvs)
 
 
-def _with_mesh(asset: Asset, meshes: Sequence[tuple[str, Mesh, Rgba]], colliders: tuple[Shape, ...]) -> Built:
+def _with_mesh(asset: Asset, meshes: Sequence[tuple[str, Mesh, Rgba]], colliders: tuple[Shape, ...]) -> BuiltAsset:
     """An asset whose looks are plain coloured meshes; colliders that start at z = 0 are centred."""
     low, high = joint_bounds(shape_bounds(shape) for shape in colliders)
     centred = lifted(colliders, (0, 0, -(low[2] + high[2]) / 2))
     visuals = [Shape(kind="mesh", size=(1, 1, 1), mesh=name, color=color) for name, _, color in meshes]
-    return assemble(asset, visuals, centred, {name: mesh.obj() for name, mesh, _ in meshes})
+    return build_asset(asset, visuals, centred, {name: mesh.obj() for name, mesh, _ in meshes})

@@ -5,9 +5,9 @@ z = 0, where the published ones have their origin. Beside it lie its convex part
 which the URDF reader takes for the colliders of whatever collides as ``NN.obj``.
 """
 
-from evals.synthesis.built_asset import Built
+from evals.synthesis.built_asset import BuiltAsset
+from evals.synthesis.meshes import annulus, prism, wedges
 from evals.synthesis.polygons import Floats, convex_pieces
-from evals.synthesis.prism import annulus, prism, wedges
 from grs_agents.library.asset import Asset
 from grs_agents.library.shapes import Rgba
 from scripts.assets.outlines import Outline, outlines
@@ -22,14 +22,14 @@ _BLUE: Rgba = (0.16, 0.36, 0.80, 1.0)
 _WEDGE_SIDES = 3
 
 
-def build_kitting() -> list[Built]:
+def build_kitting() -> list[BuiltAsset]:
     """The two templates; the first brings the meshes."""
     touching = _object("object-template", 0.05)
     meshes = {name: text for number, shape in enumerate(outlines()) for name, text in _meshes(number, shape).items()}
-    return [Built(touching.asset, touching.urdf, meshes), _object("object-template-nocollision", 0.0)]
+    return [BuiltAsset(touching.asset, touching.urdf, meshes), _object("object-template-nocollision", 0.0)]
 
 
-def pieces(shape: Outline) -> list[Floats]:
+def convex_outline_pieces(shape: Outline) -> list[Floats]:
     """Convex polygons that tile a shape (those of a ring have a chord for their inner side)."""
     if shape.hole is None:
         return convex_pieces(shape.corners)
@@ -38,7 +38,7 @@ def pieces(shape: Outline) -> list[Floats]:
 
 def _meshes(number: int, shape: Outline) -> dict[str, str]:
     stem = f"kitting/{number:02d}"
-    hole, parts = shape.hole, pieces(shape)
+    hole, parts = shape.hole, convex_outline_pieces(shape)
     whole = prism(shape.corners, 0.0, HEIGHT) if hole is None else annulus(shape.corners, hole, 0.0, HEIGHT)
     files = {f"{stem}.obj": whole.obj()}
     if len(parts) > 1:
@@ -46,7 +46,7 @@ def _meshes(number: int, shape: Outline) -> dict[str, str]:
     return files
 
 
-def _object(stem: str, mass: float) -> Built:
+def _object(stem: str, mass: float) -> BuiltAsset:
     extents = outlines()[SHOWN].corners
     x, y = (float(side) * 0.003 for side in extents.max(axis=0) - extents.min(axis=0))
     asset = Asset(

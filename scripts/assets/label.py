@@ -47,7 +47,7 @@ def bgr(color: str) -> tuple[int, int, int]:
     return (int(color[4:6], 16), int(color[2:4], 16), int(color[0:2], 16))
 
 
-def texture(label: Label, panels: Sequence[float], height: float, printed_cap: bool) -> Image:
+def label_texture(label: Label, panels: Sequence[float], height: float, printed_cap: bool) -> Image:
     """The (512, 512, 3) BGR texture of a package.
 
     Args:

@@ -1,10 +1,10 @@
 """What is drawn on the table: zones, lines, corners, squares and rectangles, as thin boxes that nothing touches."""
 
-from evals.synthesis.built_asset import Built
+from evals.synthesis.built_asset import BuiltAsset
 from grs_agents.base import Vec3
 from grs_agents.library.shapes import Rgba
 from grs_agents.library.templates import STROKE_LENGTH, STROKE_WIDTH, Value
-from scripts.assets.templates import Part, mark
+from scripts.assets.templates import Part, mark_template
 
 _GREEN: Rgba = (0.20, 0.62, 0.25, 1.0)
 _BLUE: Rgba = (0.16, 0.36, 0.80, 1.0)
@@ -19,28 +19,30 @@ _SIDES: tuple[Part, ...] = (
 """The sides -y, +x, -x, +y of a rectangle, in the order in which templates of fewer sides have them."""
 
 
-def build_marks() -> list[Built]:
+def build_marks() -> list[BuiltAsset]:
     """Every mark's template. Their height is fixed: programs often say 0."""
     return [_zone(), *_lines(), _corner(), *_squares(), *_rectangles()]
 
 
-def _zone() -> Built:
+def _zone() -> BuiltAsset:
     size = (0.2, 0.2, _ZONE_HEIGHT)
     part = ("0 0 0", f'<box size="DIM0 DIM1 {_ZONE_HEIGHT}"/>')
     look = "an area of any size marked on the table (DIM0 x DIM1 m)"
-    return mark("zone/zone-template", "zone", look, size, {"DIM": size, "COLOR": _GREEN}, [part])
+    return mark_template("zone/zone-template", "zone", look, size, {"DIM": size, "COLOR": _GREEN}, [part])
 
 
-def _lines() -> list[Built]:
+def _lines() -> list[BuiltAsset]:
     part = ("0 0 0", f'<box size="DIM0 {_LINE} {_THIN}"/>')
     look = "a green line of any length on the table (DIM0 m along x, 1 cm wide)"
     return [
-        mark(f"line/{stem}", "line", look, (0.3, _LINE, _THIN), {"DIM": (0.3, _LINE, _THIN), "COLOR": _GREEN}, [part])
+        mark_template(
+            f"line/{stem}", "line", look, (0.3, _LINE, _THIN), {"DIM": (0.3, _LINE, _THIN), "COLOR": _GREEN}, [part]
+        )
         for stem in ("line-template", "single-green-line-template")
     ]
 
 
-def _corner() -> Built:
+def _corner() -> BuiltAsset:
     """Two strokes around the +x, +y corner of a box; programs say where the strokes' centres are."""
     parts = (
         ("DIMX0 DIMY0 0", f'<box size="{STROKE_LENGTH} {STROKE_WIDTH} {_THIN}"/>'),
@@ -50,10 +52,10 @@ def _corner() -> Built:
     size = (STROKE_LENGTH, STROKE_LENGTH, _THIN)
     template: dict[str, tuple[Value, ...]] = {"DIMX": (back, 0.0), "DIMY": (0.0, back), "COLOR": _GREEN}
     look = "a green right angle on the table: strokes around (DIMX0, DIMY0) along x and (DIMX1, DIMY1) along y"
-    return mark("corner/corner-template", "corner", look, size, template, parts)
+    return mark_template("corner/corner-template", "corner", look, size, template, parts)
 
 
-def _squares() -> list[Built]:
+def _squares() -> list[BuiltAsset]:
     """Squares of side DIM0 from lines centred on HALF0: open at +y, or closed."""
     three = [(origin.replace("HALF1", "HALF0"), shape.replace("DIM1", "DIM0")) for origin, shape in _SIDES]
     kinds = (
@@ -65,7 +67,7 @@ def _squares() -> list[Built]:
     )
     side = 0.15
     return [
-        mark(
+        mark_template(
             f"square/{stem}",
             "square",
             f"{'an outline' if count == 4 else 'three sides'} of a square of any size on the table (DIM0 m)",
@@ -77,12 +79,12 @@ def _squares() -> list[Built]:
     ]
 
 
-def _rectangles() -> list[Built]:
+def _rectangles() -> list[BuiltAsset]:
     kinds = [(f"rectangle-template-sides-{count}", count) for count in (1, 2, 3, 4)]
     kinds += [("rectangle-template", 4), ("rectangle-template-sides-1_test", 1)]
     x, y = 0.2, 0.1
     return [
-        mark(
+        mark_template(
             f"rectangle/{stem}",
             "rectangle",
             f"{count} of the sides of a rectangle of any size on the table (DIM0 x DIM1 m)",

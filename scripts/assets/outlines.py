@@ -48,34 +48,34 @@ def outlines() -> tuple[Outline, ...]:
     return (
         _drawn("letter R", _LETTER_R),
         _drawn("letter A", _LETTER_A),
-        Outline("triangle", regular(3, 13.0), 3),
-        Outline("square", regular(4, 10 * math.sqrt(2), math.pi / 4), 4),
+        Outline("triangle", regular_polygon(3, 13.0), 3),
+        Outline("square", regular_polygon(4, 10 * math.sqrt(2), math.pi / 4), 4),
         Outline("plus", _plus(11.5, 3.6), 4),
         _drawn("letter T", _LETTER_T),
         Outline("diamond", np.array([(13.0, 0), (0, 8.5), (-13.0, 0), (0, -8.5)]), 2),
-        Outline("pentagon", regular(5, 12.0), 5),
+        Outline("pentagon", regular_polygon(5, 12.0), 5),
         Outline("rectangle", np.array([(11.5, 6.5), (-11.5, 6.5), (-11.5, -6.5), (11.5, -6.5)]), 2),
-        Outline("flower", polar(lambda angle: 9.6 + 2.9 * math.cos(4 * angle)), 4),
+        Outline("flower", polar_outline(lambda angle: 9.6 + 2.9 * math.cos(4 * angle)), 4),
         Outline("star", _star(5, 13.2, 6.6), 5),
-        Outline("circle", regular(ROUND, 11.0), 0),
+        Outline("circle", regular_polygon(ROUND, 11.0), 0),
         _drawn("letter G", _LETTER_G),
         _drawn("letter V", _LETTER_V),
         _drawn("letter E", _LETTER_E),
         _drawn("letter L", _LETTER_L),
-        Outline("ring", regular(ROUND, 12.5), 0, regular(ROUND, _HOLE)),
-        Outline("hexagon", regular(6, 11.5), 6),
+        Outline("ring", regular_polygon(ROUND, 12.5), 0, regular_polygon(ROUND, _HOLE)),
+        Outline("hexagon", regular_polygon(6, 11.5), 6),
         _drawn("heart", _heart()),
         _drawn("letter M", _LETTER_M),
     )
 
 
-def regular(count: int, radius: float, first: float = math.pi / 2) -> Floats:
+def regular_polygon(count: int, radius: float, first: float = math.pi / 2) -> Floats:
     """A regular polygon (count, 2) around the origin, its first corner at the angle ``first`` (rad)."""
     angles = first + np.arange(count) * 2 * np.pi / count
     return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
-def polar(radius: Callable[[float], float]) -> Floats:
+def polar_outline(radius: Callable[[float], float]) -> Floats:
     """A smooth closed curve (ROUND, 2) around the origin, its radius a function of the angle (rad)."""
     angles = [2 * math.pi * step / ROUND for step in range(ROUND)]
     return np.array([(radius(a) * math.cos(a), radius(a) * math.sin(a)) for a in angles])
@@ -91,7 +91,7 @@ def _plus(reach: float, half: float) -> Floats:
 
 
 def _star(count: int, outer: float, inner: float) -> Floats:
-    tips, dents = regular(count, outer), regular(count, inner, math.pi / 2 + math.pi / count)
+    tips, dents = regular_polygon(count, outer), regular_polygon(count, inner, math.pi / 2 + math.pi / count)
     return np.stack([tips, dents], axis=1).reshape(-1, 2)
 
 

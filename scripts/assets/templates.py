@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from evals.synthesis.built_asset import Built
+from evals.synthesis.built_asset import BuiltAsset
 from grs_agents.base import Vec3
 from grs_agents.library.asset import Asset
 from grs_agents.library.colors import color_name
@@ -27,7 +27,7 @@ _GRAY: Rgba = (0.52, 0.52, 0.52, 1.0)
 _RED: Rgba = (0.85, 0.16, 0.16, 1.0)
 
 
-def build_templates() -> list[Built]:
+def build_templates() -> list[BuiltAsset]:
     """Container, box, block, cylinder and balls."""
     walls = [(origin, f'<box size="{size}"/>') for origin, size in _CONTAINER]
     stick = '<cylinder radius="HALF0" length="DIM2"/>'
@@ -43,7 +43,7 @@ def build_templates() -> list[Built]:
     ]
 
 
-def _solid(name: str, look: str, size: Vec3, color: Rgba, parts: Sequence[Part], mass: float) -> Built:
+def _solid(name: str, look: str, size: Vec3, color: Rgba, parts: Sequence[Part], mass: float) -> BuiltAsset:
     category = name.rsplit("/", 1)[-1].replace("sphere", "ball")
     asset = Asset(
         name=f"{name}-template.urdf",
@@ -62,7 +62,7 @@ def _solid(name: str, look: str, size: Vec3, color: Rgba, parts: Sequence[Part],
     return build_template(asset, parts, parts)
 
 
-def build_template(asset: Asset, visuals: Sequence[Part], colliders: Sequence[Part]) -> Built:
+def build_template(asset: Asset, visuals: Sequence[Part], colliders: Sequence[Part]) -> BuiltAsset:
     """The URDF of a template of these shapes, in the one colour that ``COLOR`` says."""
     stem, size, mass = asset.name.split("/", 1)[0], asset.size, asset.mass
     lines = ['<?xml version="1.0" encoding="utf-8"?>', f'<robot name="{stem}">', f'  <link name="{stem}">']
@@ -75,12 +75,12 @@ def build_template(asset: Asset, visuals: Sequence[Part], colliders: Sequence[Pa
         lines += [f"    <visual>{_place(origin, shape)}", f"      {_COLOR}</visual>"]
     for origin, shape in colliders:
         lines += [f"    <collision>{_place(origin, shape)}</collision>"]
-    return Built(asset, "\n".join([*lines, "  </link>", "</robot>", ""]))
+    return BuiltAsset(asset, "\n".join([*lines, "  </link>", "</robot>", ""]))
 
 
-def mark(
+def mark_template(
     name: str, category: str, look: str, size: Vec3, template: dict[str, tuple[Value, ...]], parts: Sequence[Part]
-) -> Built:
+) -> BuiltAsset:
     """A template of something drawn on the table, which nothing collides with; ``name`` without ``.urdf``."""
     color = tuple(float(value) for value in template["COLOR"])
     asset = Asset(

@@ -2,13 +2,13 @@
 
 import math
 
-from evals.synthesis.built_asset import Built, assemble, opaque
+from evals.synthesis.built_asset import BuiltAsset, build_asset, opaque
 from evals.synthesis.colliders import box, cylinder, ring
-from evals.synthesis.prism import annulus
+from evals.synthesis.meshes import annulus
 from grs_agents.base import Vec3
 from grs_agents.library.asset import Asset
 from grs_agents.library.shapes import Shape
-from scripts.assets.outlines import ROUND, regular
+from scripts.assets.outlines import ROUND, regular_polygon
 
 _BLOCKS = (
     ("block/small", 0.01, 0.001, "red", "a small red cube, 1 cm: one grain of a pile"),
@@ -32,7 +32,7 @@ _HOLE = 0.015
 _CORNERS = 16
 
 
-def build_toys() -> list[Built]:
+def build_toys() -> list[BuiltAsset]:
     """Every loose toy."""
     blocks = [
         _solid(name, box((side, side, side)), (side, side, side), mass, color, look)
@@ -45,30 +45,30 @@ def build_toys() -> list[Built]:
     return [*blocks, *balls, stick, *(_disk(*one) for one in _DISKS)]
 
 
-def _ball(name: str, radius: float, mass: float, color: str, look: str) -> Built:
+def _ball(name: str, radius: float, mass: float, color: str, look: str) -> BuiltAsset:
     width = 2 * radius
     return _solid(name, Shape(kind="sphere", size=(radius,)), (width, width, width), mass, color, look)
 
 
-def _solid(name: str, shape: Shape, size: Vec3, mass: float, color: str, look: str) -> Built:
+def _solid(name: str, shape: Shape, size: Vec3, mass: float, color: str, look: str) -> BuiltAsset:
     category = {"box": "cube", "sphere": "ball"}.get(shape.kind, "cylinder")
     seen = shape.model_copy(update={"color": opaque(color)})
-    return assemble(toy(name, category, size, mass, color, look), [seen], [shape])
+    return build_asset(toy_asset(name, category, size, mass, color, look), [seen], [shape])
 
 
-def _disk(stem: str, radius: float, height: float, color: str) -> Built:
+def _disk(stem: str, radius: float, height: float, color: str) -> BuiltAsset:
     """A flat ring that drops over a peg: drawn round, touching as wedges."""
-    mesh = annulus(regular(ROUND, radius, 0.0), regular(ROUND, _HOLE, 0.0), -height / 2, height / 2)
+    mesh = annulus(regular_polygon(ROUND, radius, 0.0), regular_polygon(ROUND, _HOLE, 0.0), -height / 2, height / 2)
     name = f"hanoi/{stem}.obj"
     mass = round(1200 * math.pi * (radius**2 - _HOLE**2) * height, 4)
     look = f"a {color} disk with a hole, {200 * radius:g} cm wide and {100 * height:g} cm high"
-    asset = toy(f"hanoi/{stem}", "disk", (2 * radius, 2 * radius, height), mass, color, look)
+    asset = toy_asset(f"hanoi/{stem}", "disk", (2 * radius, 2 * radius, height), mass, color, look)
     seen = Shape(kind="mesh", size=(1, 1, 1), mesh=name, color=opaque(color))
     touching = ring(radius, radius - _HOLE, -height / 2, height / 2, _CORNERS)
-    return assemble(asset, [seen], touching, {name: mesh.obj()})
+    return build_asset(asset, [seen], touching, {name: mesh.obj()})
 
 
-def toy(name: str, category: str, size: Vec3, mass: float, color: str, look: str, hollow: bool = False) -> Asset:
+def toy_asset(name: str, category: str, size: Vec3, mass: float, color: str, look: str, hollow: bool = False) -> Asset:
     """The manifest entry of a thing that programs name and photos do not show; ``name`` without ``.urdf``."""
     return Asset(
         name=f"{name}.urdf",

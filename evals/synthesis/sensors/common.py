@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from evals.synthesis.drawing import Bools, Floats, Seen
+from evals.synthesis.drawing import Bools, Floats, PerfectImage
 
 
 def noisy_rgb(rgb: Floats, rng: np.random.Generator) -> npt.NDArray[np.uint8]:
@@ -20,14 +20,14 @@ def smooth_noise(shape: tuple[int, int], width: float, rng: np.random.Generator)
     return noise * (2 * np.sqrt(np.pi) * width)
 
 
-def edges(depth: Floats, step: float) -> Bools:
+def depth_edges(depth: Floats, step: float) -> Bools:
     """(H, W) pixels with a neighbour that is farther away or nearer by more than ``step`` of their depth."""
     kernel = np.ones((3, 3), np.uint8)
     span = np.asarray(cv2.dilate(depth, kernel)) - np.asarray(cv2.erode(depth, kernel))
     return np.asarray(span > step * depth)
 
 
-def unseen_from(disparity: Floats, slack: float = 1.5) -> Bools:
+def occluded_from_second_eye(disparity: Floats, slack: float = 1.5) -> Bools:
     """(H, W) pixels that a second eye beside the camera does not see, because something nearer is in the way.
 
     Args:
@@ -45,7 +45,7 @@ def unseen_from(disparity: Floats, slack: float = 1.5) -> Bools:
     return np.asarray(np.take_along_axis(nearest, bins, axis=1) > disparity + slack)
 
 
-def returned(seen: Seen) -> Floats:
+def returned_light(seen: PerfectImage) -> Floats:
     """(H, W) how much of a light beside the camera comes back: 1 from a white wall at 1 m seen straight on.
 
     A mirroring thing throws most of it elsewhere, unless it faces the camera.
@@ -54,7 +54,7 @@ def returned(seen: Seen) -> Floats:
     return seen.albedo * seen.cosine * mirrored / np.maximum(seen.depth, 0.2) ** 2
 
 
-def jittered(picture: Floats, deviation: float, width: float, rng: np.random.Generator) -> Floats:
+def frayed_outlines(picture: Floats, deviation: float, width: float, rng: np.random.Generator) -> Floats:
     """The picture (H, W) with its outlines frayed: each pixel shows one that is ``deviation`` pixels off."""
     rows, columns = np.indices(picture.shape)
     shift = [smooth_noise(picture.shape, width, rng) * deviation for _ in range(2)]
@@ -63,7 +63,7 @@ def jittered(picture: Floats, deviation: float, width: float, rng: np.random.Gen
     return picture[row, column]
 
 
-def patches(shape: tuple[int, int], share: float | Floats, width: float, rng: np.random.Generator) -> Bools:
+def random_patches(shape: tuple[int, int], share: float | Floats, width: float, rng: np.random.Generator) -> Bools:
     """(H, W) blots of about ``width`` pixels that cover ``share`` (of everything, or at each pixel) of the picture."""
     field = smooth_noise(shape, width, rng)
     return np.asarray(_normal_share(field) > 1 - np.asarray(share))

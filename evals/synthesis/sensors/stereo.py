@@ -11,8 +11,14 @@ RealSense D435 for mobile robots", UR 2019 (noise that is alike over the window;
 import cv2
 import numpy as np
 
-from evals.synthesis.drawing import Floats, Seen
-from evals.synthesis.sensors.common import edges, jittered, patches, smooth_noise, unseen_from
+from evals.synthesis.drawing import Floats, PerfectImage
+from evals.synthesis.sensors.common import (
+    depth_edges,
+    frayed_outlines,
+    occluded_from_second_eye,
+    random_patches,
+    smooth_noise,
+)
 from grs_agents.perception import Camera
 
 BASELINE = 0.05
@@ -27,20 +33,20 @@ _TEXTURE = 0.012
 """Contrast within the window (deviation of the brightness) below which a match is doubtful."""
 
 
-def stereo(seen: Seen, camera: Camera, rng: np.random.Generator) -> Floats:
+def stereo_depth(seen: PerfectImage, camera: Camera, rng: np.random.Generator) -> Floats:
     """The depth (H, W) in m that such a camera measures, 0 where it measures none."""
     shape = (camera.height, camera.width)
     product = camera.fx * BASELINE
     exact = product / seen.depth
     plain = np.clip(1 - _contrast(seen.rgb) / _TEXTURE, 0, 1)
     fat = np.asarray(cv2.dilate(exact, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * FAT + 1, 2 * FAT + 1))))
-    matched = np.where(patches(shape, 0.3 + 0.6 * plain, 3.0, rng), fat, exact)
+    matched = np.where(random_patches(shape, 0.3 + 0.6 * plain, 3.0, rng), fat, exact)
     fine, coarse = rng.normal(size=shape), smooth_noise(shape, _WINDOW, rng)
     noise = DEVIATION * (1 + plain) * (0.35 * fine + 0.94 * coarse)
-    disparity = jittered(matched, 0.5, 1.5, rng) + noise
+    disparity = frayed_outlines(matched, 0.5, 1.5, rng) + noise
     measured = product / np.maximum(np.rint(disparity / STEP) * STEP, STEP)
-    lost = unseen_from(exact) | patches(shape, 0.004 + 0.05 * plain + 0.15 * seen.shiny, 4.0, rng)
-    lost |= edges(seen.depth, 0.03) & (rng.random(shape) < 0.25)
+    lost = occluded_from_second_eye(exact) | random_patches(shape, 0.004 + 0.05 * plain + 0.15 * seen.shiny, 4.0, rng)
+    lost |= depth_edges(seen.depth, 0.03) & (rng.random(shape) < 0.25)
     lost |= (seen.cosine < 0.08) | (measured < NEAREST) | (measured > FARTHEST)
     return np.where(lost, 0.0, measured)
 

@@ -10,8 +10,15 @@ beside what is nearer, nothing measured on dark, mirroring and grazing surfaces 
 
 import numpy as np
 
-from evals.synthesis.drawing import Floats, Seen
-from evals.synthesis.sensors.common import edges, jittered, patches, returned, smooth_noise, unseen_from
+from evals.synthesis.drawing import Floats, PerfectImage
+from evals.synthesis.sensors.common import (
+    depth_edges,
+    frayed_outlines,
+    occluded_from_second_eye,
+    random_patches,
+    returned_light,
+    smooth_noise,
+)
 from grs_agents.perception import Camera
 
 BASELINE = 0.075
@@ -26,23 +33,23 @@ _FAINT = 0.025
 _GRAZING = 0.12
 
 
-def structured_light(seen: Seen, camera: Camera, rng: np.random.Generator) -> Floats:
+def structured_light_depth(seen: PerfectImage, camera: Camera, rng: np.random.Generator) -> Floats:
     """The depth (H, W) in m that such a camera measures, 0 where it measures none."""
     shape = (camera.height, camera.width)
     product = camera.fx * BASELINE
-    depth = jittered(seen.depth, LATERAL, _WINDOW, rng)
+    depth = frayed_outlines(seen.depth, LATERAL, _WINDOW, rng)
     fine, coarse = rng.normal(size=shape), smooth_noise(shape, _WINDOW, rng)
     disparity = product / depth + DEVIATION * (0.6 * fine + 0.8 * coarse) + _grazing(seen, product) * coarse
     measured = product / np.maximum(np.rint(disparity / STEP) * STEP, STEP)
-    light = returned(seen) * np.exp(0.3 * smooth_noise(shape, _WINDOW, rng))
-    lost = unseen_from(product / seen.depth) | (light < _FAINT) | (seen.cosine < _GRAZING)
-    lost |= seen.shiny & ((seen.cosine > 0.985) | patches(shape, 0.2, 4.0, rng))
-    lost |= edges(seen.depth, 0.02) & (rng.random(shape) < 0.5)
+    light = returned_light(seen) * np.exp(0.3 * smooth_noise(shape, _WINDOW, rng))
+    lost = occluded_from_second_eye(product / seen.depth) | (light < _FAINT) | (seen.cosine < _GRAZING)
+    lost |= seen.shiny & ((seen.cosine > 0.985) | random_patches(shape, 0.2, 4.0, rng))
+    lost |= depth_edges(seen.depth, 0.02) & (rng.random(shape) < 0.5)
     lost |= (measured < NEAREST) | (measured > FARTHEST)
     return np.where(lost, 0.0, measured)
 
 
-def _grazing(seen: Seen, product: float) -> Floats:
+def _grazing(seen: PerfectImage, product: float) -> Floats:
     """Further deviation (H, W) of the disparity, pixels, where a surface is seen at a grazing angle (Nguyen et al.)."""
     angle = np.arccos(np.clip(seen.cosine, 0, 1))
     beyond = np.minimum(1e-4 / np.sqrt(seen.depth) * angle**2 / np.maximum(np.pi / 2 - angle, 0.05) ** 2, 0.02)

@@ -11,8 +11,8 @@ over distance and incidence).
 import cv2
 import numpy as np
 
-from evals.synthesis.drawing import Floats, Seen
-from evals.synthesis.sensors.common import edges, returned
+from evals.synthesis.drawing import Floats, PerfectImage
+from evals.synthesis.sensors.common import depth_edges, returned_light
 from grs_agents.perception import Camera
 
 DEVIATION = 0.001
@@ -29,10 +29,10 @@ _FAINT, _GLARE = 0.02, 2.5
 NEAREST, FARTHEST = 0.25, 5.0
 
 
-def time_of_flight(seen: Seen, camera: Camera, rng: np.random.Generator) -> Floats:
+def time_of_flight_depth(seen: PerfectImage, camera: Camera, rng: np.random.Generator) -> Floats:
     """The depth (H, W) in m that such a camera measures, 0 where it measures none."""
     shape = (camera.height, camera.width)
-    light = returned(seen)
+    light = returned_light(seen)
     weight = np.maximum(light, 1e-4)
     mixed = _blurred(weight * seen.depth, _BLUR) / _blurred(weight, _BLUR)
     around, glow = _blurred(weight * seen.depth, _AROUND), _blurred(weight, _AROUND)
@@ -42,7 +42,7 @@ def time_of_flight(seen: Seen, camera: Camera, rng: np.random.Generator) -> Floa
     deviation = DEVIATION / np.sqrt(np.maximum(light, _FAINT / 2) / 0.5)
     measured = mixed + cyclic + deviation * rng.normal(size=shape)
     faint = light * np.exp(0.2 * rng.normal(size=shape)) < _FAINT
-    flying = edges(seen.depth, 0.03) & (rng.random(shape) > _KEPT_FLYING)
+    flying = depth_edges(seen.depth, 0.03) & (rng.random(shape) > _KEPT_FLYING)
     lost = faint | flying | (light > _GLARE) | (measured < NEAREST) | (measured > FARTHEST)
     return np.where(lost, 0.0, measured)
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from evals.benchmark.match_runs import match_orders, run_matchings
-from evals.benchmark.match_types import matching_file, scores
-from evals.benchmark.perception_runs import Work, orders_of
+from evals.benchmark.match_runs import match_orders, run_match_orders
+from evals.benchmark.match_types import f1_precision_recall, matching_file
+from evals.benchmark.perception_runs import MeasurementOptions, orders_of
 from grs_agents.errors import InputError
 
 
 def test_orders_are_for_each_method_model_and_run(sample_scene: Path) -> None:
-    scenes = orders_of([str(sample_scene)], Work(""), 1)
+    scenes = orders_of([str(sample_scene)], MeasurementOptions(""), 1)
     orders = match_orders(scenes, ["features", "both"], ["offline", "other"], 2, [])
     told = [(one.method.name, one.model, one.run) for one in orders]
     assert told == [("features", "-", 0), *(("both", model, run) for model in ("offline", "other") for run in (0, 1))]
@@ -20,8 +20,8 @@ def test_orders_are_for_each_method_model_and_run(sample_scene: Path) -> None:
 
 
 def test_a_scene_is_matched_once(sample_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    orders = match_orders(orders_of([str(sample_scene)], Work(""), 1), ["hybrid"], ["offline"], 1, [])
-    assert run_matchings(orders, tmp_path, 1, ["offline=1,2"], as_json=True) == 0
+    orders = match_orders(orders_of([str(sample_scene)], MeasurementOptions(""), 1), ["hybrid"], ["offline"], 1, [])
+    assert run_match_orders(orders, tmp_path, 1, ["offline=1,2"], as_json=True) == 0
     figures = json.loads(capsys.readouterr().out)
     assert json.loads((tmp_path / "figures.json").read_text()) == figures
     (row,) = figures["table"]
@@ -32,16 +32,16 @@ def test_a_scene_is_matched_once(sample_scene: Path, tmp_path: Path, capsys: pyt
         assert (tmp_path / name).stat().st_size > 0
     files = [matching_file(tmp_path, order) for order in orders]
     before = [file.stat().st_mtime_ns for file in files]
-    assert run_matchings(orders, tmp_path, 1, [], as_json=True) == 0
+    assert run_match_orders(orders, tmp_path, 1, [], as_json=True) == 0
     assert [file.stat().st_mtime_ns for file in files] == before
 
 
 def test_a_price_without_numbers_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="MODEL=IN,OUT"):
-        run_matchings([], tmp_path, 1, ["offline=cheap"], as_json=True)
+        run_match_orders([], tmp_path, 1, ["offline=cheap"], as_json=True)
 
 
 def test_scores_of_counts() -> None:
-    assert scores((8, 1, 3)) == pytest.approx((0.8, 8 / 9, 8 / 11))
-    assert scores((0, 0, 0)) == (1.0, 1.0, 1.0)
-    assert scores((0, 2, 0)) == (0.0, 0.0, 1.0)
+    assert f1_precision_recall((8, 1, 3)) == pytest.approx((0.8, 8 / 9, 8 / 11))
+    assert f1_precision_recall((0, 0, 0)) == (1.0, 1.0, 1.0)
+    assert f1_precision_recall((0, 2, 0)) == (0.0, 0.0, 1.0)

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evals.benchmark.figures import COLUMNS, row, targets, totals
+from evals.benchmark.figures import COLUMNS, perception_targets, scene_row, total_rows
 from evals.benchmark.ground_truth import read_labelled
-from evals.benchmark.perception_worker import measure
+from evals.benchmark.perception_worker import measure_scene
 from evals.benchmark.pose_errors import frame_figures, object_figures
 from evals.benchmark.types import Order, Result, result_file
 from grs_agents.errors import InputError, UnknownNameError
@@ -20,7 +20,7 @@ from grs_agents.perception import candidates_of, find_table
 def measured(sample_scene: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
     """The sample scene measured with the default tool, and the folder of its result."""
     out = tmp_path_factory.mktemp("measured")
-    return measure(Order(name="groceries", source=str(sample_scene), tool="segment_rgbd"), out), out
+    return measure_scene(Order(name="groceries", source=str(sample_scene), tool="segment_rgbd"), out), out
 
 
 def test_the_sample_scene_is_measured_whole(measured: tuple[Result, Path]) -> None:
@@ -70,22 +70,22 @@ def test_a_tilted_frame_shows_its_tilt_and_height(sample_scene: Path) -> None:
 
 def test_the_tool_is_asked_with_the_model_that_is_named(tmp_path: Path, sample_scene: Path) -> None:
     order = Order(name="x", source=str(sample_scene), tool="segment_sam2", model=str(tmp_path / "no-model"))
-    result = measure(order, tmp_path)
+    result = measure_scene(order, tmp_path)
     assert "no-model" in result.figures.error
 
 
 def test_a_row_has_every_column_and_targets_are_kept(measured: tuple[Result, Path]) -> None:
     figures = measured[0].figures
-    assert set(row(figures)) == set(totals([figures])[0]) == set(COLUMNS)
-    by_name = {one.name: one for one in targets([figures])}
+    assert set(scene_row(figures)) == set(total_rows([figures])[0]) == set(COLUMNS)
+    by_name = {one.name: one for one in perception_targets([figures])}
     assert by_name["F1 at IoU 0.5"].value == 1.0
     assert by_name["F1 at IoU 0.5"].reached
     assert by_name["CPU up to 1920x1080, largest"].reached is None
-    json.dumps(row(figures), allow_nan=False)
+    json.dumps(scene_row(figures), allow_nan=False)
 
 
 def test_what_cannot_be_measured_is_refused(tmp_path: Path, sample_scene: Path) -> None:
     with pytest.raises(InputError, match="does not exist"):
-        measure(Order(name="none", source=str(tmp_path / "none"), tool="segment_rgbd"), tmp_path)
+        measure_scene(Order(name="none", source=str(tmp_path / "none"), tool="segment_rgbd"), tmp_path)
     with pytest.raises(UnknownNameError, match="segment_nothing"):
-        measure(Order(name="x", source=str(sample_scene), tool="segment_nothing"), tmp_path)
+        measure_scene(Order(name="x", source=str(sample_scene), tool="segment_nothing"), tmp_path)

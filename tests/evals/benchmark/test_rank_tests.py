@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evals.benchmark.rank_tests import interval, kruskal_wallis, scheirer_ray_hare
+from evals.benchmark.rank_tests import confidence_interval, kruskal_wallis, scheirer_ray_hare
 
 
 def test_groups_apart_differ() -> None:
@@ -53,14 +53,14 @@ def test_an_empty_cell_or_one_level_is_not_tested() -> None:
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=40))
 def test_the_interval_is_about_the_mean(values: list[float]) -> None:
-    mean, low, high = interval(values)
+    mean, low, high = confidence_interval(values)
     assert mean == pytest.approx(np.mean(values), abs=1e-9)
     assert low <= mean <= high
     assert high - mean == pytest.approx(mean - low, abs=1e-6)
 
 
 def test_the_interval_is_students() -> None:
-    mean, low, high = interval([1.0, 2.0, 3.0, 4.0, 5.0])
+    mean, low, high = confidence_interval([1.0, 2.0, 3.0, 4.0, 5.0])
     # t(0.975, 4) = 2.776, deviation 1.5811, root of five
     assert (mean, low, high) == pytest.approx((3.0, 3 - 1.9632, 3 + 1.9632), abs=1e-4)
-    assert interval([0.7]) == (0.7, 0.7, 0.7)
+    assert confidence_interval([0.7]) == (0.7, 0.7, 0.7)

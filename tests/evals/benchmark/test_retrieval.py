@@ -4,17 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from evals.benchmark.retrieval import measured, targets
+from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
 from grs_agents.errors import GrsError
 
 
 def test_an_index_is_built_and_probed(tmp_path: Path) -> None:
-    figures = measured(tmp_path / "index", 3000, 20, 0)
+    figures = measure_retrieval(tmp_path / "index", 3000, 20, 0)
     assert figures["recall"] > 0.9
     assert figures["memory MiB"] > 50
     assert figures["open s"] >= 0
-    assert {one.name for one in targets(figures)} <= set(figures)
-    assert {one.name for one in targets(figures)} == {
+    assert {one.name for one in retrieval_targets(figures)} <= set(figures)
+    assert {one.name for one in retrieval_targets(figures)} == {
         "memory MiB", "search ms, median", "open s", "add 1000 s", "recall"
     }  # fmt: skip
 
@@ -23,4 +23,4 @@ def test_what_fails_is_told(tmp_path: Path) -> None:
     (tmp_path / "index").mkdir()
     (tmp_path / "index" / "letter.txt").write_text("hello")
     with pytest.raises(GrsError, match="build of the index failed"):
-        measured(tmp_path / "index", 100, 5, 0)
+        measure_retrieval(tmp_path / "index", 100, 5, 0)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from evals.benchmark.segmentation_metrics import outline, overlaps, score, total
+from evals.benchmark.segmentation_metrics import outline, overlaps, score_segmentation, sum_scores
 
 LABELS = arrays(np.int32, (12, 16), elements=st.integers(0, 4))
 
@@ -24,7 +24,7 @@ LEFT, RIGHT = (10, 40, 10, 30), (10, 40, 40, 60)
 
 @given(truth=LABELS)
 def test_the_truth_itself_is_perfect(truth: np.ndarray) -> None:
-    made = score(truth, truth)
+    made = score_segmentation(truth, truth)
     assert made.f1 == (1.0, 1.0)
     assert (made.split, made.merged) == (0, 0)
     assert made.boundary_f == 1.0
@@ -33,7 +33,7 @@ def test_the_truth_itself_is_perfect(truth: np.ndarray) -> None:
 
 @given(found=LABELS, truth=LABELS)
 def test_scores_keep_their_bounds(found: np.ndarray, truth: np.ndarray) -> None:
-    made = score(found, truth)
+    made = score_segmentation(found, truth)
     assert 0 <= made.f1[1] <= made.f1[0] <= 1
     assert 0 <= made.boundary_f <= 1
     assert 0 <= made.over_segmentation <= 1
@@ -45,7 +45,7 @@ def test_scores_keep_their_bounds(found: np.ndarray, truth: np.ndarray) -> None:
 @given(found=LABELS, truth=LABELS, order=st.permutations(range(1, 5)))
 def test_numbers_mean_nothing(found: np.ndarray, truth: np.ndarray, order: list[int]) -> None:
     renumbered = np.array([0, *order], np.int32)[found]
-    ours, theirs = score(found, truth), score(renumbered, truth)
+    ours, theirs = score_segmentation(found, truth), score_segmentation(renumbered, truth)
     assert ours.f1 == theirs.f1
     assert (ours.split, ours.merged) == (theirs.split, theirs.merged)
     assert ours.iou_of_objects == pytest.approx(theirs.iou_of_objects)
@@ -53,14 +53,14 @@ def test_numbers_mean_nothing(found: np.ndarray, truth: np.ndarray, order: list[
 
 @given(found=LABELS, truth=LABELS)
 def test_f1_and_overlaps_do_not_care_which_is_the_truth(found: np.ndarray, truth: np.ndarray) -> None:
-    one, other = score(found, truth), score(truth, found)
+    one, other = score_segmentation(found, truth), score_segmentation(truth, found)
     assert one.f1 == other.f1
     assert one.iou_of_objects == pytest.approx(other.iou_of_objects)
 
 
 @given(truth=LABELS, missing=st.integers(1, 4))
 def test_a_missed_object_costs_recall_alone(truth: np.ndarray, missing: int) -> None:
-    made = score(np.where(truth == missing, 0, truth), truth)
+    made = score_segmentation(np.where(truth == missing, 0, truth), truth)
     there = len(np.unique(truth[truth > 0]))
     lost = int((truth == missing).any())
     assert made.hits[0] == there - lost
@@ -70,32 +70,35 @@ def test_a_missed_object_costs_recall_alone(truth: np.ndarray, missing: int) -> 
 def test_a_split_object_is_counted_once() -> None:
     truth = pictures((10, 40, 10, 30), RIGHT)
     found = pictures((10, 25, 10, 30), RIGHT, (25, 40, 10, 30))
-    made = score(found, truth)
+    made = score_segmentation(found, truth)
     assert (made.split, made.merged) == (1, 0)
     assert made.hits == (2, 1)
 
 
 def test_a_crumb_is_no_split() -> None:
     found = pictures((10, 40, 10, 29), RIGHT, (10, 40, 29, 30))
-    assert score(found, pictures(LEFT, RIGHT)).split == 0
+    assert score_segmentation(found, pictures(LEFT, RIGHT)).split == 0
 
 
 def test_objects_in_one_segment_are_merged() -> None:
-    made = score(pictures((10, 40, 10, 60)), pictures(LEFT, RIGHT, (45, 55, 10, 60)))
+    made = score_segmentation(pictures((10, 40, 10, 60)), pictures(LEFT, RIGHT, (45, 55, 10, 60)))
     assert (made.split, made.merged) == (0, 2)
     assert made.under_segmentation == pytest.approx(2 / 3)
 
 
 def test_ignored_objects_and_what_lies_in_them_do_not_count() -> None:
     truth = pictures(LEFT, RIGHT)
-    assert score(pictures(LEFT, RIGHT), truth, frozenset({2})).f1 == (1.0, 1.0)
-    assert score(pictures(LEFT), truth, frozenset({2})).f1 == (1.0, 1.0)
-    assert score(pictures(LEFT, (45, 55, 40, 60)), truth, frozenset({2})).f1[0] == pytest.approx(2 / 3)
+    assert score_segmentation(pictures(LEFT, RIGHT), truth, frozenset({2})).f1 == (1.0, 1.0)
+    assert score_segmentation(pictures(LEFT), truth, frozenset({2})).f1 == (1.0, 1.0)
+    assert score_segmentation(pictures(LEFT, (45, 55, 40, 60)), truth, frozenset({2})).f1[0] == pytest.approx(2 / 3)
 
 
 def test_outlines_a_pixel_off_agree_and_far_off_do_not() -> None:
     truth = pictures(LEFT)
-    near, far = score(pictures((11, 40, 10, 30)), truth), score(pictures((20, 40, 10, 30)), truth)
+    near, far = (
+        score_segmentation(pictures((11, 40, 10, 30)), truth),
+        score_segmentation(pictures((20, 40, 10, 30)), truth),
+    )
     assert near.boundary_f == 1.0
     assert far.boundary_f < 0.8
 
@@ -107,8 +110,11 @@ def test_the_pictures_edge_is_no_outline() -> None:
 
 
 def test_totals_add_up() -> None:
-    one, other = score(pictures(LEFT), pictures(LEFT)), score(pictures(LEFT), pictures(LEFT, RIGHT))
-    both = total([one, other])
+    one, other = (
+        score_segmentation(pictures(LEFT), pictures(LEFT)),
+        score_segmentation(pictures(LEFT), pictures(LEFT, RIGHT)),
+    )
+    both = sum_scores([one, other])
     assert (both.objects, both.segments, both.hits) == (3, 2, (2, 2))
     assert both.f1[0] == pytest.approx(4 / 5)
     assert both.mean_iou == 1.0

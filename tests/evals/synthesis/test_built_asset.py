@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from evals.synthesis.built_asset import Built, png
+from evals.synthesis.built_asset import BuiltAsset, png
 from grs_agents.library import Asset
 
 
@@ -15,7 +15,7 @@ def test_files_are_written_below_the_root(tmp_path: Path) -> None:
         name="a/b.urdf", kind="b", category="box", size=(1, 1, 1), mass=1, friction=1, color="red", description="b"
     )
     image = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
-    Built(asset, "<robot/>", {"a/m.obj": "v"}, {"a/t.png": image}).write(tmp_path)
+    BuiltAsset(asset, "<robot/>", {"a/m.obj": "v"}, {"a/t.png": image}).write(tmp_path)
     assert (tmp_path / "a/b.urdf").read_text() == "<robot/>"
     assert (tmp_path / "a/m.obj").read_text() == "v"
     assert (cv2.imread(str(tmp_path / "a/t.png")) == image).all()

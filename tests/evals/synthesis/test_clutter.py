@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evals.synthesis import SynthesisError
-from evals.synthesis.clutter import CENTER, REACH, heap
+from evals.synthesis.clutter import CENTER, REACH, settle_heap
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 
@@ -15,7 +15,7 @@ THINGS = ("HOPE/Milk.urdf", "HOPE/Cookies.urdf", "block/red_block.urdf", "HOPE/T
 def test_heaps_rest_on_the_table_and_some_things_on_others() -> None:
     library, stacked = Library(), 0
     for seed in range(3):
-        resting = heap(THINGS, library, np.random.default_rng(seed))
+        resting = settle_heap(THINGS, library, np.random.default_rng(seed))
         assert tuple(one.asset for one in resting) == THINGS
         lows: list[float] = []
         for one in resting:
@@ -29,10 +29,10 @@ def test_heaps_rest_on_the_table_and_some_things_on_others() -> None:
 
 
 def test_the_same_seed_makes_the_same_heap() -> None:
-    one, same = (heap(THINGS[:4], Library(), np.random.default_rng(8)) for _ in range(2))
+    one, same = (settle_heap(THINGS[:4], Library(), np.random.default_rng(8)) for _ in range(2))
     assert one == same
 
 
 def test_what_finds_no_rest_is_refused() -> None:
     with pytest.raises(SynthesisError, match="did not come to rest"):
-        heap(["container/open_box.urdf"] * 40, Library(), np.random.default_rng(0))
+        settle_heap(["container/open_box.urdf"] * 40, Library(), np.random.default_rng(0))

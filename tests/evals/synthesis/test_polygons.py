@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evals.synthesis.meshes import annulus, prism
 from evals.synthesis.polygons import area, convex_pieces, triangulate
-from evals.synthesis.prism import annulus, prism
 
 
 @settings(max_examples=40, deadline=None)

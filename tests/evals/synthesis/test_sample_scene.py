@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from evals.benchmark.ground_truth import LabelledScene, read_labelled
-from evals.synthesis.drawing import Seen, draw
+from evals.synthesis.drawing import PerfectImage, draw_scene
 from evals.synthesis.scenery import random_scenery
 from grs_agents.library import Library
 from grs_agents.library.posed_meshes import gather_posed
+from grs_agents.library.shapes import Placement
 from tests.pictures import read_picture
 
 
@@ -20,17 +21,21 @@ def scene(sample_scene: Path) -> LabelledScene:
 
 
 @pytest.fixture(scope="module")
-def drawn(scene: LabelledScene) -> Seen:
+def drawn(scene: LabelledScene) -> PerfectImage:
     """What the scene's camera sees of the assets of its truth."""
-    posed = [(one.asset, (one.position, one.rotation)) for one in scene.truth.objects]
-    triangles = gather_posed([(asset, pose) for asset, pose in posed], Library())
-    return draw(triangles, random_scenery(np.random.default_rng(0)), scene.frame.camera)
+    posed: list[tuple[str, Placement]] = []
+    for one in scene.truth.objects:
+        assert one.position is not None and one.rotation is not None
+        posed.append((one.asset, (one.position, one.rotation)))
+    triangles = gather_posed(posed, Library())
+    return draw_scene(triangles, random_scenery(np.random.default_rng(0)), scene.frame.camera)
 
 
 def test_everything_is_within_reach_and_apart(scene: LabelledScene) -> None:
     library = Library()
     boxes: list[tuple[np.ndarray, np.ndarray]] = []
     for one in scene.truth.objects:
+        assert one.position is not None and one.yaw is not None
         place, (x, y, _), yaw = np.array(one.position[:2]), library.asset(one.asset).size, one.yaw
         assert 0.3 <= place[0] <= 0.7
         assert -0.4 <= place[1] <= 0.4
@@ -42,7 +47,7 @@ def test_everything_is_within_reach_and_apart(scene: LabelledScene) -> None:
             assert max(np.maximum(low - other_high, other_low - high)) > 0.04
 
 
-def test_its_labels_and_depth_are_those_of_the_assets(scene: LabelledScene, drawn: Seen) -> None:
+def test_its_labels_and_depth_are_those_of_the_assets(scene: LabelledScene, drawn: PerfectImage) -> None:
     assert (drawn.labels == scene.labels).mean() > 0.999
     for one in scene.truth.objects:
         mine, shown = drawn.labels == one.id, scene.labels == one.id
@@ -53,7 +58,7 @@ def test_its_labels_and_depth_are_those_of_the_assets(scene: LabelledScene, draw
     assert 0.005 < (~known).mean() < 0.1
 
 
-def test_its_colours_are_those_of_the_assets(scene: LabelledScene, drawn: Seen, sample_scene: Path) -> None:
+def test_its_colours_are_those_of_the_assets(scene: LabelledScene, drawn: PerfectImage, sample_scene: Path) -> None:
     photo = read_picture(sample_scene / "rgb.png")[:, :, ::-1]
     for one in scene.truth.objects:
         mine = (drawn.labels == one.id) & (scene.labels == one.id)

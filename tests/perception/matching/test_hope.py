@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from evals.benchmark.ground_truth import LabelledScene, read_labelled
-from evals.benchmark.match_types import scores
+from evals.benchmark.match_types import f1_precision_recall
 from evals.synthesis import Recipe, recipes, synthesise
 from grs_agents.library import Library
 from grs_agents.library.importing.archives import HOPE, open_source
@@ -59,7 +59,7 @@ def test_features_know_the_13_kinds(hope: Library, tmp_path: Path) -> None:
         synthesise(recipe, hope).write(tmp_path / str(recipe.seed))
         counts += _matched(read_labelled(tmp_path / str(recipe.seed)), hope)
     right, wrong, missed = (int(number) for number in counts)
-    f1, precision, recall = scores((right, wrong, missed))
+    f1, precision, recall = f1_precision_recall((right, wrong, missed))
     print(f"F1 {f1:.3f}, precision {precision:.3f}, recall {recall:.3f} of {right + missed} objects")
     assert f1 >= 0.85
 

@@ -6,7 +6,7 @@ import pytest
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library
 from grs_agents.library.mesh_files import read_vertices
-from scripts.assets.kitting import pieces
+from scripts.assets.kitting import convex_outline_pieces
 from scripts.assets.outlines import outlines
 
 LIBRARY = Library()
@@ -23,7 +23,7 @@ def test_a_shape_touches_as_its_pieces_and_looks_like_its_whole(number: int) -> 
     assert model.bounds[0][2] == 0
     assert [visual.mesh for visual in model.visuals] == [f"kitting/{number:02d}.obj"]
     assert model.visuals[0].color == (0.2, 0.3, 0.4, 1.0)
-    assert len(model.colliders) == len(pieces(shape))
+    assert len(model.colliders) == len(convex_outline_pieces(shape))
     reach = [read_vertices(LIBRARY.mesh_path(part.mesh or "")) for part in model.colliders]
     assert np.allclose(np.ptp(np.vstack(reach)[:, :2], axis=0) * 0.003, extents, atol=1e-6)
 

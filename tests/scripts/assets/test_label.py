@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from scripts.assets.grocery_table import GROCERIES, Grocery
-from scripts.assets.label import SIDE, bgr, texture
+from scripts.assets.label import SIDE, bgr, label_texture
 
 
 @pytest.mark.parametrize("grocery", GROCERIES[::5], ids=lambda grocery: grocery.kind)
 def test_a_label_shows_its_colours(grocery: Grocery) -> None:
-    image = texture(grocery.label, (0.06, 0.06), grocery.size[2], printed_cap=False)
+    image = label_texture(grocery.label, (0.06, 0.06), grocery.size[2], printed_cap=False)
     assert image.shape == (SIDE, SIDE, 3)
     for color in (grocery.label.base, grocery.label.band):
         near = (np.abs(image.astype(int) - bgr(color)) < 12).all(axis=2)

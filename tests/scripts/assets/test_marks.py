@@ -2,7 +2,7 @@
 
 import pytest
 
-from evals.synthesis.built_asset import Built
+from evals.synthesis.built_asset import BuiltAsset
 from grs_agents.library import Library
 from scripts.assets.marks import build_marks
 
@@ -10,7 +10,7 @@ LIBRARY = Library()
 
 
 @pytest.mark.parametrize("one", build_marks(), ids=lambda one: one.asset.name)
-def test_a_mark_takes_a_size_and_a_colour(one: Built) -> None:
+def test_a_mark_takes_a_size_and_a_colour(one: BuiltAsset) -> None:
     assert "<collision>" not in one.urdf
     model = LIBRARY.filled(one.asset.name, {"DIM": (0.3, 0.2, 0.0), "COLOR": (1, 0, 0)})
     assert {shape.color for shape in model.visuals} == {(1, 0, 0, 1)}

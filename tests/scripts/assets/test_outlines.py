@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from evals.synthesis.polygons import area, convex_pieces
-from scripts.assets.kitting import pieces
+from scripts.assets.kitting import convex_outline_pieces
 from scripts.assets.outlines import REACH, ROUND, Outline, outlines
 
 WHOLE = 2 * math.pi
@@ -61,7 +61,7 @@ def test_a_shape_fits_its_place_in_a_kit(shape: Outline) -> None:
 
 @EVERY
 def test_convex_pieces_cover_a_shape_and_no_more(shape: Outline) -> None:
-    found = pieces(shape)
+    found = convex_outline_pieces(shape)
     whole = area(shape.corners) - (0 if shape.hole is None else area(shape.hole))
     assert sum(area(piece) for piece in found) == pytest.approx(whole, rel=0.02 if shape.hole is not None else 1e-9)
     assert len(found) <= 16
