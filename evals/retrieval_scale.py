@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
+from grs_agents.figures import figure_records
 from grs_agents.run.experiments import positive
 from grs_agents.terminal import VisibleParser
 
@@ -32,12 +33,10 @@ def main(arguments: Sequence[str]) -> int:
         figures = measure_retrieval(Path(folder) / "index", options.assets, options.queries, options.seed)
     bounds = retrieval_targets(figures)
     if options.json:
-        told = [{**one.model_dump(), "reached": one.reached} for one in bounds]
-        print(
-            json.dumps({"assets": options.assets, "data": "synthetic", "figures": figures, "targets": told}, indent=2)
-        )
+        sizes = {"assets": options.assets, "data": "synthetic", "figures": figures}
+        print(json.dumps({**sizes, "targets": figure_records(bounds)}, indent=2))
     else:
-        limits = {one.name: f"{'<=' if one.smaller_is_better else '>='} {one.bound:g}" for one in bounds}
+        limits = {bound.name: bound.bound() for bound in bounds}
         shown = Table("figure", "measured", "target", title=f"{options.assets} synthetic assets")
         for name, value in figures.items():
             shown.add_row(name, f"{value:.4g}", limits.get(name, ""))

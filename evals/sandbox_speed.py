@@ -11,12 +11,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from grs_agents import content
-from grs_agents.base import Frozen
 from grs_agents.config import Config
 from grs_agents.config.model import Limits
+from grs_agents.figures import Figure, cpu_seconds, figure_records, figure_table
 from grs_agents.library import Library
 from grs_agents.run.experiments import positive
 from grs_agents.run.sandbox_setup import PRELOAD, TOOLS, open_sandbox
@@ -95,33 +94,6 @@ _EMPTY_CALLS = 60
 EMPTY = "def inside(request):\n    return {}\n"
 
 
-class Figure(Frozen):
-    """One measured quantity.
-
-    Attributes:
-        name: what was measured.
-        value: the median.
-        target: the bound it should keep; None for what only explains another.
-        unit: ``ms`` is CPU time of all processes together, ``s`` wall time.
-    """
-
-    name: str
-    value: float
-    target: float | None
-    unit: str
-
-    @property
-    def reached(self) -> bool:
-        """Whether the target is kept."""
-        return self.target is None or self.value <= self.target
-
-
-def cpu_seconds() -> float:
-    """CPU time of this process and of all its children that have ended, s."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in used)
-
-
 def cold(folder: Path) -> float:
     """CPU time of ``python -m unittest``, s."""
     start = cpu_seconds()
@@ -198,9 +170,9 @@ def measure(repeats: int) -> list[Figure]:
         memory = statistics.median(worker_mib() for _ in range(repeats))
     return [
         Figure(name="overhead of a warm call / of a cold one", value=statistics.median(ratios), target=1 / 8, unit=""),
-        Figure(name="cold python -m unittest", value=whole, target=None, unit="ms"),
-        Figure(name="the three tests in one process", value=plain, target=None, unit="ms"),
-        Figure(name="warm call of the three tests", value=warm, target=None, unit="ms"),
+        Figure(name="cold python -m unittest", value=whole, unit="ms"),
+        Figure(name="the three tests in one process", value=plain, unit="ms"),
+        Figure(name="warm call of the three tests", value=warm, unit="ms"),
         Figure(name="empty call", value=1000 * empty, target=15, unit="ms"),
         Figure(name="start to the end of the first call", value=start, target=1.5, unit="s"),
         Figure(name="a second worker", value=memory, target=40, unit="MiB"),
@@ -215,12 +187,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     figures = measure(options.repeats)
     if options.json:
-        print(json.dumps([{**one.model_dump(), "reached": one.reached} for one in figures], indent=2))
-        return 0
-    table = Table("what", "measured", "target", "reached")
-    for one in figures:
-        bound = "" if one.target is None else f"<= {one.target:g} {one.unit}"
-        verdict = "" if one.target is None else "yes" if one.reached else "no"
-        table.add_row(one.name, f"{one.value:.3g} {one.unit}", bound, verdict)
-    Console().print(table)
+        print(json.dumps(figure_records(figures), indent=2))
+    else:
+        Console().print(figure_table("sandbox", figures))
     return 0

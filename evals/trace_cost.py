@@ -3,7 +3,6 @@
 import importlib
 import json
 import re
-import resource
 import tempfile
 import time
 from collections.abc import Generator, Sequence
@@ -23,6 +22,7 @@ from grs_agents import content
 from grs_agents.agents import Agents
 from grs_agents.base import Frozen
 from grs_agents.config import load_config
+from grs_agents.figures import cpu_seconds
 from grs_agents.library import Library
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
@@ -90,9 +90,9 @@ class Clumsy(BaseChatModel):
         if self.made < self.faults:
             self.made += 1
             text = re.sub(r"self\.max_steps = \d+", f"self.max_steps = 1  # try {self.made}", text)
-        told = AIMessage(text, response_metadata=reply.response_metadata)
-        told.usage_metadata = reply.usage_metadata
-        return ChatResult(generations=[ChatGeneration(message=told)])
+        message = AIMessage(text, response_metadata=reply.response_metadata)
+        message.usage_metadata = reply.usage_metadata
+        return ChatResult(generations=[ChatGeneration(message=message)])
 
 
 class ClumsyAgents(Agents):
@@ -154,10 +154,10 @@ def _native_seconds() -> float:
 
 def measure(scene: Path, folder: Path, fixes: int) -> Cost:
     """Run the graph ``grs`` on ``scene`` with ``fixes`` fixes and see what its trace costs."""
-    begin = _cpu_seconds()
+    begin = cpu_seconds()
     for module in ("rerun", "rerun.blueprint"):
         importlib.import_module(module)
-    imported = _cpu_seconds() - begin
+    imported = cpu_seconds() - begin
     from grs_agents.views.rerun.rerun_view import TRACE, RerunView
 
     config = load_config(None, [f"max_fixes={fixes + 1}", "audit.seeds=3", "policy=always_code"]).config
@@ -179,7 +179,7 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
         last = time.process_time()
         view.finish()
         spent += time.process_time() - last
-    whole = _cpu_seconds() - imported
+    whole = cpu_seconds() - imported
     kinds = [event.kind for event in read_events(folder / "events.jsonl")]
     return Cost(
         status=str(ended["status"]),
@@ -191,12 +191,6 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
         run_seconds=whole - spent,
         import_seconds=imported,
     )
-
-
-def _cpu_seconds() -> float:
-    """CPU time of this process and of all its children that have ended."""
-    used = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(each.ru_utime + each.ru_stime for each in used)
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -219,7 +213,7 @@ def main(arguments: Sequence[str]) -> int:
         table.add_row("recording", f"{cost.mib:.1f} MiB", f"{LARGEST_MIB:.0f} MiB")
         table.add_row("CPU time of the run", f"{cost.run_seconds:.1f} s", "")
         table.add_row("CPU time of importing rerun", f"{cost.import_seconds:.1f} s", "")
-        table.add_row("CPU time of tracing", f"{cost.trace_seconds:.2f} s, {100 * cost.share:.1f} %",
-                      f"{100 * LARGEST_SHARE:.0f} %")  # fmt: skip
+        traced = f"{cost.trace_seconds:.2f} s, {100 * cost.share:.1f} %"
+        table.add_row("CPU time of tracing", traced, f"{100 * LARGEST_SHARE:.0f} %")
         Console().print(table)
     return 0 if cost.kept else 1

@@ -14,7 +14,7 @@ PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "base", "__version__"}),
-    frozenset({"files", "engine", "foreign", "interrupts", "terminal"}),
+    frozenset({"files", "engine", "figures", "foreign", "interrupts", "terminal"}),
     frozenset({"trace", "config", "content", "geometry"}),
     frozenset({"library"}),
     frozenset({"sim", "sandbox", "models"}),

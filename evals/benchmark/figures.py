@@ -4,63 +4,56 @@ import csv
 import io
 import math
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from evals.benchmark.segmentation_metrics import sum_scores
 from evals.benchmark.types import ObjectFigures, SceneFigures
-from grs_agents.base import Frozen
+from grs_agents.figures import Figure, figure_records
 from grs_agents.files import write_json, write_text
 from grs_agents.run.experiments import markdown
 
-COLUMNS = ("scene", "sensor", "tilt", "objects", "segments", "IoU", "F1@.5", "F1@.75", "over", "under", "boundary F",
-           "centre mm", "size mm", "position mm", "angle deg", "drift mm", "twin", "penetration mm",
-           "frame deg", "frame mm", "CPU s", "MiB", "error")  # fmt: skip
+_LENGTHS = {"centre mm": "center", "size mm": "size", "position mm": "position", "drift mm": "drift"}
+_DIGITS = {
+    "IoU": 3,
+    "F1@.5": 3,
+    "F1@.75": 3,
+    "over": 2,
+    "under": 2,
+    "boundary F": 3,
+    "centre mm": 1,
+    "size mm": 1,
+    "position mm": 1,
+    "angle deg": 1,
+    "drift mm": 1,
+    "twin": 3,
+    "penetration mm": 2,
+    "frame deg": 2,
+    "frame mm": 1,
+}
+COLUMNS = ("scene", "sensor", "tilt", "objects", "segments", *_DIGITS, "CPU s", "MiB", "error")
 """Of the table of scenes. Lengths and angles are medians over its objects; ``twin`` is the share of the objects' pixels
 at which the twin at rest is within 2 cm, ``penetration`` its deepest."""
-
-
 SMALL, LARGE = 640 * 480, 1920 * 1080
-
-
-class Target(Frozen):
-    """A total and the bound it should keep, if any; its value is ``None`` where nothing was measured."""
-
-    name: str
-    value: float | None
-    bound: float | None = None
-    unit: str = ""
-    smaller_is_better: bool = True
-
-    @property
-    def reached(self) -> bool | None:
-        """Whether the bound is kept."""
-        if self.value is None or self.bound is None:
-            return None
-        return self.value <= self.bound if self.smaller_is_better else self.value >= self.bound
 
 
 def scene_row(scene: SceneFigures) -> dict[str, Any]:
     """The figures of one scene, one entry for each of `COLUMNS`; empty where there is nothing to say."""
-    return {
-        "scene": scene.name,
-        "sensor": scene.sensor,
-        "tilt": _text(scene.tilt, 0),
-        **_shared([scene]),
-        "CPU s": _text(scene.cpu_seconds, 2),
-        "MiB": _text(scene.peak_mib, 0),
-        "error": scene.error,
-    }
+    tilt = _text(scene.tilt, 0)
+    return {**_row(scene.name, [scene]), "sensor": scene.sensor, "tilt": tilt, "error": scene.error}
 
 
-def total_row(name: str, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
+def _row(name: str, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
     """The figures of several scenes together, each object counting alike; the slowest and the largest of them."""
+    summary = _summary(scenes)
     return {
         "scene": name,
         "sensor": "",
         "tilt": "",
-        **_shared(scenes),
+        "objects": sum(scene.score.objects for scene in scenes),
+        "segments": sum(scene.score.segments for scene in scenes),
+        **{column: _text(summary[column], digits) for column, digits in _DIGITS.items()},
         "CPU s": _text(max(scene.cpu_seconds for scene in scenes), 2),
         "MiB": _text(max(scene.peak_mib for scene in scenes), 0),
         "error": sum(bool(scene.error) for scene in scenes) or "",
@@ -69,71 +62,94 @@ def total_row(name: str, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
 
 def total_rows(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
     """All scenes together; the synthesised ones beside others, and those of each sensor where there are several."""
-    sensors = sorted({scene.sensor for scene in scenes})
-    made = [scene for scene in scenes if scene.sensor]
+    by_sensor: dict[str, list[SceneFigures]] = {}
+    for scene in sorted(scenes, key=lambda scene: scene.sensor):
+        by_sensor.setdefault(scene.sensor, []).append(scene)
     groups = [(f"all {len(scenes)}", list(scenes))]
-    if 0 < len(made) < len(scenes):
-        groups.append(("synthesised", made))
-    if len(sensors) > 1:
-        groups += [(name or "real", [scene for scene in scenes if scene.sensor == name]) for name in sensors]
-    return [total_row(name, group) for name, group in groups]
+    if len(by_sensor) > 1:
+        if "" in by_sensor:
+            groups.append(("synthesised", [scene for scene in scenes if scene.sensor]))
+        groups += [(name or "real", group) for name, group in by_sensor.items()]
+    return [_row(name, group) for name, group in groups]
 
 
-def perception_targets(scenes: Sequence[SceneFigures]) -> list[Target]:
-    """The totals that have a bound, and what tells how they came about."""
+def _summary(scenes: Sequence[SceneFigures]) -> dict[str, float | None]:
+    """The totals of scenes by column; ``None`` where nothing was measured."""
     score = sum_scores([scene.score for scene in scenes])
     objects = [one for scene in scenes for one in scene.objects]
-    frames = [scene.frame for scene in scenes if scene.frame is not None]
-    twins = [scene.twin for scene in scenes if scene.twin is not None]
-    turned = _values(objects, lambda one: None if one.symmetric else one.angle)
+    frames = [scene.frame for scene in scenes]
+    twins = [scene.twin for scene in scenes]
+    return {
+        "IoU": score.mean_iou if math.isfinite(score.mean_iou) else None,
+        "F1@.5": score.f1[0],
+        "F1@.75": score.f1[1],
+        "over": score.over_segmentation,
+        "under": score.under_segmentation,
+        "boundary F": score.boundary_f,
+        **{column: _median(_known(objects, name), 1000) for column, name in _LENGTHS.items()},
+        "angle deg": _median(_known(objects, "angle")),
+        "twin": _mean(_known(twins, "fidelity")),
+        "penetration mm": max((1000 * value for value in _known(twins, "penetration")), default=None),
+        "frame deg": max(_known(frames, "tilt"), default=None),
+        "frame mm": max((1000 * abs(value) for value in _known(frames, "height")), default=None),
+    }
+
+
+def perception_targets(scenes: Sequence[SceneFigures]) -> list[Figure]:
+    """The totals that have a bound, and what tells how they came about."""
+    objects = [one for scene in scenes for one in scene.objects]
+    sums, not_round = _summary(scenes), [one for one in objects if not one.symmetric]
     return [
-        Target(name="F1 at IoU 0.5", value=score.f1[0], bound=0.90, smaller_is_better=False),
-        Target(name="mean IoU of matched", value=_finite(score.mean_iou), bound=0.85, smaller_is_better=False),
-        Target(name="box centre, median", value=_median(_values(objects, lambda one: one.center), 1000), bound=10,
-               unit="mm"),
-        Target(name="box size, median", value=_median(_values(objects, lambda one: one.size), 1000), bound=15,
-               unit="mm"),
-        Target(name="asset position, median", value=_median(_values(objects, lambda one: one.position), 1000), bound=10,
-               unit="mm"),
-        Target(name="asset angle, median of those not round", value=_median(turned), bound=10, unit="deg"),
-        Target(name="twin: pixels within 2 cm, mean", smaller_is_better=False, bound=0.9,
-               value=_mean([one.fidelity for one in twins if one.fidelity is not None])),
-        Target(name="twin: penetration, largest", value=max((1000 * one.penetration for one in twins), default=None),
-               bound=1, unit="mm"),
-        *_drifts(_values(objects, lambda one: one.drift)),
-        Target(name="twin: objects held on something unseen", value=_mean(_values(objects, lambda one: one.held))),
-        Target(name="assets within 1 cm and 10 deg", value=_mean(_values(objects, _stands))),
-        Target(name="frame tilt, largest", value=max((one.tilt for one in frames), default=None), bound=1, unit="deg"),
-        Target(name="frame height, largest", value=_largest_height([one.height for one in frames]), bound=5, unit="mm"),
+        _at_least("F1 at IoU 0.5", sums["F1@.5"], 0.90),
+        _at_least("mean IoU of matched", sums["IoU"], 0.85),
+        _at_most("box centre, median", sums["centre mm"], 10, "mm"),
+        _at_most("box size, median", sums["size mm"], 15, "mm"),
+        _at_most("asset position, median", sums["position mm"], 10, "mm"),
+        _at_most("asset angle, median of those not round", _median(_known(not_round, "angle")), 10, "deg"),
+        _at_least("twin: pixels within 2 cm, mean", sums["twin"], 0.9),
+        _at_most("twin: penetration, largest", sums["penetration mm"], 1, "mm"),
+        *_drifts(sorted(1000 * drift for drift in _known(objects, "drift"))),
+        _at_most("twin: objects held on something unseen", _mean(_known(objects, "held"))),
+        _at_most(
+            "assets within 1 cm and 10 deg", _mean([near for one in objects if (near := _stands(one)) is not None])
+        ),
+        _at_most("frame tilt, largest", sums["frame deg"], 1, "deg"),
+        _at_most("frame height, largest", sums["frame mm"], 5, "mm"),
         *_times("CPU up to 640x480", 1, [one for one in scenes if one.width * one.height <= SMALL]),
         *_times("CPU up to 1920x1080", 3, [one for one in scenes if SMALL < one.width * one.height <= LARGE]),
-        Target(name="peak memory, largest", value=max((one.peak_mib for one in scenes), default=None), bound=1024,
-               unit="MiB"),
-    ]  # fmt: skip
-
-
-def _times(name: str, bound: float, scenes: Sequence[SceneFigures]) -> list[Target]:
-    """The least of each scene's tries, as a shared machine only ever adds to it: of the slowest scene, and the median;
-    and the median of the medians of the tries."""
-    least = [one.cpu_seconds for one in scenes]
-    usual = _median([one.cpu_median or one.cpu_seconds for one in scenes])
-    return [
-        Target(name=f"{name}, largest", value=max(least, default=None), bound=bound, unit="s"),
-        Target(name=f"{name}, median", value=_median(least), bound=bound, unit="s"),
-        Target(name=f"{name}, median of the tries' medians", value=usual, bound=bound, unit="s"),
+        _at_most("peak memory, largest", max(_known(scenes, "peak_mib"), default=None), 1024, "MiB"),
     ]
 
 
-def _drifts(drifts: Sequence[float]) -> list[Target]:
-    """How far objects drift until the twin rests: the median, what 95 % keep, the farthest, and how many keep 1 cm."""
-    ordered = sorted(1000 * drift for drift in drifts)
-    most = [ordered[max(0, math.ceil(share * len(ordered)) - 1)] for share in (0.95, 1.0)] if ordered else [None, None]
-    near = _mean([float(drift <= 10) for drift in ordered])
+def _at_most(name: str, value: float | None, target: float | None = None, unit: str = "") -> Figure:
+    return Figure(name=name, value=value, target=target, unit=unit)
+
+
+def _at_least(name: str, value: float | None, target: float) -> Figure:
+    return Figure(name=name, value=value, target=target, smaller_is_better=False)
+
+
+def _times(name: str, target: float, scenes: Sequence[SceneFigures]) -> list[Figure]:
+    """The least of each scene's tries, as a shared machine only ever adds to it: of the slowest scene, and the median;
+    and the median of the medians of the tries."""
+    least = [one.cpu_seconds for one in scenes]
+    medians = [one.cpu_median or one.cpu_seconds for one in scenes]
     return [
-        Target(name="twin: drift, median", value=_median(ordered), bound=10, unit="mm"),
-        Target(name="twin: drift, 95 %", value=most[0], bound=10, unit="mm"),
-        Target(name="twin: drift, largest", value=most[1], bound=10, unit="mm"),
-        Target(name="twin: objects that drift by at most 1 cm", value=near, bound=1.0, smaller_is_better=False),
+        _at_most(f"{name}, largest", max(least, default=None), target, "s"),
+        _at_most(f"{name}, median", _median(least), target, "s"),
+        _at_most(f"{name}, median of the tries' medians", _median(medians), target, "s"),
+    ]
+
+
+def _drifts(drifts: Sequence[float]) -> list[Figure]:
+    """How far objects drift (mm, sorted) until the twin rests: median, 95 %, largest, share that keeps 1 cm."""
+    most = drifts[max(0, math.ceil(0.95 * len(drifts)) - 1)] if drifts else None
+    near = _mean([float(drift <= 10) for drift in drifts])
+    return [
+        _at_most("twin: drift, median", _median(drifts), 10, "mm"),
+        _at_most("twin: drift, 95 %", most, 10, "mm"),
+        _at_most("twin: drift, largest", max(drifts, default=None), 10, "mm"),
+        _at_least("twin: objects that drift by at most 1 cm", near, 1.0),
     ]
 
 
@@ -150,68 +166,40 @@ def write_figures(out: Path, scenes: Sequence[SceneFigures]) -> dict[str, Any]:
     Returns:
         The content of ``figures.json``.
     """
-    rows, sums, bounds = [scene_row(scene) for scene in scenes], total_rows(scenes), perception_targets(scenes)
+    rows, sums, figures = [scene_row(scene) for scene in scenes], total_rows(scenes), perception_targets(scenes)
     value = {
-        "targets": [{**one.model_dump(), "reached": one.reached} for one in bounds],
+        "targets": figure_records(figures),
         "totals": sums,
         "rows": rows,
         "scenes": [scene.model_dump(mode="json") for scene in scenes],
     }
-    write_json(out / "figures.json", value)
-    write_text(out / "scenes.csv", _csv(COLUMNS, [*rows, *sums]))
-    write_text(out / "objects.csv", _csv(("scene", *ObjectFigures.model_fields), _object_rows(scenes)))
-    write_text(out / "figures.md", "\n".join((_targets_table(bounds), markdown(COLUMNS, [*rows, *sums]))))
-    return value
-
-
-def _shared(scenes: Sequence[SceneFigures]) -> dict[str, str | int]:
-    score = sum_scores([scene.score for scene in scenes])
-    objects = [one for scene in scenes for one in scene.objects]
-    frames = [scene.frame for scene in scenes if scene.frame is not None]
-    twins = [scene.twin for scene in scenes if scene.twin is not None]
-    return {
-        "objects": score.objects,
-        "segments": score.segments,
-        "IoU": _text(_finite(score.mean_iou), 3),
-        "F1@.5": _text(score.f1[0], 3),
-        "F1@.75": _text(score.f1[1], 3),
-        "over": _text(score.over_segmentation, 2),
-        "under": _text(score.under_segmentation, 2),
-        "boundary F": _text(score.boundary_f, 3),
-        "centre mm": _text(_median(_values(objects, lambda one: one.center), 1000), 1),
-        "size mm": _text(_median(_values(objects, lambda one: one.size), 1000), 1),
-        "position mm": _text(_median(_values(objects, lambda one: one.position), 1000), 1),
-        "angle deg": _text(_median(_values(objects, lambda one: one.angle)), 1),
-        "drift mm": _text(_median(_values(objects, lambda one: one.drift), 1000), 1),
-        "twin": _text(_mean([one.fidelity for one in twins if one.fidelity is not None]), 3),
-        "penetration mm": _text(max((1000 * one.penetration for one in twins), default=None), 2),
-        "frame deg": _text(max((one.tilt for one in frames), default=None), 2),
-        "frame mm": _text(_largest_height([one.height for one in frames]), 1),
-    }
-
-
-def _object_rows(scenes: Sequence[SceneFigures]) -> list[dict[str, Any]]:
-    return [
+    objects = [
         {"scene": scene.name, **{key: _exact(value) for key, value in one.model_dump().items()}}
         for scene in scenes
         for one in scene.objects
     ]
+    write_json(out / "figures.json", value)
+    write_text(out / "scenes.csv", csv_text(COLUMNS, [*rows, *sums]))
+    write_text(out / "objects.csv", csv_text(("scene", *ObjectFigures.model_fields), objects))
+    write_text(out / "figures.md", "\n".join((_targets_table(figures), markdown(COLUMNS, [*rows, *sums]))))
+    return value
 
 
-def _targets_table(bounds: Sequence[Target]) -> str:
-    lines = ["| figure | measured | target |", "|---|---|---|"]
-    for one in bounds:
-        if one.value is not None:
-            sign, missed = (
-                "at most" if one.smaller_is_better else "at least",
-                " (missed)" if one.reached is False else "",
-            )
-            bound = "" if one.bound is None else f"{sign} {one.bound:g} {one.unit}"
-            lines.append(f"| {one.name} | {one.value:.3g} {one.unit}{missed} | {bound} |")
-    return "\n".join(lines) + "\n"
+def _targets_table(figures: Sequence[Figure]) -> str:
+    rows = [
+        {
+            "figure": figure.name,
+            "measured": f"{figure.value:.3g} {figure.unit}{' (missed)' if figure.reached is False else ''}",
+            "target": figure.bound().replace("<=", "at most").replace(">=", "at least"),
+        }
+        for figure in figures
+        if figure.value is not None
+    ]
+    return markdown(("figure", "measured", "target"), rows)
 
 
-def _csv(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> str:
+def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
+    """The rows as CSV with a header."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
@@ -219,8 +207,9 @@ def _csv(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-def _values(objects: Sequence[ObjectFigures], value: Callable[[ObjectFigures], float | None]) -> list[float]:
-    return [found for one in objects if (found := value(one)) is not None]
+def _known(things: Sequence[object], name: str) -> list[float]:
+    """An attribute of those that have it."""
+    return [value for thing in things if (value := getattr(thing, name, None)) is not None]
 
 
 def _median(values: Sequence[float], times: float = 1.0) -> float | None:
@@ -229,14 +218,6 @@ def _median(values: Sequence[float], times: float = 1.0) -> float | None:
 
 def _mean(values: Sequence[float]) -> float | None:
     return statistics.fmean(values) if values else None
-
-
-def _largest_height(heights: Sequence[float]) -> float | None:
-    return 1000 * max(abs(one) for one in heights) if heights else None
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _text(value: float | None, digits: int) -> str:

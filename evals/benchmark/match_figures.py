@@ -1,12 +1,11 @@
 """Figures of correspondence: the paper's Table 1 with tests, confusions and costs, in CSV, Markdown and JSON."""
 
-import csv
-import io
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from evals.benchmark.figures import csv_text
 from evals.benchmark.match_types import Matching, f1_precision_recall
 from evals.benchmark.rank_tests import RankTest, confidence_interval, kruskal_wallis, scheirer_ray_hare
 from grs_agents.files import write_json, write_text
@@ -38,10 +37,10 @@ def write_matchings(
     value = {"table": rows, "tests": told, "confusions": confusions, "calibration": _calibration(usable),
              "errors": [one.order.stem for one in found if one.error]}  # fmt: skip
     write_json(out / "figures.json", value)
-    write_text(out / "table1.csv", _csv(COLUMNS, rows))
+    write_text(out / "table1.csv", csv_text(COLUMNS, rows))
     write_text(out / "table1.md", "\n".join((markdown(COLUMNS, rows), _tests_table(told))))
-    write_text(out / "objects.csv", _csv(_OBJECTS, _object_rows(usable)))
-    write_text(out / "confusions.csv", _csv(("method", "truth", "answer", "count"), confusions))
+    write_text(out / "objects.csv", csv_text(_OBJECTS, _object_rows(usable)))
+    write_text(out / "confusions.csv", csv_text(("method", "truth", "answer", "count"), confusions))
     return value
 
 
@@ -159,19 +158,8 @@ def _object_rows(found: Sequence[Matching]) -> list[dict[str, Any]]:
 
 
 def _tests_table(tests: Sequence[Mapping[str, Any]]) -> str:
-    if not tests:
-        return ""
-    lines = ["| test | effect | H | degrees of freedom | p |", "|---|---|---|---|---|"]
-    lines += [
-        f"| {one['test']} | {one['effect']} | {one['statistic']:.2f} | {one['freedom']} | {one['p']:.3g} |"
-        for one in tests
+    rows = [
+        {**test, "H": f"{test['statistic']:.2f}", "degrees of freedom": test["freedom"], "p": f"{test['p']:.3g}"}
+        for test in tests
     ]
-    return "\n".join(lines) + "\n"
-
-
-def _csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return markdown(("test", "effect", "H", "degrees of freedom", "p"), rows) if rows else ""

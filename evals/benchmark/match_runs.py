@@ -1,26 +1,20 @@
 """Measure correspondence on many scenes: methods x models x runs, each in a process of its own; write the figures."""
 
-import subprocess
-import sys
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from pydantic import ValidationError
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from evals.benchmark.match_figures import SHOWN, write_matchings
 from evals.benchmark.match_sheet import write_match_plot, write_match_sheet
 from evals.benchmark.match_types import Matching, MatchOrder, Method, matching_file
-from evals.benchmark.perception_runs import fingerprint, worker_environment
 from evals.benchmark.types import Order
+from evals.benchmark.worker_processes import error_of, fingerprint, run_jobs, run_worker
 from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.run.experiments import table
 from grs_agents.terminal import say, say_json
 
-_Outcome = TypeVar("_Outcome")
 METHODS: dict[str, Method] = {
     one.name: one
     for one in (
@@ -84,7 +78,7 @@ def run_match_orders(
     """
     costs = _prices(prices)
     _make(orders, out, workers)
-    found = _all(orders, out, workers, "matching")
+    found = run_jobs("matching", orders, lambda order: _matching(order, out), workers, lambda order: order.stem)
     value = write_matchings(out, found, costs)
     write_match_plot(out, value["table"])
     write_match_sheet(out, found)
@@ -106,39 +100,18 @@ def _make(orders: Sequence[MatchOrder], out: Path, workers: int) -> None:
     """Make the scenes that are not there."""
     scenes = {order.scene.name: order.scene for order in orders if order.scene.recipe is not None}
     missing = [scene for scene in scenes.values() if not (Path(scene.source) / "truth.json").exists()]
-    with _progress() as progress, ThreadPoolExecutor(workers) as pool:
-        bar = progress.add_task("making scenes", total=len(missing))
-        jobs = [pool.submit(_worker, "perception_worker", ("make", str(out)), one.model_dump_json()) for one in missing]
-        for job in _done(jobs, pool):
-            job.result()
-            progress.update(bar, advance=1)
+    run_jobs("making scenes", missing, lambda scene: _make_scene(scene, out), workers, lambda scene: scene.name)
 
 
-def _all(orders: Sequence[MatchOrder], out: Path, workers: int, what: str) -> list[Matching]:
-    found: dict[str, Matching] = {}
-    with _progress() as progress, ThreadPoolExecutor(workers) as pool:
-        bar = progress.add_task(what, total=len(orders))
-        waiting = {pool.submit(_matching, order, out): order for order in orders}
-        for job in _done(waiting, pool):
-            found[waiting[job].stem] = job.result()
-            progress.update(bar, advance=1, description=waiting[job].stem)
-    return [found[order.stem] for order in orders]
-
-
-def _done(jobs: Iterable[Future[_Outcome]], pool: ThreadPoolExecutor) -> Iterator[Future[_Outcome]]:
-    """The jobs as they end; who stops asking (an interrupt, say) does not wait for those that have not begun."""
-    try:
-        yield from as_completed(jobs)
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+def _make_scene(scene: Order, out: Path) -> None:
+    run_worker("perception_worker", ("make", str(out)), scene.model_dump_json())
 
 
 def _matching(order: MatchOrder, out: Path) -> Matching:
     earlier = _earlier(order, out)
     if earlier is not None:
         return earlier
-    error = _worker("match_worker", (str(out),), order.model_dump_json())
-    if error:
+    if error := error_of(run_worker("match_worker", (str(out),), order.model_dump_json())):
         return Matching(order=order, error=error)
     found = _earlier(order, out)
     if found is None:
@@ -155,25 +128,9 @@ def _earlier(order: MatchOrder, out: Path) -> Matching | None:
     return found if found.order == order else None
 
 
-def _worker(module: str, arguments: Sequence[str], order: str) -> str:
-    """Run a worker of this room in a process of its own; returns what went wrong, if anything."""
-    command = [sys.executable, "-P", "-m", f"evals.benchmark.{module}", *arguments]
-    done = subprocess.run(
-        command, input=order, capture_output=True, text=True, check=False, env=worker_environment()
-    )  # fmt: skip
-    lines = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
-    return lines[-1] if done.returncode else ""
-
-
-def _progress() -> Progress:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-               TimeRemainingColumn())  # fmt: skip
-    return Progress(*columns, console=terminal.console(error=True))
-
-
-def _prices(told: Sequence[str]) -> dict[str, tuple[float, float]]:
+def _prices(stated: Sequence[str]) -> dict[str, tuple[float, float]]:
     found: dict[str, tuple[float, float]] = {}
-    for one in told:
+    for one in stated:
         model, _, numbers = one.rpartition("=")
         try:
             into, out = (float(number) for number in numbers.split(","))

@@ -1,35 +1,28 @@
 """Measure perception on many scenes: find or make them, measure each in a process of its own, write the figures."""
 
 import hashlib
-import os
-import subprocess
-import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from evals.benchmark.contact_sheet import write_plots, write_sheet
-from evals.benchmark.figures import Target, perception_targets, write_figures
+from evals.benchmark.figures import perception_targets, write_figures
 from evals.benchmark.ground_truth import labelled_folders
 from evals.benchmark.ground_truth_bop import bop_sources
-from evals.benchmark.segmentation_metrics import SegmentationScore
+from evals.benchmark.segmentation_metrics import sum_scores
 from evals.benchmark.types import Order, Result, SceneFigures, result_file
+from evals.benchmark.worker_processes import EVALS, error_of, fingerprint, run_jobs, run_worker
 from evals.synthesis.scene import Recipe
 from grs_agents import content, terminal
 from grs_agents.errors import InputError
+from grs_agents.figures import figure_table
 from grs_agents.perception.reading import scene_name
 from grs_agents.perception.reading.bop import is_bop
 from grs_agents.run.experiments import table
 from grs_agents.terminal import say_json
 
-ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-EVALS = Path(__file__).parent.parent
-ROOT = EVALS.parent
 _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 """What of a row fits a terminal; the rest is in the files."""
 
@@ -82,16 +75,7 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
     Returns:
         0 if every scene could be measured, 1 if not.
     """
-    results: dict[str, Result] = {}
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=terminal.console(error=True)) as progress, ThreadPoolExecutor(workers) as pool:
-        bar = progress.add_task("scenes", total=len(orders))
-        waiting = {pool.submit(_measured, order, out): order for order in orders}
-        for future in as_completed(waiting):
-            name = waiting[future].name
-            results[name] = future.result()
-            progress.update(bar, advance=1, description=name)
-    ordered = [results[order.name] for order in orders]
+    ordered = run_jobs("scenes", orders, lambda order: _measured(order, out), workers, lambda order: order.name)
     scenes = [result.figures for result in ordered]
     value = write_figures(out, scenes)
     write_plots(out, scenes)
@@ -103,7 +87,7 @@ def run_orders(orders: Sequence[Order], out: Path, workers: int, as_json: bool) 
     else:
         console = terminal.console()
         console.print(table("perception", _SHOWN, [*value["rows"], *value["totals"]]))
-        console.print(_targets(perception_targets(scenes)))
+        console.print(figure_table("targets", perception_targets(scenes)))
         console.print(f"figures.md, scenes.csv, objects.csv, sheet.png, scores.png and errors.png are in {out}")
     return 0 if all(not scene.error for scene in scenes) else 1
 
@@ -125,29 +109,13 @@ def _order(name: str, source: str, recipe: Recipe | None, work: MeasurementOptio
     )
 
 
-def worker_environment() -> dict[str, str]:
-    """The environment of a worker: one core, and the checkout first among what it imports from."""
-    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    return {**os.environ, **ONE_CORE, "PYTHONPATH": os.pathsep.join(paths)}
-
-
-def fingerprint(*places: Path) -> str:
-    """A hash of all files in these folders, so that figures are never older than the code they are of."""
-    files = sorted(file for place in places for file in (place.rglob("*") if place.is_dir() else [place]))
-    whole = hashlib.sha256()
-    for file in files:
-        if file.is_file() and "__pycache__" not in file.parts:
-            whole.update(file.name.encode() + b"\0" + file.read_bytes())
-    return whole.hexdigest()
-
-
 def _age(source: str) -> str:
     """When the scene's files were written last; synthesised ones are told by their folder's name."""
     folder = Path(source)
     if "synthesised" in folder.parts or not folder.is_dir():
         return ""
-    return "-" + hashlib.sha256(str(sorted((file.name, file.stat().st_mtime_ns) for file in folder.iterdir())).encode()
-                                ).hexdigest()[:12]  # fmt: skip
+    times = sorted((file.name, file.stat().st_mtime_ns) for file in folder.iterdir())
+    return "-" + hashlib.sha256(str(times).encode()).hexdigest()[:12]
 
 
 def _stem(recipe: Recipe) -> str:
@@ -160,14 +128,8 @@ def _measured(order: Order, out: Path) -> Result:
     if earlier is not None:
         return earlier
     for verb in ("make", "measure") if order.recipe is not None else ("measure",):
-        command = [sys.executable, "-P", "-m", "evals.benchmark.perception_worker", verb, str(out)]
-        done = subprocess.run(
-            command, input=order.model_dump_json(), capture_output=True, text=True, check=False,
-            env=worker_environment(),
-        )  # fmt: skip
-        if done.returncode != 0:
-            lines = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
-            return Result(order=order, figures=_failed(order.name, lines[-1]))
+        if error := error_of(run_worker("perception_worker", (verb, str(out)), order.model_dump_json())):
+            return Result(order=order, figures=SceneFigures(name=order.name, score=sum_scores([]), error=error))
     found = _earlier(order, out)
     if found is None:
         raise InputError(f"{result_file(out, order.name)} changed while it was read", "name another --out")
@@ -181,21 +143,3 @@ def _earlier(order: Order, out: Path) -> Result | None:
     except (OSError, ValidationError):
         return None
     return result if result.order == order and result_file(out, order.name).with_suffix(".png").exists() else None
-
-
-def _failed(name: str, error: str) -> SceneFigures:
-    nothing = SegmentationScore(
-        objects=0, segments=0, hits=(0, 0), iou_of_matched=0.0, iou_of_objects=0.0, split=0, merged=0,
-        outline_found=0, outline_segments=0, outline_met=0, outline_objects=0,
-    )  # fmt: skip
-    return SceneFigures(name=name, score=nothing, error=error)
-
-
-def _targets(bounds: Sequence[Target]) -> Table:
-    shown = Table("figure", "measured", "target", "", title="targets")
-    for one in bounds:
-        if one.value is not None:
-            sign = "<=" if one.smaller_is_better else ">="
-            bound = "" if one.bound is None else f"{sign} {one.bound:g}"
-            shown.add_row(one.name, f"{one.value:.3g} {one.unit}", bound, "missed" if one.reached is False else "")
-    return shown

@@ -6,7 +6,6 @@ of 400 colours; sizes spread around those of the kind. Queries are assets of the
 
 import json
 import resource
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -15,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from evals.benchmark.figures import Target
-from evals.benchmark.perception_runs import worker_environment
+from evals.benchmark.worker_processes import error_of, run_worker
 from grs_agents.errors import GrsError, InputError
+from grs_agents.figures import Figure
 from grs_agents.perception.matching.asset_index import (
     DIMENSIONS,
     WEIGHTS,
@@ -115,20 +114,18 @@ def measure_retrieval(folder: Path, count: int, queries: int, seed: int) -> dict
     figures: dict[str, float] = {}
     for verb in ("build", "probe"):
         numbers = [str(number) for number in (count, queries, seed)]
-        command = [sys.executable, "-P", "-m", "evals.benchmark.retrieval", verb, str(folder), *numbers]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, env=worker_environment())
-        if done.returncode != 0:
-            lines = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
-            raise GrsError(f"{verb} of the index failed: {lines[-1]}", "pip install 'grs-agents[index]'")
+        done = run_worker("retrieval", (verb, str(folder), *numbers))
+        if error := error_of(done):
+            raise GrsError(f"{verb} of the index failed: {error}", "pip install 'grs-agents[index]'")
         figures.update(json.loads(done.stdout))
     return figures
 
 
-def retrieval_targets(figures: dict[str, float]) -> list[Target]:
+def retrieval_targets(figures: dict[str, float]) -> list[Figure]:
     """The figures that have a bound."""
     bounds = (("memory MiB", 1024.0), ("search ms, median", 10.0), ("open s", 1.0), ("add 1000 s", 1.0))
-    found = [Target(name=name, value=figures[name], bound=bound) for name, bound in bounds]
-    return [*found, Target(name="recall", value=figures["recall"], bound=0.98, smaller_is_better=False)]
+    found = [Figure(name=name, value=figures[name], target=bound) for name, bound in bounds]
+    return [*found, Figure(name="recall", value=figures["recall"], target=0.98, smaller_is_better=False)]
 
 
 def main(arguments: Sequence[str]) -> int:

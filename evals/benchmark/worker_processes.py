@@ -1,0 +1,78 @@
+"""Work in processes of its own: one for each scene, on one core each, with a bar on the terminal."""
+
+import hashlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import TypeVar
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from grs_agents import terminal
+
+EVALS = Path(__file__).parent.parent
+_ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+_Job = TypeVar("_Job")
+_Outcome = TypeVar("_Outcome")
+
+
+def run_worker(module: str, arguments: Sequence[str], order: str = "") -> subprocess.CompletedProcess[str]:
+    """Run a module of `evals.benchmark` in a process of its own, which imports from this checkout first.
+
+    Args:
+        module: its name.
+        arguments: of its command line.
+        order: what it reads from standard input.
+    """
+    paths = [str(EVALS.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return subprocess.run(
+        [sys.executable, "-P", "-m", f"evals.benchmark.{module}", *arguments],
+        input=order,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **_ONE_CORE, "PYTHONPATH": os.pathsep.join(paths)},
+    )
+
+
+def error_of(done: subprocess.CompletedProcess[str]) -> str:
+    """The last line that a worker which failed has printed; empty for one that did not fail."""
+    lines = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
+    return lines[-1] if done.returncode else ""
+
+
+def run_jobs(
+    title: str, jobs: Sequence[_Job], work: Callable[[_Job], _Outcome], workers: int, name: Callable[[_Job], str]
+) -> list[_Outcome]:
+    """Do ``work`` for each job, ``workers`` at a time, behind a bar; an interrupt waits only for those that have begun.
+
+    Returns:
+        The outcomes in the order of ``jobs``.
+    """
+    columns = [BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()]
+    with (
+        Progress(TextColumn("{task.description}"), *columns, console=terminal.console(error=True)) as progress,
+        ThreadPoolExecutor(workers) as pool,
+    ):
+        bar = progress.add_task(title, total=len(jobs))
+        futures = {pool.submit(work, job): job for job in jobs}
+        try:
+            for future in as_completed(futures):
+                future.result()
+                progress.update(bar, advance=1, description=name(futures[future]))
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+    return [future.result() for future in futures]
+
+
+def fingerprint(*places: Path) -> str:
+    """A hash of all files in these folders, so that figures are never older than the code they are of."""
+    files = sorted(file for place in places for file in (place.rglob("*") if place.is_dir() else [place]))
+    whole = hashlib.sha256()
+    for file in files:
+        if file.is_file() and "__pycache__" not in file.parts:
+            whole.update(file.name.encode() + b"\0" + file.read_bytes())
+    return whole.hexdigest()

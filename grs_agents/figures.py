@@ -1,0 +1,60 @@
+"""Measured quantities with the bounds they should keep, as experiments show them."""
+
+import resource
+from collections.abc import Sequence
+from typing import Any
+
+from rich.table import Table
+
+from grs_agents.base import Frozen
+
+
+class Figure(Frozen):
+    """One measured quantity.
+
+    Attributes:
+        name: what was measured.
+        value: None where nothing was.
+        target: the bound it should keep; None for what only explains another.
+        unit: of both.
+        smaller_is_better: which side of the target is good.
+    """
+
+    name: str
+    value: float | None
+    target: float | None = None
+    unit: str = ""
+    smaller_is_better: bool = True
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether the target is kept; None without a value or a target."""
+        if self.value is None or self.target is None:
+            return None
+        return self.value <= self.target if self.smaller_is_better else self.value >= self.target
+
+    def bound(self) -> str:
+        """The target with its sign and unit; empty without one."""
+        sign = "<=" if self.smaller_is_better else ">="
+        return "" if self.target is None else f"{sign} {self.target:g} {self.unit}".rstrip()
+
+
+def figure_records(figures: Sequence[Figure]) -> list[dict[str, Any]]:
+    """The figures as plain JSON, each with whether its target is kept."""
+    return [{**figure.model_dump(), "reached": figure.reached} for figure in figures]
+
+
+def figure_table(title: str, figures: Sequence[Figure]) -> Table:
+    """The figures that were measured, for a terminal."""
+    table = Table("figure", "measured", "target", "", title=title)
+    for figure in figures:
+        if figure.value is not None:
+            missed = "missed" if figure.reached is False else ""
+            table.add_row(figure.name, f"{figure.value:.3g} {figure.unit}", figure.bound(), missed)
+    return table
+
+
+def cpu_seconds() -> float:
+    """CPU time of this process and of all its children that have ended, s."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in used)
