@@ -100,9 +100,8 @@ def write_plots(out: Path, scenes: Sequence[SceneFigures]) -> None:
     _write(out / "scores.png", _bars(bars, ("F1 at IoU 0.5", "F1 at IoU 0.75", "mean IoU of all objects")))
     objects = [one for scene in scenes for one in scene.objects]
     curves = {
-        "box centre": [1000 * one.center for one in objects if one.center is not None],
-        "box size": [1000 * one.size for one in objects if one.size is not None],
-        "asset position": [1000 * one.position for one in objects if one.position is not None],
+        name: sorted(1000 * value for one in objects if (value := getattr(one, attribute)) is not None)
+        for name, attribute in (("box centre", "center"), ("box size", "size"), ("asset position", "position"))
     }
     if any(curves.values()):
         _write(out / "errors.png", _shares({name: sorted(values) for name, values in curves.items() if values}))

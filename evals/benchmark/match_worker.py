@@ -8,9 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from evals.benchmark.ground_truth import LabelledScene, read_labelled
+from evals.benchmark.ground_truth import LabelledScene, TrueObject, read_labelled
 from evals.benchmark.match_types import Matching, MatchOrder, Outcome, ScoredAnswer, matching_file
-from evals.benchmark.segmentation_metrics import MATCHED, overlaps
+from evals.benchmark.segmentation_metrics import overlaps
 from grs_agents import content
 from grs_agents.agents import Agents, Description, NoReply, roles
 from grs_agents.config import Config, load_config
@@ -116,19 +116,23 @@ def _matched(
     crops = {record.id: agents.folder / record.crop for record in records}
     segments = [Segment(one.id, one.mask, one.upright, crops[one.id], one.points) for one in asked]
     request = tool.Request(
-        segments=segments, frame=scene.frame, table=table, ask=asking(agents, records, described, image, []),
-        seed=order.run, model=config.match.model, index=config.match.index,
-        ocr=order.method.ocr, sized=order.method.sized,
-    )  # fmt: skip
+        segments=segments,
+        frame=scene.frame,
+        table=table,
+        ask=asking(agents, records, described, image, []),
+        seed=order.run,
+        model=config.match.model,
+        index=config.match.index,
+        ocr=order.method.ocr,
+        sized=order.method.sized,
+    )
     found: MatchResult = tool.run(request, context)
     return found
 
 
 def _silent(record: CandidateRecord) -> Description:
-    return Description(
-        is_object=True, description=f"an undescribed {record.shape}", color="unknown", shape=record.shape,
-        category="object",
-    )  # fmt: skip
+    words = f"an undescribed {record.shape}"
+    return Description(is_object=True, description=words, color="unknown", shape=record.shape, category="object")
 
 
 def _answers(
@@ -142,31 +146,31 @@ def _answers(
     for one in candidates:
         labels[one.mask] = one.id
     common = overlaps(labels, scene.labels, scene.ignored())
-    partner = {int(common.segments[column]): int(common.truths[row]) for row, column in common.pairs()
-               if common.ious[row, column] >= MATCHED}  # fmt: skip
-    counting = {int(number) for number in common.segments}
+    partner, counting = common.matched(), set(common.segments.tolist())
     known, looks = {one.id: one for one in scene.truth.objects}, first_of_same_look(library)
-    found: list[ScoredAnswer] = []
+    silent = MatchEvidence(match="no_object", reason="described as no object")
+    answers: list[ScoredAnswer] = []
     for record in records:
-        if record.id not in counting:
-            continue
-        label = partner.get(record.id)
-        thing = known.get(label) if label is not None else None
-        truth = None if label is None else thing.asset if thing is not None else ""
-        answer = matches.get(record.id, MatchEvidence(match="no_object", reason="described as no object"))
-        visible = thing.visible / thing.whole if thing is not None and thing.visible and thing.whole else None
-        found.append(
-            ScoredAnswer(
+        if record.id in counting:
+            label = partner.get(record.id)
+            one = None if label is None else known.get(label, TrueObject(id=label))
+            answer, truth = matches.get(record.id, silent), None if one is None else one.asset
+            scored = ScoredAnswer(
                 id=record.id,
                 truth=truth,
                 answer=answer,
                 outcome=_outcome(truth, answer, looks),
-                visible=visible,
+                visible=None if one is None else _visible(one),
                 crop=f"pictures/{scene.name}/{record.crop}",
             )
-        )
-    assets = [int(label) for label in common.truths if (one := known.get(int(label))) is not None and one.asset]
-    return tuple(found), len(set(assets) - set(partner.values()))
+            answers.append(scored)
+    assets = {label for label in common.truths.tolist() if label in known and known[label].asset}
+    return tuple(answers), len(assets - set(partner.values()))
+
+
+def _visible(one: TrueObject) -> float | None:
+    """The share of an object that is seen, where that is known."""
+    return one.visible / one.whole if one.visible and one.whole else None
 
 
 def _outcome(truth: str | None, answer: MatchEvidence, looks: Mapping[str, str]) -> Outcome:

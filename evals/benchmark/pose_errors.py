@@ -38,26 +38,30 @@ def object_figures(
         stood: where the assets stand; without it they are laid into the measured boxes.
     """
     common = overlaps(found, scene.labels, scene.ignored())
-    partner = {int(common.truths[row]): (int(common.segments[column]), float(common.ious[row, column]))
-               for row, column in common.pairs()}  # fmt: skip
+    partner = {row: (int(common.segments[column]), float(common.ious[row, column])) for row, column in common.pairs()}
     known = {one.id: one for one in scene.truth.objects}
     by_number = {one.id: one for one in candidates}
     calibrated = scene.frame.camera.T_robot_cam is not None
     figures: list[ObjectFigures] = []
-    for label, area in zip(common.truths.tolist(), common.truth_areas.tolist(), strict=True):
+    for row, (label, area) in enumerate(zip(common.truths.tolist(), common.truth_areas.tolist(), strict=True)):
         one = known.get(label, TrueObject(id=label))
-        segment, iou = partner.get(label, (None, 0.0))
-        made = ObjectFigures(id=label, asset=one.asset, visible=area / one.whole if one.whole else None,
-                             iou=iou, segment=segment)  # fmt: skip
+        segment, iou = partner.get(row, (None, 0.0))
+        visible = area / one.whole if one.whole else None
+        errors: dict[str, object] = {}
         if segment is not None and iou >= MATCHED:
-            box = one.box or _box_of(one, library) if calibrated else None
-            if table is not None and label in scene.points:
-                box = _box_around(_moved(scene.points[label], table))
-            made = made.model_copy(update=_box_errors(box, by_number[segment]))
+            errors = _box_errors(_true_box(one, scene, library, table), by_number[segment])
             if calibrated:
-                made = made.model_copy(update=_pose_errors(one, by_number[segment], library, stood or TwinRun()))
-        figures.append(made)
+                errors |= _pose_errors(one, by_number[segment], library, stood or TwinRun())
+        made = ObjectFigures(id=label, asset=one.asset, visible=visible, iou=iou, segment=segment)
+        figures.append(made.model_copy(update=errors))
     return tuple(figures)
+
+
+def _true_box(one: TrueObject, scene: LabelledScene, library: Library, table: TableFrame | None) -> Aabb | None:
+    """The axis-aligned box of an object in the frame of the candidates, as far as it is known."""
+    if table is not None and one.id in scene.points:
+        return _box_around(_moved(scene.points[one.id], table))
+    return (one.box or _box_of(one, library)) if scene.frame.camera.T_robot_cam is not None else None
 
 
 def _box_errors(box: Aabb | None, candidate: Candidate) -> dict[str, object]:

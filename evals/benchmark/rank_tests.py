@@ -1,14 +1,12 @@
 """Tests on ranks: whether groups differ (Kruskal-Wallis), two factors and their interaction (Scheirer-Ray-Hare)."""
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from evals.benchmark.segmentation_metrics import scipy_module
 from grs_agents.base import Frozen
-from grs_agents.errors import InputError
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,7 +29,7 @@ def kruskal_wallis(groups: Mapping[str, Sequence[float]], effect: str) -> RankTe
     kept = [np.asarray(values, np.float64) for values in groups.values() if len(values)]
     if len(kept) < 2 or np.ptp(np.concatenate(kept)) == 0:
         return None
-    statistic, p = _stats().kruskal(*kept)
+    statistic, p = scipy_module("scipy.stats").kruskal(*kept)
     return RankTest(effect=effect, statistic=float(statistic), freedom=len(kept) - 1, p=float(p))
 
 
@@ -48,25 +46,24 @@ def scheirer_ray_hare(values: Sequence[float], rows: Sequence[str], columns: Seq
     Raises:
         InputError: SciPy is not installed.
     """
-    first, second = sorted(set(rows)), sorted(set(columns))
     ranks = _ranks(np.asarray(values, np.float64))
-    row, column = np.array(rows), np.array(columns)
-    cells = [[ranks[(row == one) & (column == two)] for two in second] for one in first]
-    whole = len(first) > 1 and len(second) > 1 and all(len(cell) for some in cells for cell in some)
-    if not whole or np.ptp(ranks) == 0:
+    row_names, row = np.unique(np.array(rows), return_inverse=True)
+    column_names, column = np.unique(np.array(columns), return_inverse=True)
+    down, across = len(row_names) - 1, len(column_names) - 1
+    cell = row * len(column_names) + column
+    whole = len(set(cell.tolist())) == len(row_names) * len(column_names)
+    if not (down and across and whole) or np.ptp(ranks) == 0:
         return ()
+    by_row, by_column = _between(ranks, row), _between(ranks, column)
+    both = _between(ranks, cell) - by_row - by_column
     mean_square = float(((ranks - ranks.mean()) ** 2).sum()) / (len(ranks) - 1)
-    by_row = _between([ranks[row == one] for one in first])
-    by_column = _between([ranks[column == two] for two in second])
-    both = _between([cell for some in cells for cell in some]) - by_row - by_column
-    down, across = len(first) - 1, len(second) - 1
-    chi2 = _stats().chi2
-    return tuple(
-        RankTest(effect=effect, statistic=square / mean_square, freedom=free,
-                 p=float(chi2.sf(max(square / mean_square, 0.0), free)))
-        for effect, square, free in (("method", by_row, down), ("model", by_column, across),
-                                     ("method x model", both, down * across))
-    )  # fmt: skip
+    effects = (("method", by_row, down), ("model", by_column, across), ("method x model", both, down * across))
+    return tuple(_rank_test(effect, square / mean_square, freedom) for effect, square, freedom in effects)
+
+
+def _rank_test(effect: str, statistic: float, freedom: int) -> RankTest:
+    p = scipy_module("scipy.stats").chi2.sf(max(statistic, 0.0), freedom)
+    return RankTest(effect=effect, statistic=statistic, freedom=freedom, p=float(p))
 
 
 def confidence_interval(values: Sequence[float]) -> tuple[float, float, float]:
@@ -75,27 +72,24 @@ def confidence_interval(values: Sequence[float]) -> tuple[float, float, float]:
     Raises:
         InputError: SciPy is not installed.
     """
-    told = np.asarray(values, np.float64)
-    mean = float(told.mean())
-    if len(told) < 2:
+    sample = np.asarray(values, np.float64)
+    mean = float(sample.mean())
+    if len(sample) < 2:
         return mean, mean, mean
-    reach = float(_stats().t.ppf(0.975, len(told) - 1)) * float(told.std(ddof=1)) / len(told) ** 0.5
+    reach = (
+        float(scipy_module("scipy.stats").t.ppf(0.975, len(sample) - 1))
+        * float(sample.std(ddof=1))
+        / len(sample) ** 0.5
+    )
     return mean, mean - reach, mean + reach
 
 
-def _between(groups: Sequence[Floats]) -> float:
+def _between(ranks: Floats, group: npt.NDArray[np.int64]) -> float:
     """The sum of squares between groups of ranks."""
-    every = np.concatenate(groups)
-    return float(sum(len(group) * (group.mean() - every.mean()) ** 2 for group in groups))
+    groups = [ranks[group == number] for number in np.unique(group)]
+    return float(sum(len(some) * (some.mean() - ranks.mean()) ** 2 for some in groups))
 
 
 def _ranks(values: Floats) -> Floats:
     """Ranks from 1; equal values share the mean of theirs."""
-    return np.asarray(_stats().rankdata(values), np.float64)
-
-
-def _stats() -> Any:
-    try:
-        return import_module("scipy.stats")
-    except ImportError as error:
-        raise InputError("the statistics of this experiment need SciPy", "pip install 'grs-agents[eval]'") from error
+    return np.asarray(scipy_module("scipy.stats").rankdata(values), np.float64)

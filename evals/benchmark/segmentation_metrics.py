@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from evals.benchmark.assignment import assign
+from grs_agents.errors import InputError
 from grs_agents.perception.image_geometry import Labels
 from grs_agents.perception.types import Array, Mask
 
@@ -20,6 +22,18 @@ MOSTLY = 0.5
 """A segment lies mostly in an object from this share of the segment's pixels."""
 OUTLINE = 0.003
 """Outlines agree within this share of the picture's diagonal: 3 pixels at 640x480."""
+
+
+def scipy_module(module: str) -> Any:
+    """A module of SciPy.
+
+    Raises:
+        InputError: SciPy is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise InputError("the figures of this experiment need SciPy", "pip install 'grs-agents[eval]'") from error
 
 
 @dataclass(frozen=True)
@@ -47,8 +61,17 @@ class Overlaps:
 
     def pairs(self) -> list[tuple[int, int]]:
         """The one-to-one assignment (rows of ``truths``, of ``segments``) with the most intersection over union."""
-        ious = self.ious
-        return [(row, column) for row, column in assign(-ious) if ious[row, column] > 0]
+        rows, columns = scipy_module("scipy.optimize").linear_sum_assignment(self.ious, maximize=True)
+        both = zip(rows.tolist(), columns.tolist(), strict=True)
+        return [(row, column) for row, column in both if self.ious[row, column] > 0]
+
+    def matched(self) -> dict[int, int]:
+        """The label of the object that each matched segment shows, by the segment's number."""
+        return {
+            int(self.segments[column]): int(self.truths[row])
+            for row, column in self.pairs()
+            if self.ious[row, column] >= MATCHED
+        }
 
 
 @dataclass(frozen=True)

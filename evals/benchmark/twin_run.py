@@ -9,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from evals.benchmark.ground_truth import LabelledScene
-from evals.benchmark.segmentation_metrics import MATCHED, overlaps
+from evals.benchmark.segmentation_metrics import overlaps
 from grs_agents.library import Library
 from grs_agents.perception import (
     Candidate,
     EstimatedVolume,
     Mask,
     Registered,
+    ResidualCandidates,
     RGBDFrame,
     Surroundings,
     TableFrame,
@@ -82,36 +83,44 @@ def settle_true_assets(
     if table is None or not truth or not candidates:
         return TwinRun()
     poses: dict[int, Registered] = {}
-    segments = _segments(candidates, _assets(scene, found, truth), poses, (scene.frame, table, library))
-    shells = [
+    where = (scene.frame, table, library)
+    segments = _segments(candidates, _assets(scene, found, truth), poses, where)
+    surfaces = [
         None if one.known is None else asset_surface_at(one.known.asset, one.known.pose, library) for one in segments
     ]
     first = max(one.id for one in candidates) + 1
-    later = residual_candidates([one.mask for one in segments], shells, scene.frame, table, first)
-    candidates = [one for index, one in enumerate(candidates) if index not in later.divided]
-    segments = [one for index, one in enumerate(segments) if index not in later.divided]
-    new = np.zeros_like(found)
-    for one in later.candidates:
-        new[one.mask] = one.id
-    missed = {label: asset for label, asset in truth.items() if label not in _matched(scene, found).values()}
-    segments += _segments(later.candidates, _assets(scene, new, missed), poses, (scene.frame, table, library))
-    every = [*candidates, *later.candidates]
-    return _settled(every, _disentangled(every, segments, poses, scene, library, table), poses, scene, library, table)
+    residual = residual_candidates([one.mask for one in segments], surfaces, scene.frame, table, first)
+    kept = [index for index in range(len(candidates)) if index not in residual.divided]
+    missed = _missed(scene, found, truth)
+    segments = [segments[index] for index in kept]
+    segments += _segments(residual.candidates, _assets(scene, _painted(residual, found), missed), poses, where)
+    every = [*(candidates[index] for index in kept), *residual.candidates]
+    return _settled(
+        every, _without_collisions(every, segments, poses, scene, library, table), poses, scene, library, table
+    )
 
 
-def _matched(scene: LabelledScene, found: npt.NDArray[np.int32]) -> dict[int, int]:
-    """The label of the object that each segment (H, W) matches, by the segment's number."""
-    common = overlaps(found, scene.labels, scene.ignored())
-    return {
-        int(common.segments[column]): int(common.truths[row])
-        for row, column in common.pairs()
-        if common.ious[row, column] >= MATCHED
-    }
+def _painted(residual: ResidualCandidates, found: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """The residual candidates as a picture of their numbers, (H, W)."""
+    labels = np.zeros_like(found)
+    for one in residual.candidates:
+        labels[one.mask] = one.id
+    return labels
+
+
+def _missed(scene: LabelledScene, found: npt.NDArray[np.int32], truth: Mapping[int, str]) -> dict[int, str]:
+    """The true assets, by label, of the objects that no segment matches."""
+    matched = set(overlaps(found, scene.labels, scene.ignored()).matched().values())
+    return {label: asset for label, asset in truth.items() if label not in matched}
 
 
 def _assets(scene: LabelledScene, found: npt.NDArray[np.int32], truth: Mapping[int, str]) -> dict[int, str]:
     """The true assets, given by label, of the segments that match an object of which it is known, by their numbers."""
-    return {number: truth[label] for number, label in _matched(scene, found).items() if label in truth}
+    return {
+        number: truth[label]
+        for number, label in overlaps(found, scene.labels, scene.ignored()).matched().items()
+        if label in truth
+    }
 
 
 def _segments(
@@ -132,7 +141,7 @@ def _segments(
     return segments
 
 
-def _disentangled(
+def _without_collisions(
     candidates: Sequence[Candidate],
     segments: Sequence[Segment],
     poses: dict[int, Registered],
@@ -142,8 +151,11 @@ def _disentangled(
 ) -> list[Segment]:
     """The segments with their assets beside, not in each other; ``poses`` takes where those stand."""
     pairs = zip(candidates, segments, strict=True)
-    known = {one.id: KnownObject(segment.known, segment.box, segment.mask)
-             for one, segment in pairs if segment.known is not None}  # fmt: skip
+    known = {
+        one.id: KnownObject(segment.known, segment.box, segment.mask)
+        for one, segment in pairs
+        if segment.known is not None
+    }
     apart = repair_collisions(list(known.values()), scene.frame, table, library)
     numbers = list(known)
     poses.update({numbers[index]: found for index, found in apart.moved.items()})
