@@ -37,8 +37,8 @@ def main(arguments: Sequence[str]) -> int:
         print(json.dumps({"scenes": len(files), "objects": len(rows), "off": off, "is_certain": known}, indent=2))
     else:
         for row in off:
-            print(f"{row['scene']}: {row['object']} ({row['asset']}): centre {1000 * row['centre']:.0f} mm, "
-                  f"size {100 * row['size']:.0f} % off")  # fmt: skip
+            errors = f"centre {1000 * row['centre']:.0f} mm, size {100 * row['size']:.0f} % off"
+            print(f"{row['scene']}: {row['object']} ({row['asset']}): {errors}")
         print(f"{len(rows) - len(off)} of {len(rows)} objects in {len(files)} scenes have a stand-in of their size")
         if known:
             print(f"{known} of them a certain asset that is larger than what is seen of it")
@@ -48,5 +48,6 @@ def main(arguments: Sequence[str]) -> int:
 def _row(thing: SceneObject, library: Library) -> dict[str, Any]:
     measured = thing.upright or upright_of(thing.box)
     off = size_deviation(thing.asset, (thing.position, thing.orientation), library, measured)
-    return {"object": thing.name, "asset": thing.asset, "centre": off.centre, "size": off.size,
-            "agrees": off.agrees or is_certain(thing), "is_certain": is_certain(thing) and not off.agrees}  # fmt: skip
+    certain = is_certain(thing)
+    figures = {"object": thing.name, "asset": thing.asset, "centre": off.centre, "size": off.size}
+    return {**figures, "agrees": off.agrees or certain, "is_certain": certain and not off.agrees}

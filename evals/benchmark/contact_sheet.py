@@ -16,8 +16,8 @@ from grs_agents.perception import Camera
 Picture = npt.NDArray[np.uint8]
 _TILE = 400
 _EDGES = [(0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 6), (5, 7), (6, 7)]
-_COLORS = ((66, 133, 244), (219, 68, 55), (15, 157, 88), (244, 160, 0), (171, 71, 188), (0, 172, 193), (255, 112, 67),
-           (92, 107, 192), (158, 157, 36), (236, 64, 122))  # fmt: skip
+_HEX = "4285f4 db4437 0f9d58 f4a000 ab47bc 00acc1 ff7043 5c6bc0 9e9d24 ec407a"
+_COLORS = [(int(code[:2], 16), int(code[2:4], 16), int(code[4:], 16)) for code in _HEX.split()]
 _WHITE, _BLACK, _GREY = (255, 255, 255), (0, 0, 0), (170, 170, 170)
 
 
@@ -26,7 +26,7 @@ def write_sheet(out: Path, results: Sequence[Result]) -> None:
     rows = [_row(out, result) for result in results]
     width = max(row.shape[1] for row in rows)
     padded = [cv2.copyMakeBorder(row, 0, 6, 0, width - row.shape[1], cv2.BORDER_CONSTANT, value=_WHITE) for row in rows]
-    _write(out / "sheet.png", np.asarray(np.vstack(padded), np.uint8))
+    write_picture(out / "sheet.png", np.asarray(np.vstack(padded), np.uint8))
 
 
 def _row(out: Path, result: Result) -> Picture:
@@ -78,8 +78,8 @@ def _fitted(picture: Picture) -> Picture:
 def _caption(scene: SceneFigures, width: int) -> Picture:
     score = scene.score
     words = [scene.name, scene.sensor, "" if scene.tilt is None else f"tilt {scene.tilt:.0f}"]
-    words += [f"{score.objects} objects, {score.segments} segments", f"F1 {score.f1[0]:.2f} / {score.f1[1]:.2f}",
-              f"IoU {score.mean_iou:.2f}", f"split {score.split}, merged {score.merged}", scene.error]  # fmt: skip
+    words += [f"{score.objects} objects, {score.segments} segments", f"F1 {score.f1[0]:.2f} / {score.f1[1]:.2f}"]
+    words += [f"IoU {score.mean_iou:.2f}", f"split {score.split}, merged {score.merged}", scene.error]
     bar = np.full((24, width, 3), 255, np.uint8)
     return write_words(bar, "   ".join(word for word in words if word), (6, 17))
 
@@ -90,21 +90,22 @@ def write_words(picture: Picture, words: str, place: tuple[int, int], size: floa
     return picture
 
 
-def _write(file: Path, picture: Picture) -> None:
+def write_picture(file: Path, picture: Picture) -> None:
+    """Write a picture as PNG."""
     write_bytes(file, cv2.imencode(".png", np.ascontiguousarray(picture[:, :, ::-1]))[1].tobytes())
 
 
 def write_plots(out: Path, scenes: Sequence[SceneFigures]) -> None:
     """Write ``scores.png``, the F1 and the overlap of each scene, and ``errors.png``, how errors are spread."""
     bars = [(scene.name, (scene.score.f1[0], scene.score.f1[1], scene.score.mean_iou_of_objects)) for scene in scenes]
-    _write(out / "scores.png", _bars(bars, ("F1 at IoU 0.5", "F1 at IoU 0.75", "mean IoU of all objects")))
+    write_picture(out / "scores.png", _bars(bars, ("F1 at IoU 0.5", "F1 at IoU 0.75", "mean IoU of all objects")))
     objects = [one for scene in scenes for one in scene.objects]
     curves = {
         name: sorted(1000 * value for one in objects if (value := getattr(one, attribute)) is not None)
         for name, attribute in (("box centre", "center"), ("box size", "size"), ("asset position", "position"))
     }
     if any(curves.values()):
-        _write(out / "errors.png", _shares({name: sorted(values) for name, values in curves.items() if values}))
+        write_picture(out / "errors.png", _shares({name: values for name, values in curves.items() if values}))
 
 
 def _bars(rows: Sequence[tuple[str, tuple[float, ...]]], names: Sequence[str]) -> Picture:

@@ -7,21 +7,20 @@ from typing import Any
 
 from evals.benchmark.figures import csv_text
 from evals.benchmark.match_types import Matching, f1_precision_recall
-from evals.benchmark.rank_tests import RankTest, confidence_interval, kruskal_wallis, scheirer_ray_hare
+from evals.benchmark.rank_tests import confidence_interval, kruskal_wallis, scheirer_ray_hare
 from grs_agents.files import write_json, write_text
 from grs_agents.run.experiments import markdown
 
-COLUMNS = ("method", "model", "scenes", "runs", "F1", "F1 low", "F1 high", "precision", "recall", "pooled F1", "right",
-           "wrong asset", "false alarm", "missed", "tokens in", "tokens out", "cost", "CPU s")  # fmt: skip
+_COUNTED = ("right", "wrong asset", "false alarm", "missed")
+_SCORES = ("F1", "F1 low", "F1 high", "precision", "recall", "pooled F1")
+COLUMNS = ("method", "model", "scenes", "runs", *_SCORES, *_COUNTED, "tokens in", "tokens out", "cost", "CPU s")
 """F1 is the mean over scenes and runs with its 95 % interval; precision, recall and pooled F1 are of all objects."""
-SHOWN = ("method", "model", "F1", "F1 low", "F1 high", "precision", "recall", "pooled F1", "CPU s")
-_OBJECTS = ("scene", "method", "model", "run", "id", "truth", "match", "asset", "confidence", "outcome", "visible",
-            "reason")  # fmt: skip
+SHOWN = ("method", "model", *_SCORES, "CPU s")
+_ANSWER = ("id", "truth", "match", "asset", "confidence", "outcome", "visible", "reason")
+_OBJECTS = ("scene", "method", "model", "run", *_ANSWER)
 
 
-def write_matchings(
-    out: Path, found: Sequence[Matching], prices: Mapping[str, tuple[float, float]]
-) -> dict[str, Any]:  # fmt: skip
+def write_matchings(out: Path, found: Sequence[Matching], prices: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
     """Write ``figures.json``, ``table1.csv``, ``table1.md``, ``objects.csv`` and ``confusions.csv``.
 
     Returns:
@@ -32,13 +31,17 @@ def write_matchings(
     """
     usable = [one for one in found if not one.error]
     rows = [_row(key, some, prices) for key, some in _groups(usable).items()]
-    told = _tests(usable)
-    confusions = _confusions(usable)
-    value = {"table": rows, "tests": told, "confusions": confusions, "calibration": _calibration(usable),
-             "errors": [one.order.stem for one in found if one.error]}  # fmt: skip
+    tests, confusions = _tests(usable), _confusions(usable)
+    value = {
+        "table": rows,
+        "tests": tests,
+        "confusions": confusions,
+        "calibration": _calibration(usable),
+        "errors": [one.order.stem for one in found if one.error],
+    }
     write_json(out / "figures.json", value)
     write_text(out / "table1.csv", csv_text(COLUMNS, rows))
-    write_text(out / "table1.md", "\n".join((markdown(COLUMNS, rows), _tests_table(told))))
+    write_text(out / "table1.md", "\n".join((markdown(COLUMNS, rows), _tests_table(tests))))
     write_text(out / "objects.csv", csv_text(_OBJECTS, _object_rows(usable)))
     write_text(out / "confusions.csv", csv_text(("method", "truth", "answer", "count"), confusions))
     return value
@@ -51,30 +54,21 @@ def _groups(found: Sequence[Matching]) -> dict[tuple[str, str], list[Matching]]:
     return groups
 
 
-def _row(
-    key: tuple[str, str], some: Sequence[Matching], prices: Mapping[str, tuple[float, float]]
-) -> dict[str, Any]:  # fmt: skip
-    mean, low, high = confidence_interval([f1_precision_recall(one.counts)[0] for one in some])
-    right, wrong, missed = (sum(one.counts[part] for one in some) for part in range(3))
+def _row(key: tuple[str, str], some: Sequence[Matching], prices: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    right, wrong, missed = (sum(column) for column in zip(*(one.counts for one in some), strict=True))
     pooled, precision, recall = f1_precision_recall((right, wrong, missed))
-    outcomes = Counter(answer.outcome for one in some for answer in one.answers)
-    into, out = (sum(getattr(one, name) for one in some) for name in ("input_tokens", "output_tokens"))
+    values = (*confidence_interval(_f1(some)), precision, recall, pooled)
+    outcomes = Counter[str](answer.outcome for one in some for answer in one.answers)
+    outcomes["missed"] += sum(one.unseen for one in some)
+    into, out = sum(one.input_tokens for one in some), sum(one.output_tokens for one in some)
     price = prices.get(key[1])
     return {
         "method": key[0],
         "model": key[1],
         "scenes": len({one.order.scene.name for one in some}),
         "runs": len({one.order.run for one in some}),
-        "F1": f"{mean:.3f}",
-        "F1 low": f"{low:.3f}",
-        "F1 high": f"{high:.3f}",
-        "precision": f"{precision:.3f}",
-        "recall": f"{recall:.3f}",
-        "pooled F1": f"{pooled:.3f}",
-        "right": outcomes["right"],
-        "wrong asset": outcomes["wrong asset"],
-        "false alarm": outcomes["false alarm"],
-        "missed": outcomes["missed"] + sum(one.unseen for one in some),
+        **{name: f"{value:.3f}" for name, value in zip(_SCORES, values, strict=True)},
+        **{name: outcomes[name] for name in _COUNTED},
         "tokens in": into,
         "tokens out": out,
         "cost": "" if price is None else f"{(into * price[0] + out * price[1]) / 1e6:.4f}",
@@ -82,21 +76,22 @@ def _row(
     }
 
 
+def _f1(found: Sequence[Matching]) -> list[float]:
+    return [f1_precision_recall(one.counts)[0] for one in found]
+
+
 def _tests(found: Sequence[Matching]) -> list[dict[str, Any]]:
     """Whether methods and models differ, and whether they interact, by the F1 of scenes and runs."""
-    values = [f1_precision_recall(one.counts)[0] for one in found]
-    methods, models = [one.order.method.name for one in found], [one.order.model for one in found]
-    asked = [index for index, model in enumerate(models) if model != "-"]
-    told = [("Kruskal-Wallis", kruskal_wallis(_by(methods, values), "method"))]
-    told.append(
-        ("Kruskal-Wallis", kruskal_wallis(_by([models[i] for i in asked], [values[i] for i in asked]), "model"))
-    )
+    asked = [one for one in found if one.order.model != "-"]
+    models = [one.order.model for one in asked]
+    tests = [
+        ("Kruskal-Wallis", kruskal_wallis(_by([one.order.method.name for one in found], _f1(found)), "method")),
+        ("Kruskal-Wallis", kruskal_wallis(_by(models, _f1(asked)), "model")),
+    ]
     if asked:
-        both = scheirer_ray_hare(
-            [values[i] for i in asked], [methods[i] for i in asked], [models[i] for i in asked]
-        )  # fmt: skip
-        told += [("Scheirer-Ray-Hare", one) for one in both]
-    return [{"test": name, **one.model_dump()} for name, one in told if isinstance(one, RankTest)]
+        both = scheirer_ray_hare(_f1(asked), [one.order.method.name for one in asked], models)
+        tests += [("Scheirer-Ray-Hare", one) for one in both]
+    return [{"test": name, **one.model_dump()} for name, one in tests if one is not None]
 
 
 def _by(keys: Sequence[str], values: Sequence[float]) -> dict[str, list[float]]:
@@ -130,10 +125,14 @@ def _calibration(found: Sequence[Matching]) -> list[dict[str, Any]]:
                 key = (one.order.method.name, min(int(stated * 10), 9))
                 bins.setdefault(key, []).append((stated, answer.outcome == "right"))
     return [
-        {"method": method, "confidence": round(sum(stated for stated, _ in some) / len(some), 3),
-         "right": round(sum(right for _, right in some) / len(some), 3), "matches": len(some)}
+        {
+            "method": method,
+            "confidence": round(sum(stated for stated, _ in some) / len(some), 3),
+            "right": round(sum(right for _, right in some) / len(some), 3),
+            "matches": len(some),
+        }
         for (method, _), some in sorted(bins.items())
-    ]  # fmt: skip
+    ]
 
 
 def _object_rows(found: Sequence[Matching]) -> list[dict[str, Any]]:

@@ -7,16 +7,20 @@ from typing import Any
 import cv2
 import numpy as np
 
-from evals.benchmark.contact_sheet import Picture, write_words
+from evals.benchmark.contact_sheet import Picture, write_picture, write_words
 from evals.benchmark.match_types import Matching, ScoredAnswer
 from grs_agents.errors import GrsError
-from grs_agents.files import write_bytes
 from grs_agents.library import Library
 from grs_agents.library.asset_views import asset_views
 
 _TILE, _BAR, _ACROSS = 120, 34, 5
-_COLORS = {"right": (15, 157, 88), "rightly none": (150, 200, 170), "wrong asset": (219, 68, 55),
-           "false alarm": (244, 160, 0), "missed": (171, 71, 188)}  # fmt: skip
+_COLORS = {
+    "right": (15, 157, 88),
+    "rightly none": (150, 200, 170),
+    "wrong asset": (219, 68, 55),
+    "false alarm": (244, 160, 0),
+    "missed": (171, 71, 188),
+}
 
 
 def write_match_sheet(out: Path, found: Sequence[Matching]) -> None:
@@ -34,7 +38,7 @@ def write_match_sheet(out: Path, found: Sequence[Matching]) -> None:
         blank = np.full_like(cells[0], 255)
         padded = [*cells, *([blank] * (-len(cells) % _ACROSS))]
         lines = [np.hstack(padded[at : at + _ACROSS]) for at in range(0, len(padded), _ACROSS)]
-        _write(out / f"sheet-{name}.png", np.asarray(np.vstack(lines), np.uint8))
+        write_picture(out / f"sheet-{name}.png", np.asarray(np.vstack(lines), np.uint8))
 
 
 def write_match_plot(out: Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -53,7 +57,7 @@ def write_match_plot(out: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         cv2.rectangle(picture, (left, y - 7), (ends[1][0], y + 7), (66, 133, 244), cv2.FILLED)
         cv2.line(picture, ends[0], ends[2], (0, 0, 0), 2)
         write_words(picture, f"{mean:.3f}", (ends[2][0] + 6, y + 5), 0.42)
-    _write(out / "f1.png", picture)
+    write_picture(out / "f1.png", picture)
 
 
 def _cell(out: Path, answer: ScoredAnswer, library: Library, drawn: dict[str, Picture]) -> Picture:
@@ -66,8 +70,8 @@ def _cell(out: Path, answer: ScoredAnswer, library: Library, drawn: dict[str, Pi
     sure = "" if answer.answer.confidence is None else f" {answer.answer.confidence:.2f}"
     write_words(bar, f"{answer.outcome}{sure}", (14, 14), 0.4)
     write_words(bar, f"{answer.answer.asset or answer.answer.match} / {answer.truth or 'none'}"[:52], (14, 29), 0.36)
-    return np.asarray(cv2.copyMakeBorder(np.vstack([bar, np.hstack(tiles)]), 2, 4, 2, 6, cv2.BORDER_CONSTANT,
-                                         value=(255, 255, 255)), np.uint8)  # fmt: skip
+    cell = np.vstack([bar, np.hstack(tiles)])
+    return np.asarray(cv2.copyMakeBorder(cell, 2, 4, 2, 6, cv2.BORDER_CONSTANT, value=(255, 255, 255)), np.uint8)
 
 
 def _asset(name: str | None, library: Library, drawn: dict[str, Picture]) -> Picture:
@@ -94,7 +98,3 @@ def _fitted(picture: Picture | None) -> Picture:
     top, left = (_TILE - small.shape[0]) // 2, (_TILE - small.shape[1]) // 2
     tile[top : top + small.shape[0], left : left + small.shape[1]] = small
     return tile
-
-
-def _write(file: Path, picture: Picture) -> None:
-    write_bytes(file, cv2.imencode(".png", np.ascontiguousarray(picture[:, :, ::-1]))[1].tobytes())

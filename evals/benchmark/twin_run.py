@@ -85,11 +85,7 @@ def settle_true_assets(
     poses: dict[int, Registered] = {}
     where = (scene.frame, table, library)
     segments = _segments(candidates, _assets(scene, found, truth), poses, where)
-    surfaces = [
-        None if one.known is None else asset_surface_at(one.known.asset, one.known.pose, library) for one in segments
-    ]
-    first = max(one.id for one in candidates) + 1
-    residual = residual_candidates([one.mask for one in segments], surfaces, scene.frame, table, first)
+    residual = _residual(segments, scene, library, table, 1 + max(one.id for one in candidates))
     kept = [index for index in range(len(candidates)) if index not in residual.divided]
     missed = _missed(scene, found, truth)
     segments = [segments[index] for index in kept]
@@ -98,6 +94,15 @@ def settle_true_assets(
     return _settled(
         every, _without_collisions(every, segments, poses, scene, library, table), poses, scene, library, table
     )
+
+
+def _residual(
+    segments: Sequence[Segment], scene: LabelledScene, library: Library, table: TableFrame, first: int
+) -> ResidualCandidates:
+    """What the registered assets do not explain of their segments, numbered from ``first``."""
+    known = [one.known for one in segments]
+    surfaces = [None if one is None else asset_surface_at(one.asset, one.pose, library) for one in known]
+    return residual_candidates([one.mask for one in segments], surfaces, scene.frame, table, first)
 
 
 def _painted(residual: ResidualCandidates, found: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
