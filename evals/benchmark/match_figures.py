@@ -60,8 +60,6 @@ def _row(key: tuple[str, str], some: Sequence[Matching], prices: Mapping[str, tu
     values = (*confidence_interval(_f1(some)), precision, recall, pooled)
     outcomes = Counter[str](answer.outcome for one in some for answer in one.answers)
     outcomes["missed"] += sum(one.unseen for one in some)
-    into, out = sum(one.input_tokens for one in some), sum(one.output_tokens for one in some)
-    price = prices.get(key[1])
     return {
         "method": key[0],
         "model": key[1],
@@ -69,11 +67,15 @@ def _row(key: tuple[str, str], some: Sequence[Matching], prices: Mapping[str, tu
         "runs": len({one.order.run for one in some}),
         **{name: f"{value:.3f}" for name, value in zip(_SCORES, values, strict=True)},
         **{name: outcomes[name] for name in _COUNTED},
-        "tokens in": into,
-        "tokens out": out,
-        "cost": "" if price is None else f"{(into * price[0] + out * price[1]) / 1e6:.4f}",
+        **_tokens(some, prices.get(key[1])),
         "CPU s": f"{sum(one.cpu_seconds for one in some) / len(some):.1f}",
     }
+
+
+def _tokens(some: Sequence[Matching], price: tuple[float, float] | None) -> dict[str, Any]:
+    into, out = sum(one.input_tokens for one in some), sum(one.output_tokens for one in some)
+    cost = "" if price is None else f"{(into * price[0] + out * price[1]) / 1e6:.4f}"
+    return {"tokens in": into, "tokens out": out, "cost": cost}
 
 
 def _f1(found: Sequence[Matching]) -> list[float]:

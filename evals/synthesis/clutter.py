@@ -117,9 +117,13 @@ def _box_of(bounds: Floats, rotation: Quat) -> tuple[Floats, Floats]:
 
 
 def _spot(
-    low: Floats, high: Floats, placed: Sequence[tuple[Floats, Floats, float]], spread: float, upper: bool,
+    low: Floats,
+    high: Floats,
+    placed: Sequence[tuple[Floats, Floats, float]],
+    spread: float,
+    upper: bool,
     rng: np.random.Generator,
-) -> tuple[float, float]:  # fmt: skip
+) -> tuple[float, float]:
     """Where a thing goes: near the middle where it is free, or over another thing."""
     if upper:
         least, most, _ = placed[int(rng.integers(len(placed)))]

@@ -110,8 +110,8 @@ def random_scenery(rng: np.random.Generator) -> Scenery:
     wide, deep = high - low
     top, wood = random_texture(rng), random_texture(rng)
     tile = float(rng.uniform(0.3, 0.9))
-    sides = [((low[0], low[1]), (wide, 0.0)), ((high[0], low[1]), (0.0, deep)),
-             ((high[0], high[1]), (-wide, 0.0)), ((low[0], high[1]), (0.0, -deep))]  # fmt: skip
+    sides = [((low[0], low[1]), (wide, 0.0)), ((high[0], low[1]), (0.0, deep))]
+    sides += [((high[0], high[1]), (-wide, 0.0)), ((low[0], high[1]), (0.0, -deep))]
     surfaces = [Surface(np.array([*low, 0.0]), np.array([[wide, 0.0, 0.0], [0.0, deep, 0.0]]), top, tile)]
     surfaces += [
         Surface(np.array([*corner, -0.03]), np.array([[*along, 0.0], [0.0, 0.0, 0.03]]), wood, 0.5)

@@ -49,7 +49,7 @@ def load_experiment(name: str) -> ModuleType:
     """
     root = content.content_root()
     if name in CHECKOUT_ONLY and name not in content.names("evals"):
-        remedy = "pip install -e . in a checkout of GRS, and run it there"
+        remedy = "pip install -e '.[eval]' in a checkout of GRS, and run it there"
         raise InputError(f"experiment {name!r} needs a checkout: an installed GRS does not hold it", remedy)
     if root == content.package_root().parent and str(root) not in sys.path[:1]:
         sys.path.insert(0, str(root))

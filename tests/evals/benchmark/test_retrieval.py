@@ -14,9 +14,8 @@ def test_an_index_is_built_and_probed(tmp_path: Path) -> None:
     assert figures["memory MiB"] > 50
     assert figures["open s"] >= 0
     assert {one.name for one in retrieval_targets(figures)} <= set(figures)
-    assert {one.name for one in retrieval_targets(figures)} == {
-        "memory MiB", "search ms, median", "open s", "add 1000 s", "recall"
-    }  # fmt: skip
+    names = ["add 1000 s", "memory MiB", "open s", "recall", "search ms, median"]
+    assert sorted(one.name for one in retrieval_targets(figures)) == names
 
 
 def test_what_fails_is_told(tmp_path: Path) -> None:

@@ -8,15 +8,15 @@ from evals.synthesis.clutter import CENTER, REACH, settle_heap
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 
-THINGS = ("HOPE/Milk.urdf", "HOPE/Cookies.urdf", "block/red_block.urdf", "HOPE/Tuna.urdf", "bowl/bowl.urdf",
-          "HOPE/Corn.urdf", "HOPE/Popcorn.urdf", "mug/mug.urdf")  # fmt: skip
+_NAMES = "HOPE/Milk HOPE/Cookies block/red_block HOPE/Tuna bowl/bowl HOPE/Corn HOPE/Popcorn mug/mug"
+OBJECTS = tuple(f"{name}.urdf" for name in _NAMES.split())
 
 
 def test_heaps_rest_on_the_table_and_some_things_on_others() -> None:
     library, stacked = Library(), 0
     for seed in range(3):
-        resting = settle_heap(THINGS, library, np.random.default_rng(seed))
-        assert tuple(one.asset for one in resting) == THINGS
+        resting = settle_heap(OBJECTS, library, np.random.default_rng(seed))
+        assert tuple(one.asset for one in resting) == OBJECTS
         lows: list[float] = []
         for one in resting:
             (x, y, z), rotation = one.pose
@@ -29,7 +29,7 @@ def test_heaps_rest_on_the_table_and_some_things_on_others() -> None:
 
 
 def test_the_same_seed_makes_the_same_heap() -> None:
-    one, same = (settle_heap(THINGS[:4], Library(), np.random.default_rng(8)) for _ in range(2))
+    one, same = (settle_heap(OBJECTS[:4], Library(), np.random.default_rng(8)) for _ in range(2))
     assert one == same
 
 
