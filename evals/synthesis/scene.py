@@ -133,7 +133,7 @@ def synthesise(recipe: Recipe, library: Library) -> SynthesisedScene:
         names = [*_chosen(recipe.objects - recipe.distractors, library, rng), *strange]
         both = library.overlay(Path(folder))
         resting = settle_heap(names, both, rng)
-        triangles = gather_posed([(one.asset, one.pose) for one in resting], both)
+        triangles = posed_triangles([(one.asset, one.pose) for one in resting], both)
     camera = random_camera(recipe.tilt, _middle(resting), (recipe.width, recipe.height), rng)
     shiny = [number for number in range(1, recipe.objects + 1) if rng.random() < _SHINY]
     seen = draw_scene(triangles, random_scenery(rng), camera, shiny)

@@ -5,13 +5,13 @@ import pytest
 
 from grs_agents.library import Library
 from grs_agents.library.posed_meshes import posed_triangles, smooth_normals
-from grs_agents.library.shapes import HERE
+from grs_agents.library.shapes import IDENTITY_PLACEMENT
 
 
 def test_things_stand_where_they_are_placed() -> None:
     library = Library()
     turned = (0.0, 0.0, np.sin(np.pi / 4), np.cos(np.pi / 4))
-    posed = [("HOPE/Milk.urdf", ((0.4, -0.1, 0.095), turned)), ("cylinder/cylinder-template.urdf", HERE)]
+    posed = [("HOPE/Milk.urdf", ((0.4, -0.1, 0.095), turned)), ("cylinder/cylinder-template.urdf", IDENTITY_PLACEMENT)]
     triangles = posed_triangles(posed, library)
     milk = triangles.corners[triangles.owner == 1].reshape(-1, 3)
     low, high = milk.min(axis=0), milk.max(axis=0)

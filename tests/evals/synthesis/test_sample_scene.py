@@ -9,7 +9,7 @@ from evals.benchmark.ground_truth import LabelledScene, read_labelled
 from evals.synthesis.drawing import PerfectImage, draw_scene
 from evals.synthesis.scenery import random_scenery
 from grs_agents.library import Library
-from grs_agents.library.posed_meshes import gather_posed
+from grs_agents.library.posed_meshes import posed_triangles
 from grs_agents.library.shapes import Placement
 from tests.pictures import read_picture
 
@@ -27,7 +27,7 @@ def drawn(scene: LabelledScene) -> PerfectImage:
     for one in scene.truth.objects:
         assert one.position is not None and one.rotation is not None
         posed.append((one.asset, (one.position, one.rotation)))
-    triangles = gather_posed(posed, Library())
+    triangles = posed_triangles(posed, Library())
     return draw_scene(triangles, random_scenery(np.random.default_rng(0)), scene.frame.camera)
 
 
