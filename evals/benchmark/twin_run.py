@@ -25,7 +25,8 @@ from grs_agents.perception import (
     register,
     residual_candidates,
 )
-from grs_agents.perception.proxies.fitted import write_fitted_proxy
+from grs_agents.perception.metrics import MATCHED, overlaps
+from grs_agents.perception.proxies.fitted import write_proxy
 from grs_agents.perception.proxies.kind import fitted_kind
 from grs_agents.perception.proxies.measurement import measured_shape
 from grs_agents.perception.settling import (
@@ -229,7 +230,7 @@ def _proxy(
     box = claim.box
     measured = measured_shape(scene.frame, table, mask, box, around)
     kind = fitted_kind(measured, box.size, claim.shape == "cylinder", one.hollow)
-    asset = write_fitted_proxy(folder, f"candidate_{one.id}", kind, measured, box.size, one.color, "a proxy")
+    asset = write_proxy(folder, f"candidate_{one.id}", kind, box.size, one.color, "a proxy", measured)
     return PlacedObject(
         asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))), guessed=True
     )

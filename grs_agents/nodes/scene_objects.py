@@ -26,7 +26,7 @@ from grs_agents.perception import (
     size_deviation,
     upright_of,
 )
-from grs_agents.perception.proxies.fitted import write_fitted_proxy, write_proxy
+from grs_agents.perception.proxies.fitted import write_proxy
 from grs_agents.perception.proxies.kind import fitted_kind
 from grs_agents.perception.proxies.measurement import measured_shape, proxy_look
 from grs_agents.perception.types import Solid, reachable
@@ -52,10 +52,10 @@ def drop_reason(found: Matched, proxies: bool = True) -> str:
     return ""
 
 
-def object_of(found: Matched, services: Services, taken: Sequence[str], photo: Photo | None = None) -> SceneObject:
+def object_of(found: Matched, services: Services, taken: Sequence[str], photo: Photo) -> SceneObject:
     """Place the matched asset, or a proxy, where the photo shows it.
 
-    A proxy has the measured size; with the photo it is the solid that fits the points best and looks as they do.
+    A proxy has the measured size; it is the solid that fits the points best and looks as they do.
     """
     record, description, reply = found.record, found.description, found.reply
     if reply is not None and reply.match == "asset" and reply.asset is not None:
@@ -95,7 +95,7 @@ def write_stand_in(
     shape: Solid,
     description: str,
     services: Services,
-    photo: Photo | None = None,
+    photo: Photo,
     around: Surroundings | None = None,
     mask: Mask | None = None,
 ) -> Asset:
@@ -105,13 +105,11 @@ def write_stand_in(
     """
     folder = services.folder / "assets"
     folder.mkdir(exist_ok=True)
-    if photo is None:
-        return write_proxy(folder, name, shape, box.size, record.color, description)
     mask = load_mask(services.folder / record.mask) if mask is None else mask
     measured = measured_shape(*photo, mask, box, around)
     kind = fitted_kind(measured, box.size, shape == "cylinder", record.hollow)
     look = proxy_look(*photo, mask, box)
-    return write_fitted_proxy(folder, name, kind, measured, box.size, record.color, description, look)
+    return write_proxy(folder, name, kind, box.size, record.color, description, measured, look)
 
 
 def _unique(words: str, taken: Sequence[str]) -> str:

@@ -47,20 +47,20 @@ def seen(tmp_path: Path) -> tuple[Photo, CandidateRecord]:
     return (frame, table), record
 
 
-def matched(asset: str, record: CandidateRecord, services: Services) -> SceneObject:
+def matched(asset: str, record: CandidateRecord, services: Services, photo: Photo) -> SceneObject:
     reply = MatchEvidence(match="asset", asset=asset, reason="white", scores={asset: 0.8}, confidence=0.8)
-    return object_of(Matched(record, WORDS, reply), services, [])
+    return object_of(Matched(record, WORDS, reply), services, [], photo)
 
 
 def test_what_is_of_its_size_stays(seen: tuple[Photo, CandidateRecord], tmp_path: Path) -> None:
     photo, record = seen
-    one = matched("HOPE/Milk.urdf", record, services_in(tmp_path))
+    one = matched("HOPE/Milk.urdf", record, services_in(tmp_path), photo)
     assert check_sizes([one], {record.id: record}, [], photo, services_in(tmp_path)) == ((one,), [])
 
 
 def test_what_is_not_of_its_size_gives_way_to_a_proxy(seen: tuple[Photo, CandidateRecord], tmp_path: Path) -> None:
     photo, record = seen
-    one = matched("HOPE/Butter.urdf", record, services_in(tmp_path))
+    one = matched("HOPE/Butter.urdf", record, services_in(tmp_path), photo)
     other = one.model_copy(update={"matched": False, "name": "white_carton_1"})
     (found, kept), lost = check_sizes([one, other], {record.id: record}, ["x"], photo, services_in(tmp_path))
     assert kept == other and not lost
@@ -76,7 +76,7 @@ def test_what_is_not_of_its_size_gives_way_to_a_proxy(seen: tuple[Photo, Candida
 def test_what_is_certain_may_be_larger_than_what_is_seen(seen: tuple[Photo, CandidateRecord], tmp_path: Path) -> None:
     photo, record = seen
     half = record.upright.model_copy(update={"size": (*record.upright.size[:2], record.upright.size[2] / 2)})
-    one = matched("HOPE/Milk.urdf", record, services_in(tmp_path)).model_copy(update={"upright": half})
+    one = matched("HOPE/Milk.urdf", record, services_in(tmp_path), photo).model_copy(update={"upright": half})
     sure = MatchEvidence(match="asset", asset=one.asset, confidence=0.99)
     known = one.model_copy(update={"match": sure, "method": "registered", "residual": 0.001})
     for other in (
@@ -97,7 +97,7 @@ def test_the_evaluation_of_placement_names_what_is_off(
     main = content.load_module("evals", "placement").main
     with pytest.raises(InputError, match=r"no scene\.json"):
         main([str(tmp_path / "scene")])
-    objects = [matched(asset, record, services_in(tmp_path)) for asset in ("HOPE/Milk.urdf", "HOPE/Butter.urdf")]
+    objects = [matched(asset, record, services_in(tmp_path), photo) for asset in ("HOPE/Milk.urdf", "HOPE/Butter.urdf")]
     told = SceneDescription(source="s", image="i", frame=photo[1], objects=tuple(objects))
     told.write(tmp_path / "run" / "scene.json")
     assert main([str(tmp_path), "--json"]) == 1

@@ -4,14 +4,18 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import cv2
 import pytest
 
 from grs_agents.agents import Description
 from grs_agents.library import Library
+from grs_agents.library.shapes import quaternion_from_rpy
 from grs_agents.nodes.authoring import fixtures_for_prompt, scene_for_prompt
 from grs_agents.nodes.scene_objects import Matched, drop_reason, object_of
-from grs_agents.nodes.services import Services
+from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import CandidateRecord, MatchEvidence, SceneDescription
+from grs_agents.perception.settling import PlacedObject
+from tests.perception.settling.photo import photo_of
 
 RECORD = CandidateRecord.model_validate(
     {
@@ -29,23 +33,33 @@ WORDS = Description(is_object=True, description="a white carton", color="white",
 
 
 @pytest.fixture
+def photo(tmp_path: Path) -> Photo:
+    """A photo of a milk carton, with its mask in the run folder."""
+    milk = PlacedObject("HOPE/Milk.urdf", ((0.5, 0.1, 0.095), quaternion_from_rpy(0.0, 0.0, 0.3)))
+    frame, table, mask = photo_of([milk], Library())
+    (tmp_path / "scene").mkdir()
+    cv2.imwrite(str(tmp_path / RECORD.mask), mask.astype("uint8") * 255)
+    return frame, table
+
+
+@pytest.fixture
 def services(tmp_path: Path) -> Services:
     """As much of the services as matching uses."""
     return cast(Services, SimpleNamespace(folder=tmp_path, library=Library()))
 
 
-def test_a_match_stands_where_the_photo_shows_it(services: Services) -> None:
+def test_a_match_stands_where_the_photo_shows_it(services: Services, photo: Photo) -> None:
     reply = MatchEvidence(match="asset", asset="HOPE/Milk.urdf", reason="size and colour", confidence=0.9)
-    found = object_of(Matched(RECORD, WORDS, reply), services, [])
+    found = object_of(Matched(RECORD, WORDS, reply), services, [], photo)
     assert (found.name, found.asset, found.matched, found.reachable) == ("milk_1", "HOPE/Milk.urdf", True, True)
     assert found.position == pytest.approx((0.5, 0.1, 0.095), abs=0.002)
     assert found.evidence == "size and colour"
     assert found.match == reply
 
 
-def test_what_nothing_matches_becomes_a_proxy(services: Services) -> None:
+def test_what_nothing_matches_becomes_a_proxy(services: Services, photo: Photo) -> None:
     reply = MatchEvidence(match="no_asset", reason="nothing alike")
-    found = object_of(Matched(RECORD, WORDS, reply), services, ["white_carton_1"])
+    found = object_of(Matched(RECORD, WORDS, reply), services, ["white_carton_1"], photo)
     assert (found.name, found.asset, found.matched) == ("white_carton_2", "proxy/white_carton_2.urdf", False)
     assert found.size == pytest.approx((0.073, 0.072, 0.19))
     library = Library().overlay(services.folder / "assets")
@@ -61,8 +75,8 @@ def test_what_is_no_object_is_dropped_with_a_reason() -> None:
     assert "match.proxies" in drop_reason(lacking, proxies=False)
 
 
-def test_prompts_tell_the_scene_and_the_fixtures(services: Services) -> None:
-    found = object_of(Matched(RECORD, WORDS, MatchEvidence(match="asset", asset="HOPE/Milk.urdf")), services, [])
+def test_prompts_tell_the_scene_and_the_fixtures(services: Services, photo: Photo) -> None:
+    found = object_of(Matched(RECORD, WORDS, MatchEvidence(match="asset", asset="HOPE/Milk.urdf")), services, [], photo)
     frame: dict[str, Any] = {"T_robot_cam": ((1.0,),), "origin": "calibrated", "residual": 0.0, "inliers": 1.0}
     scene = SceneDescription.model_validate({"source": "s", "image": "i", "frame": frame, "objects": (found,)})
     told = scene_for_prompt(scene, services.library)

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -35,117 +35,11 @@ from grs_agents.perception.proxies.kind import (
 )
 from grs_agents.perception.proxies.meshes import Faceted, box_mesh, hull_mesh, joined, obj_text, turned_mesh
 
-Solid = Literal["box", "cylinder"]
+Floats = npt.NDArray[np.float64]
 _MASS_RANGE = (0.02, 2.0)
 _SIZE_RANGE = (0.001, 2.0)
-
-
-def write_proxy(
-    root: Path,
-    slug: str,
-    shape: Solid,
-    size: Vec3,
-    color: Vec3,
-    description: str,
-    *,
-    category: str = "proxy",
-    friction: float = 0.6,
-) -> Asset:
-    """Write ``root/proxy/<slug>.urdf`` and its entry in ``root/manifest.json``.
-
-    Args:
-        root: the library folder to write into; `Library.overlay` then knows ``"proxy/<slug>.urdf"``.
-        slug: letters, digits, ``_`` and ``-``.
-        shape: a cylinder stands on z and has the mean of the two horizontal extents as its diameter.
-        size: extents along x, y, z in m.
-        color: red, green, blue in 0..1.
-        description: one sentence.
-        category: what kind of thing it looks like.
-        friction: sliding friction.
-
-    Returns:
-        The new asset; its mass is its volume times 300 kg/m^3, within 0.02 to 2 kg.
-
-    Raises:
-        InputError: the slug, size or colour is out of range, or the folder cannot be written.
-    """
-    check_proxy(slug, size, color)
-    asset = Asset(
-        name=f"proxy/{slug}.urdf",
-        kind=slug,
-        category=category,
-        size=_solid_size(shape, size),
-        mass=_primitive_mass(shape, size),
-        friction=friction,
-        color=color_name(color),
-        description=description,
-    )
-    write_text(root / asset.name, _text(asset, shape, color))
-    list_proxy(root, asset)
-    return asset
-
-
-def list_proxy(root: Path, asset: Asset) -> None:
-    """Write an asset into ``root/manifest.json``, in place of one of its name.
-
-    Raises:
-        InputError: the folder cannot be written.
-    """
-    others = tuple(old for old in read_manifest(root).assets if old.name != asset.name)
-    write_json(root / MANIFEST, Manifest(assets=(*others, asset)).model_dump(mode="json"))
-
-
-def _solid_size(shape: Solid, size: Vec3) -> Vec3:
-    x, y, z = (round(float(extent), 5) for extent in size)
-    diameter = round((x + y) / 2, 5)
-    return (x, y, z) if shape == "box" else (diameter, diameter, z)
-
-
-def _primitive_mass(shape: Solid, size: Vec3) -> float:
-    volume = math.prod(_solid_size(shape, size)) * (math.pi / 4 if shape == "cylinder" else 1.0)
-    return round(min(max(volume * _DENSITY, _MASS_RANGE[0]), _MASS_RANGE[1]), 4)
-
-
-def _text(asset: Asset, shape: Solid, color: Vec3) -> str:
-    red, green, blue = (round(float(channel), 3) for channel in color)
-    extents = asset.size if shape == "box" else (asset.size[0] / 2, asset.size[2])
-    solid = Shape(kind=shape, size=extents, color=(red, green, blue, 1.0))
-    return urdf_text(
-        asset.kind,
-        [solid],
-        [solid],
-        mass=asset.mass,
-        friction=asset.friction,
-        inertia=_primitive_inertia(shape, asset.size, asset.mass),
-        folder="proxy",
-    )
-
-
-def check_proxy(slug: str, size: Vec3, color: Vec3) -> None:
-    """Refuse what makes no proxy.
-
-    Raises:
-        InputError: the slug, size or colour is out of range.
-    """
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", slug):
-        raise InputError(f"proxy name {slug!r}", "use letters, digits, '_' and '-', at most 64 of them")
-    low, high = _SIZE_RANGE
-    if not all(low <= extent <= high for extent in size):
-        raise InputError(f"proxy {slug} has size {size} m", f"give extents between {low} and {high} m")
-    if not all(0 <= channel <= 1 for channel in color):
-        raise InputError(f"proxy {slug} has colour {color}", "give red, green, blue in 0..1")
-
-
-def _primitive_inertia(shape: Solid, size: Vec3, mass: float) -> Vec3:
-    if shape == "cylinder":
-        x, _, z = size
-        across = mass * (3 * (x / 2) ** 2 + z**2) / 12
-        return (across, across, mass * (x / 2) ** 2 / 2)
-    return box_inertia(size, mass)
-
-
-Floats = npt.NDArray[np.float64]
 _DENSITY, _SHELL = 300.0, 0.35
+_FRICTION = 0.6
 
 
 @dataclass(frozen=True)
@@ -163,101 +57,129 @@ class Look:
     towards: Floats
 
 
-def write_fitted_proxy(
+def write_proxy(
     root: Path,
     slug: str,
     kind: Fitted,
-    measured: Measured,
     size: Vec3,
     color: Vec3,
     description: str,
+    measured: Measured | None = None,
     look: Look | None = None,
 ) -> Asset:
     """Write ``root/proxy/<slug>.urdf`` with its meshes and texture, and its entry in ``root/manifest.json``.
 
     Args:
-        root: the library folder to write into.
-        slug: letters, digits, ``_`` and ``-``.
-        kind: as `fitted_kind` found.
-        measured: needed for hull and relief.
+        root: the library folder to write into; `Library.overlay` then knows ``"proxy/<slug>.urdf"``.
+        slug: letters, digits, ``_`` and ``-``; a proxy of that name is replaced.
+        kind: as `fitted_kind` found. A cylinder and a bowl have the mean of the horizontal extents as their diameter.
         size: extents along x, y, z in m.
         color: red, green, blue in 0..1, where there is no look.
         description: one sentence.
+        measured: needed for hull and relief.
         look: what the photo shows of it.
+
+    Returns:
+        The new asset; its mass is its volume times 300 kg/m^3, within 0.02 to 2 kg.
 
     Raises:
         InputError: the slug, size or colour is out of range, or the folder cannot be written.
     """
-    check_proxy(slug, size, color)
+    _check(slug, size, color)
     x, y, z = (round(extent, 5) for extent in size)
     extents = round_size(size) if kind in ("cylinder", "bowl") else (x, y, z)
-    hollow = kind in ("bowl", "open box")
-    fill = measured.fill if kind == "relief" else None
-    blocks = [] if fill is None else stretched(whole_relief(fill, size), extents)
-    mass = _mass(kind, extents, blocks)
+    boxes = _boxes(kind, extents, size, measured)
     asset = Asset(
-        name=f"proxy/{slug}.urdf", kind=slug, category="proxy", size=extents, mass=mass, friction=0.6,
-        color=color_name(color), description=description, hollow=hollow,
-    )  # fmt: skip
-    mesh = _mesh(kind, extents, measured.points, blocks)
+        name=f"proxy/{slug}.urdf",
+        kind=slug,
+        category="proxy",
+        size=extents,
+        mass=_mass(kind, extents, boxes),
+        friction=_FRICTION,
+        color=color_name(color),
+        description=description,
+        hollow=kind in ("bowl", "open box"),
+    )
+    mesh = _mesh(kind, extents, measured, boxes)
     write_text(root / f"proxy/{slug}.obj", obj_text(mesh, None if look is None else _uvs(mesh, look)))
-    red, green, blue = (round(float(channel), 3) for channel in color)
-    texture = None if look is None else f"proxy/{slug}.png"
-    seen = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"proxy/{slug}.obj", texture=texture,
-                 color=(1.0, 1.0, 1.0, 1.0) if look is not None else (red, green, blue, 1.0))  # fmt: skip
+    red, green, blue = (1.0, 1.0, 1.0) if look is not None else (round(float(channel), 3) for channel in color)
+    update: dict[str, Any] = {"color": (red, green, blue, 1.0)}
     if look is not None:
-        write_bytes(root / f"proxy/{slug}.png", png_bytes(look.image))
-    solids = _solids(kind, extents, root, slug, blocks)
-    text = urdf_text(slug, [seen], solids, mass=mass, friction=0.6, inertia=box_inertia(extents, mass),
-                     folder="proxy")  # fmt: skip
+        update["texture"] = f"proxy/{slug}.png"
+        write_bytes(root / update["texture"], _png(look.image))
+    seen = _mesh_shape(f"proxy/{slug}.obj").model_copy(update=update)
+    solids, inertia = _colliders(kind, extents, boxes, root, slug), _inertia(extents, asset.mass)
+    text = urdf_text(slug, [seen], solids, mass=asset.mass, friction=_FRICTION, inertia=inertia, folder="proxy")
     write_text(root / asset.name, text)
-    list_proxy(root, asset)
+    others = tuple(old for old in read_manifest(root).assets if old.name != asset.name)
+    write_json(root / MANIFEST, Manifest(assets=(*others, asset)).model_dump(mode="json"))
     return asset
 
 
-def _mass(kind: Fitted, size: Vec3, blocks: list[Block]) -> float:
+def _check(slug: str, size: Vec3, color: Vec3) -> None:
+    """Refuse what makes no proxy."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", slug):
+        raise InputError(f"proxy name {slug!r}", "use letters, digits, '_' and '-', at most 64 of them")
+    low, high = _SIZE_RANGE
+    if not all(low <= extent <= high for extent in size):
+        raise InputError(f"proxy {slug} has size {size} m", f"give extents between {low} and {high} m")
+    if not all(0 <= channel <= 1 for channel in color):
+        raise InputError(f"proxy {slug} has colour {color}", "give red, green, blue in 0..1")
+
+
+def _boxes(kind: Fitted, extents: Vec3, size: Vec3, measured: Measured | None) -> list[Block]:
+    """The boxes that a proxy consists of; none where it is no union of boxes."""
+    if kind == "relief" and measured is not None and measured.fill is not None:
+        return stretched(whole_relief(measured.fill, size), extents)
+    return {"box": [(extents, (0.0, 0.0, 0.0))], "open box": slabs(extents)}.get(kind, [])
+
+
+def _mass(kind: Fitted, size: Vec3, boxes: list[Block]) -> float:
     """Of what fills a share of its box, kg."""
     share = {"cylinder": math.pi / 4, "hull": 0.7, "bowl": _SHELL, "open box": _SHELL}.get(kind, 1.0)
-    volume = sum(math.prod(extents) for extents, _ in blocks) or math.prod(size) * share
+    volume = sum(math.prod(extents) for extents, _ in boxes) if kind == "relief" else math.prod(size) * share
     return round(min(max(volume * _DENSITY, _MASS_RANGE[0]), _MASS_RANGE[1]), 4)
 
 
-def _mesh(kind: Fitted, size: Vec3, points: Floats, blocks: list[Block]) -> Faceted:
-    radius, half = size[0] / 2, size[2] / 2
+def _inertia(size: Vec3, mass: float) -> Vec3:
+    """Principal moments (kg m^2) of a solid box."""
+    x, y, z = (extent**2 * mass / 12 for extent in size)
+    return (y + z, x + z, x + y)
+
+
+def _mesh(kind: Fitted, size: Vec3, measured: Measured | None, boxes: list[Block]) -> Faceted:
+    """What is seen of it."""
     if kind == "cylinder":
-        return turned_mesh([(0, -half), (radius / 2, -half), (radius, -half), (radius, -half / 3), (radius, half / 3),
-                            (radius, half), (radius / 2, half), (0, half)])  # fmt: skip
+        radius, half = size[0] / 2, size[2] / 2
+        rings = [(radius / 2, -half), (radius, -half), (radius, -half / 3)]  # not too long for a texture
+        return turned_mesh([(0, -half), *rings, *((across, -up) for across, up in reversed(rings)), (0, half)])
     if kind == "bowl":
         return turned_mesh(bowl_profile(size))
-    if kind == "open box":
-        return joined([box_mesh(extents, center) for extents, center in slabs(size)])
-    if kind == "hull":
-        vertices, faces = hull_mesh(completed(points, size))
+    if kind == "hull" and measured is not None:
+        vertices, faces = hull_mesh(completed(measured.points, size))
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         return (vertices - (low + high) / 2) * np.asarray(size) / np.maximum(high - low, 1e-9), faces
-    if kind == "relief":
-        return joined([box_mesh(extents, center, grid=2) for extents, center in blocks])
-    return box_mesh(size)
+    return joined([box_mesh(extents, center, 2 if kind == "relief" else 6) for extents, center in boxes])
 
 
-def _solids(kind: Fitted, size: Vec3, root: Path, slug: str, blocks: list[Block]) -> list[Shape]:
+def _mesh_shape(file: str) -> Shape:
+    return Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=file)
+
+
+def _colliders(kind: Fitted, size: Vec3, boxes: list[Block], root: Path, slug: str) -> list[Shape]:
     """What touches; the convex pieces of a bowl's wall are written beside its mesh."""
-    if kind == "box":
-        return [Shape(kind="box", size=size)]
     if kind == "cylinder":
         return [Shape(kind="cylinder", size=(size[0] / 2, size[2]))]
     if kind == "hull":
-        return [Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"proxy/{slug}.obj")]
-    if kind in ("open box", "relief"):
-        parts = slabs(size) if kind == "open box" else blocks
-        return [Shape(kind="box", size=extents, position=center) for extents, center in parts]
-    floor = Shape(kind="cylinder", size=(foot_radius(size), WALL), position=(0.0, 0.0, (WALL - size[2]) / 2))
-    pieces: list[Shape] = []
+        return [_mesh_shape(f"proxy/{slug}.obj")]
+    if kind != "bowl":
+        return [Shape(kind="box", size=extents, position=center) for extents, center in boxes]
+    pieces = [Shape(kind="cylinder", size=(foot_radius(size), WALL), position=(0.0, 0.0, (WALL - size[2]) / 2))]
     for number, corners in enumerate(staves(size)):
         name = f"proxy/{slug}_wall{number:02d}.obj"
         write_text(root / name, obj_text(hull_mesh(corners)))
-        pieces.append(Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=name))
-    return [floor, *pieces]
+        pieces.append(_mesh_shape(name))
+    return pieces
 
 
 def _uvs(mesh: Faceted, look: Look) -> Floats:

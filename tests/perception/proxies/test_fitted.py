@@ -7,7 +7,7 @@ import pytest
 
 from grs_agents.base import Vec3
 from grs_agents.library import Library
-from grs_agents.perception.proxies.fitted import Look, write_fitted_proxy
+from grs_agents.perception.proxies.fitted import Look, write_proxy
 from grs_agents.perception.proxies.height_blocks import Columns
 from grs_agents.perception.proxies.kind import Fitted, Measured
 
@@ -26,7 +26,7 @@ def test_each_kind_has_the_measured_size_and_the_photo(tmp_path: Path, kind: Fit
     image = np.full((8, 8, 3), (200, 30, 30), np.uint8)
     measured = Measured(on_sphere(), Columns.up_to(np.repeat([[0.08, 0.08, 0.03, 0.03]], 4, axis=0)))
     look = Look(image, lambda points: 0.5 + points[:, :2], np.array([0.6, 0.0, 0.8]))
-    asset = write_fitted_proxy(tmp_path, "thing", kind, measured, SIZE, (0.8, 0.1, 0.1), "a thing", look)
+    asset = write_proxy(tmp_path, "thing", kind, SIZE, (0.8, 0.1, 0.1), "a thing", measured, look)
     library = Library(tmp_path)
     model = library.model(asset.name)
     assert model.size == pytest.approx(SIZE, rel=0.03)

@@ -35,7 +35,7 @@ def test_a_proxy_has_the_measured_size(
 
 def test_proxies_gather_in_one_manifest(tmp_path: Path) -> None:
     for slug in ("one", "two", "one"):
-        write_proxy(tmp_path, slug, "box", (0.1, 0.1, 0.1), (0.5, 0.5, 0.5), "a thing", category="box")
+        write_proxy(tmp_path, slug, "box", (0.1, 0.1, 0.1), (0.5, 0.5, 0.5), "a thing")
     assert Library(tmp_path).names() == ["proxy/one.urdf", "proxy/two.urdf"]
 
 
