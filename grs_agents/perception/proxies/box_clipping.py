@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from grs_agents.geometry.transforms import about_z
+from grs_agents.geometry.transforms import about_z, vec3
 from grs_agents.perception.image_geometry import THINNEST
 from grs_agents.perception.proxies.kind import in_walls, solid_off
 from grs_agents.perception.types import Array, Mask, Solid, UprightBox
@@ -53,12 +53,12 @@ class EstimatedVolume:
 
     def holds(self, points: Array) -> Mask:
         """Which of (N, 3) points lie in it, deeper than `SLACK`."""
-        return _inside(self, _local(self, points))
+        return _inside(self, _turned(self.box, points))
 
     @property
     def off(self) -> float:
         """How far its points lie from its surface on average, m."""
-        return solid_off(_local(self, self.points), self.box.size, self.shape == "cylinder")
+        return solid_off(_turned(self.box, self.points), self.box.size, self.shape)
 
     def share(self, points: Array) -> float:
         """Which share of (N, 3) points lies in it."""
@@ -113,7 +113,7 @@ class EstimatedVolume:
             grid = grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1]
         local = grid * np.array(self.box.size) / 2
         if self.hollow:
-            local = local[_walled(self, local)]
+            local = local[in_walls(local, self.box.size, self.shape == "cylinder", CELL)]
         return local @ about_z(self.box.yaw).T + self.box.center
 
 
@@ -153,10 +153,6 @@ def _cost(cut: _Cut | None) -> float:
     return np.inf if cut is None else cut.cost
 
 
-def _local(claim: EstimatedVolume, points: Array) -> Array:
-    return _turned(claim.box, points)
-
-
 def _turned(box: UprightBox, points: Array) -> Array:
     """Points about the centre of a box and along its axes."""
     return (points - box.center) @ about_z(box.yaw)
@@ -164,9 +160,8 @@ def _turned(box: UprightBox, points: Array) -> Array:
 
 def _box(frame: UprightBox, low: Array, high: Array) -> UprightBox:
     """The box between two corners about the centre and along the axes of another."""
-    x, y, z = (float(value) for value in about_z(frame.yaw) @ ((low + high) / 2) + frame.center)
-    length, width, height = (float(value) for value in high - low)
-    return UprightBox(center=(x, y, z), size=(length, width, height), yaw=frame.yaw)
+    center = about_z(frame.yaw) @ ((low + high) / 2) + frame.center
+    return UprightBox(center=vec3(center), size=vec3(high - low), yaw=frame.yaw)
 
 
 def _inside(claim: EstimatedVolume, local: Array) -> Mask:
@@ -175,13 +170,8 @@ def _inside(claim: EstimatedVolume, local: Array) -> Mask:
     if claim.shape == "cylinder":
         inside &= np.hypot(local[:, 0], local[:, 1]) < half[0]
     if claim.hollow:
-        inside &= _walled(claim, local)
+        inside &= in_walls(local, claim.box.size, claim.shape == "cylinder", CELL)
     return np.asarray(inside, np.bool_)
-
-
-def _walled(claim: EstimatedVolume, local: Array) -> Mask:
-    """Which points (N, 3) in the frame of a hollow thing's box are in its walls, taken to be a cell thick."""
-    return in_walls(local, claim.box.size, claim.shape == "cylinder", CELL)
 
 
 def _cut(claim: EstimatedVolume, others: Array, certain: bool = False) -> _Cut | None:
@@ -190,11 +180,11 @@ def _cut(claim: EstimatedVolume, others: Array, certain: bool = False) -> _Cut |
     Where it is ``certain`` that others are there, what was measured beyond them is theirs; a box may be wrong itself.
     """
     near = others[np.linalg.norm(others - claim.box.center, axis=1) < np.linalg.norm(claim.box.size) / 2]
-    local = _local(claim, near)
+    local = _turned(claim.box, near)
     local = local[_inside(claim, local)]
     if not len(local):
         return None
-    own, half = _local(claim, claim.points), np.array(claim.box.size) / 2
+    own, half = _turned(claim.box, claim.points), np.array(claim.box.size) / 2
     cuts: list[_Cut] = []
     low, high = np.percentile(local, (100 * STRAY, 100 - 100 * STRAY), axis=0)
     shallow = float(np.minimum(half - low, half + high).min()) < SHIFT

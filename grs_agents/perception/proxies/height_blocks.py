@@ -1,5 +1,6 @@
 """Things whose top or underside is stepped: what they fill over a grid as a few upright boxes."""
 
+import math
 from dataclasses import dataclass
 from itertools import product
 
@@ -7,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
+from grs_agents.geometry.transforms import vec3
 
 Floats = npt.NDArray[np.float64]
 Block = tuple[Vec3, Vec3]
@@ -42,11 +44,6 @@ class Columns:
         """From the bottom to heights (R, C), m, with no other thing near."""
         return cls(np.zeros_like(heights), heights, np.zeros(heights.shape, np.bool_))
 
-    def part(self, rows: range, columns: range) -> "Columns":
-        """Some of the cells."""
-        window = (slice(rows.start, rows.stop), slice(columns.start, columns.stop))
-        return Columns(self.floors[window], self.heights[window], self.firm[window])
-
 
 @dataclass(frozen=True)
 class _Patch:
@@ -71,7 +68,8 @@ def whole_relief(fill: Columns, size: Vec3) -> list[Block]:
     """
     for apart, most in product((True, False), MOST):
         blocks = relief_blocks(fill, size, most, apart)
-        if blocks and _reaches(blocks, size) and (stands(blocks) or fill.floors.any()):
+        low, high = reach(blocks) if blocks else (0.0, 0.0)
+        if np.all(np.subtract(high, low) >= KEPT * np.array(size)) and (stands(blocks) or fill.floors.any()):
             return blocks
     return []
 
@@ -88,12 +86,6 @@ def relief_blocks(fill: Columns, size: Vec3, most: int = MOST[0], apart: bool = 
         patches += _split(fill, worst, apart)
     cell = (size[0] / counts[0], size[1] / counts[1])
     return [_block(patch, cell, size) for patch in patches if patch.height - patch.floor >= THINNEST]
-
-
-def _reaches(blocks: list[Block], size: Vec3) -> bool:
-    """Whether boxes together are about as large as what was measured."""
-    low, high = reach(blocks)
-    return bool((high - low >= KEPT * np.array(size)).all())
 
 
 def reach(blocks: list[Block]) -> tuple[Floats, Floats]:
@@ -119,48 +111,41 @@ def stretched(blocks: list[Block], size: Vec3) -> list[Block]:
     """Boxes, moved and stretched so that together they fill a box of ``size`` about the origin from end to end."""
     low, high = reach(blocks)
     scale, middle = np.array(size) / (high - low), (low + high) / 2
-    found: list[Block] = []
-    for extents, center in blocks:
-        x, y, z = (float(value) for value in (center - middle) * scale)
-        length, width, height = (float(value) for value in extents * scale)
-        found.append(((length, width, height), (x, y, z)))
-    return found
+    return [(vec3(extents * scale), vec3((center - middle) * scale)) for extents, center in blocks]
 
 
 def relief_off(points: Floats, blocks: list[Block]) -> float:
     """How far points (N, 3) lie from the surface of boxes together, on average, m."""
-    inside = np.full(len(points), np.inf)
-    for size, center in blocks:
-        beyond = np.abs(points - center) - np.asarray(size) / 2
-        outside = np.linalg.norm(np.clip(beyond, 0, None), axis=1)
-        inside = np.minimum(inside, outside + np.minimum(beyond.max(axis=1), 0))
-    return float(np.abs(inside).mean())
+    apart = [signed_distances(np.abs(points - center) - np.asarray(size) / 2) for size, center in blocks]
+    return float(np.abs(np.min(apart, axis=0)).mean()) if apart else math.inf
+
+
+def signed_distances(beyond: Floats) -> Floats:
+    """(N,) distances from a surface, negative inside, of points so far (N, D) beyond each of its sides."""
+    return np.linalg.norm(np.clip(beyond, 0, None), axis=1) + np.minimum(beyond.max(axis=1), 0)
 
 
 def _patch(fill: Columns, rows: range, columns: range, apart: bool) -> _Patch:
-    part = fill.part(rows, columns)
-    floor, height = float(np.median(part.floors)), float(np.median(part.heights))
+    window = (slice(rows.start, rows.stop), slice(columns.start, columns.stop))
+    floors, heights, firm = fill.floors[window], fill.heights[window], fill.firm[window]
+    floor, height = float(np.median(floors)), float(np.median(heights))
     if apart:
-        floor = max(floor, float(part.floors[part.firm].max(initial=0.0)))
-        height = min(height, float(part.heights[part.firm].min(initial=np.inf)))
-    lower, higher = part.floors - floor, height - part.heights
+        floor = max(floor, float(floors[firm].max(initial=0.0)))
+        height = min(height, float(heights[firm].min(initial=np.inf)))
+    lower, higher = floors - floor, height - heights
     off = float(np.abs(lower).sum() + np.abs(higher).sum())
-    entered = float(np.maximum(lower, higher)[part.firm].max(initial=0.0)) * part.firm.size
-    uneven = float((part.floors.var() + part.heights.var()) * part.firm.size)
+    entered = float(np.maximum(lower, higher)[firm].max(initial=0.0)) * firm.size
+    uneven = float((floors.var() + heights.var()) * firm.size)
     return _Patch(rows, columns, floor, height, max(off, entered), uneven)
 
 
 def _split(fill: Columns, patch: _Patch, apart: bool) -> tuple[_Patch, _Patch]:
     """The two parts, cut straight, each most even in itself."""
     rows, columns = patch.rows, patch.columns
-    ways = [
-        (_patch(fill, range(rows.start, cut), columns, apart), _patch(fill, range(cut, rows.stop), columns, apart))
-        for cut in rows[1:]
-    ] + [
-        (_patch(fill, rows, range(columns.start, cut), apart), _patch(fill, rows, range(cut, columns.stop), apart))
-        for cut in columns[1:]
-    ]
-    return min(ways, key=lambda parts: parts[0].uneven + parts[1].uneven)
+    halves = [((range(rows.start, cut), columns), (range(cut, rows.stop), columns)) for cut in rows[1:]]
+    halves += [((rows, range(columns.start, cut)), (rows, range(cut, columns.stop))) for cut in columns[1:]]
+    pairs = [(_patch(fill, *first, apart), _patch(fill, *second, apart)) for first, second in halves]
+    return min(pairs, key=lambda pair: pair[0].uneven + pair[1].uneven)
 
 
 def _block(patch: _Patch, cell: tuple[float, float], size: Vec3) -> Block:

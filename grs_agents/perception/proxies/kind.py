@@ -4,7 +4,6 @@ The walls of hollow solids (open boxes and bowls) are parts of their own.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.perception.proxies.height_blocks import Block, Columns, relief_off, whole_relief
+from grs_agents.perception.proxies.height_blocks import Block, Columns, relief_off, signed_distances, whole_relief
 from grs_agents.perception.proxies.meshes import support
 
 Floats = npt.NDArray[np.float64]
@@ -34,8 +33,9 @@ def slabs(size: Vec3) -> list[Block]:
 def bowl_profile(size: Vec3) -> list[tuple[float, float]]:
     """The profile of a bowl, (radius, z) m, from its bottom's middle outwards and back in."""
     radius, half, foot = size[0] / 2, size[2] / 2, foot_radius(size)
-    return [(0, -half), (foot, -half), ((foot + radius) / 2, 0), (radius, half), (radius - WALL, half),
-            (foot - WALL, WALL - half), (0, WALL - half)]  # fmt: skip
+    outside = [(foot, -half), ((foot + radius) / 2, 0), (radius, half)]
+    inside = [(radius - WALL, half), (foot - WALL, WALL - half)]
+    return [(0, -half), *outside, *inside, (0, WALL - half)]
 
 
 def staves(size: Vec3) -> list[Floats]:
@@ -115,28 +115,36 @@ def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> F
     points = measured.points
     if plain == "bowl" or len(points) < _FEWEST:
         return plain
-    off: dict[Fitted, float] = {plain: _OFF_OF[plain](points, size)}
-    solid = plain in ("box", "cylinder")
-    if solid and off[plain] > _OFF:
-        off["hull"] = float(np.abs(support(completed(points, size), points)).mean())
-    best = min(off, key=lambda kind: off[kind])
-    found = best if off[best] < _BETTER * off[plain] else plain
-    if measured.fill is None:
-        return found
-    blocks = whole_relief(measured.fill, size)
-    if not blocks:
-        return found
-    wasted = solid and (measured.crowded or _wasted(measured.fill.heights, size, around) > _WASTED)
-    wrong = off[plain] > (_WRONG if solid else _NOT_HOLLOW)
-    bound = _HALF * off[plain] if wrong else 0.0
+    off = solid_off(points, size, plain)
+    if measured.fill is not None and _blocks_fit(measured.fill, measured, size, plain, off):
+        return "relief"
+    if plain == "open box" or off <= _OFF:
+        return plain
+    return "hull" if np.abs(support(completed(points, size), points)).mean() < _BETTER * off else plain
+
+
+def _blocks_fit(fill: Columns, measured: Measured, size: Vec3, plain: Fitted, off: float) -> bool:
+    """Whether boxes that fill the columns stand for an object better than a solid whose surface is so far off, m."""
+    wasted = plain != "open box" and (measured.crowded or _wasted(fill.heights, size, plain == "cylinder") > _WASTED)
     if wasted or measured.crowded:
-        bound = off[plain] + (_OFF if wasted else _NEARLY)
-    return "relief" if relief_off(points, blocks) < bound else found
+        bound = off + (_OFF if wasted else _NEARLY)
+    elif off > (_NOT_HOLLOW if plain == "open box" else _WRONG):
+        bound = _HALF * off
+    else:
+        return False
+    blocks = whole_relief(fill, size)
+    return bool(blocks) and relief_off(measured.points, blocks) < bound
 
 
-def solid_off(points: Floats, size: Vec3, around: bool) -> float:
-    """How far points (N, 3) about its centre lie from the surface of a box or cylinder of a size, on average, m."""
-    return _OFF_OF["cylinder" if around else "box"](points, size)
+def solid_off(points: Floats, size: Vec3, kind: Fitted) -> float:
+    """Mean distance (m) of points (N, 3) about its centre from the surface of a box, cylinder or open box of a size."""
+    if kind == "open box":
+        return relief_off(points, slabs(size))
+    if kind != "cylinder":
+        return relief_off(points, [(size, (0.0, 0.0, 0.0))])
+    radius = (size[0] + size[1]) / 4
+    beyond = np.column_stack([np.hypot(points[:, 0], points[:, 1]) - radius, np.abs(points[:, 2]) - size[2] / 2])
+    return float(np.abs(signed_distances(beyond)).mean())
 
 
 def completed(points: Floats, size: Vec3) -> Floats:
@@ -159,24 +167,3 @@ def _wasted(heights: Floats, size: Vec3, around: bool) -> float:
     across = (np.indices(heights.shape).transpose(1, 2, 0) + 0.5) / heights.shape * 2 - 1
     inside = (np.linalg.norm(across, axis=2) <= 1) | (not around)
     return float(np.clip(1 - highest[inside] / size[2], 0, 1).mean())
-
-
-def _box_off(points: Floats, size: Vec3) -> float:
-    beyond = np.abs(points) - np.asarray(size) / 2
-    outside = np.linalg.norm(np.clip(beyond, 0, None), axis=1)
-    return float(np.abs(outside + np.minimum(beyond.max(axis=1), 0)).mean())
-
-
-def _cylinder_off(points: Floats, size: Vec3) -> float:
-    radius = (size[0] + size[1]) / 4
-    beyond = np.column_stack([np.hypot(points[:, 0], points[:, 1]) - radius, np.abs(points[:, 2]) - size[2] / 2])
-    outside = np.linalg.norm(np.clip(beyond, 0, None), axis=1)
-    return float(np.abs(outside + np.minimum(beyond.max(axis=1), 0)).mean())
-
-
-_OFF_OF: dict[Fitted, Callable[[Floats, Vec3], float]] = {
-    "box": _box_off,
-    "cylinder": _cylinder_off,
-    "open box": lambda points, size: relief_off(points, slabs(size)),
-}
-"""How far points (N, 3) lie from the surface of a solid of a size on average, m."""

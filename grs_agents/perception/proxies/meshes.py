@@ -39,8 +39,8 @@ def turned_mesh(profile: Sequence[tuple[float, float]]) -> Faceted:
     """The solid that a profile of (radius, z) in m makes around z; it runs from the bottom's middle outwards."""
     angles = np.arange(_AROUND + 1) * 2 * np.pi / _AROUND
     radii, heights = np.array(profile).T
-    vertices = np.stack([np.outer(np.cos(angles), radii), np.outer(np.sin(angles), radii),
-                         np.broadcast_to(heights, (len(angles), len(radii)))], axis=2)  # fmt: skip
+    x, y = np.outer(np.cos(angles), radii), np.outer(np.sin(angles), radii)
+    vertices = np.stack([x, y, np.broadcast_to(heights, x.shape)], axis=2)
     return vertices.reshape(-1, 3), _grid_faces(len(angles), len(radii))
 
 
