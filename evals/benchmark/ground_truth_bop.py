@@ -7,9 +7,8 @@ from typing import Any, cast
 import numpy as np
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import read_json
+from grs_agents.foreign import exists, is_folder, names_in, read_json
 from grs_agents.perception.reading.bop import METRES_PER_MILLIMETRE, PREFIX, bop_image
-from grs_agents.perception.reading.bounded_files import exists, is_folder, names_in
 from grs_agents.perception.reading.point_files import read_ply
 from grs_agents.perception.types import Array
 

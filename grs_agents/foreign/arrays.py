@@ -1,12 +1,14 @@
 """Read ``.npy`` and ``.npz``: no pickles, and never more than the header promises and the bounds allow."""
 
 import lzma
+import math
 import struct
 import tokenize
 import warnings
 import zipfile
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Generator, Mapping
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, cast
@@ -61,28 +63,19 @@ def read_npz(
         InputError: it is no such archive, a wanted array is missing, or one holds other things than numbers.
     """
     data = read_bytes(file, "give a .npz with rgb, depth and K")
-    try:
-        with zipfile.ZipFile(BytesIO(data)) as archive:
-            names = [name.removesuffix(".npy") for name in archive.namelist()]
-            if len(names) > MOST_MEMBERS:
-                raise InputError(f"{file} holds {len(names)} arrays, more than {MOST_MEMBERS}", "leave the others out")
-            missing = [f"{name} ({what})" for name, what in wanted.items() if name not in names]
-            if missing:
-                held = ", ".join(name[:40] for name in names) or "nothing"
-                raise InputError(f"{file} holds {held}, but no {', '.join(missing)}", f"add {', '.join(missing)}")
-            found: dict[str, Numbers] = {}
-            for name in [*wanted, *optional]:
-                if name in names:
-                    member = f"{name}.npy" if f"{name}.npy" in archive.namelist() else name
-                    left = MOST_BYTES if together is None else together - sum(one.nbytes for one in found.values())
-                    with archive.open(member) as content:
-                        found[name] = _array(content, f"{name} in {file}", left, "U" if name in text else NUMBERS)
-            return found
-    except InputError:
-        raise
-    except MALFORMED as error:
-        reason = str(error)[:200] or type(error).__name__
-        raise InputError(f"{file} is not a readable .npz: {reason}", "write it with numpy.savez") from error
+    with _opened(data, str(file)) as archive:
+        members = {name.removesuffix(".npy"): name for name in archive.namelist()}
+        missing = ", ".join(f"{name} ({what})" for name, what in wanted.items() if name not in members)
+        if missing:
+            held = ", ".join(name[:40] for name in members) or "nothing"
+            raise InputError(f"{file} holds {held}, but no {missing}", f"add {missing}")
+        found: dict[str, Numbers] = {}
+        left = MOST_BYTES if together is None else together
+        for name in [name for name in (*wanted, *optional) if name in members]:
+            with archive.open(members[name]) as content:
+                found[name] = _array(content, f"{name} in {file}", left, "U" if name in text else NUMBERS)
+            left -= 0 if together is None else found[name].nbytes
+        return found
 
 
 def words_in(data: bytes, where: str) -> list[str]:
@@ -96,20 +89,37 @@ def words_in(data: bytes, where: str) -> list[str]:
         InputError: it is no such archive, is too large, or one member is no array of numbers or words.
     """
     words: list[str] = []
-    try:
-        with zipfile.ZipFile(BytesIO(data)) as archive:
-            if len(archive.namelist()) > MOST_MEMBERS:
-                raise InputError(f"{where} holds more than {MOST_MEMBERS} arrays", "leave some out")
-            for name in archive.namelist():
+    with _opened(data, where) as archive:
+        for name in archive.namelist():
+            words.append(name)
+            with archive.open(name) as content:
+                kind = _header(content, where)[2]
+            if kind.kind not in NUMBERS:
                 with archive.open(name) as content:
-                    kind = _header(content, where)[2]
-                words.append(name)
-                if kind.kind not in NUMBERS:
-                    with archive.open(name) as content:
-                        words += map(str, _array(content, f"{name} in {where}", MOST_TEXT, "U").ravel())
-    except MALFORMED as error:
-        raise InputError(f"{where} is not a readable .npz", "write it with numpy.savez") from error
+                    words += map(str, _array(content, f"{name} in {where}", MOST_TEXT, "U").ravel())
     return words
+
+
+@contextmanager
+def _readable(where: str, what: str, writer: str) -> Generator[None]:
+    """Whatever numpy and zipfile stumble over is one named error."""
+    try:
+        yield
+    except InputError:
+        raise
+    except MALFORMED as error:
+        reason = str(error)[:200] or type(error).__name__
+        raise InputError(f"{where} is not a readable {what}: {reason}", f"write it with {writer}") from error
+
+
+@contextmanager
+def _opened(data: bytes, where: str) -> Generator[zipfile.ZipFile]:
+    """An archive of a bounded number of arrays."""
+    with _readable(where, ".npz", "numpy.savez"), zipfile.ZipFile(BytesIO(data)) as archive:
+        count = len(archive.namelist())
+        if count > MOST_MEMBERS:
+            raise InputError(f"{where} holds {count} arrays, more than {MOST_MEMBERS}", "leave the others out")
+        yield archive
 
 
 def _header(content: IO[bytes], where: str) -> "tuple[tuple[int, ...], bool, np.dtype[Any]]":
@@ -118,43 +128,31 @@ def _header(content: IO[bytes], where: str) -> "tuple[tuple[int, ...], bool, np.
     read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
     if read_header is None:
         raise InputError(f"{where} is of .npy version {version[0]}.{version[1]}", "write it with numpy.save")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of a header that Python 2 wrote
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # of a header that Python 2 wrote
         return read_header(content)
 
 
 def _array(content: IO[bytes], where: str, most: int = MOST_BYTES, allowed: str = NUMBERS) -> Numbers:
-    try:
+    with _readable(where, "array", "numpy.save"):
         shape, column_major, kind = _header(content, where)
-        values, kinds = _bounded(shape, kind, where, most, allowed)
-        data = content.read(values * kinds.itemsize)
-        if len(data) != values * kinds.itemsize:
-            raise InputError(
-                f"{where} ends after {len(data)} of {values * kinds.itemsize} bytes", "write it again with numpy.save"
-            )
-        array = np.frombuffer(data, kinds).reshape(shape, order="F" if column_major else "C")
-        return cast(Numbers, array.astype(kinds.newbyteorder("="), copy=False))
-    except InputError:
-        raise
-    except MALFORMED as error:
-        reason = str(error)[:200] or type(error).__name__
-        raise InputError(f"{where} is not a readable array: {reason}", "write it with numpy.save") from error
+        size = _bounded(shape, kind, where, most, allowed)
+        data = content.read(size)
+        if len(data) != size:
+            raise InputError(f"{where} ends after {len(data)} of {size} bytes", "write it again with numpy.save")
+        array = np.frombuffer(data, kind).reshape(shape, order="F" if column_major else "C")
+        return cast(Numbers, array.astype(kind.newbyteorder("="), copy=False))
 
 
-def _bounded(
-    shape: tuple[int, ...], kind: "np.dtype[Any]", where: str, most: int, allowed: str
-) -> "tuple[int, np.dtype[Any]]":
-    """How many values of which kind the header promises, before any is read."""
+def _bounded(shape: tuple[int, ...], kind: "np.dtype[Any]", where: str, most: int, allowed: str) -> int:
+    """How many bytes the header promises, before any is read."""
     if kind.kind not in allowed or kind.itemsize > (8 if allowed == NUMBERS else MOST_WORD):
         remedy = "write it as integers or floats" if allowed == NUMBERS else "write it as words"
         raise InputError(f"{where} holds values of type {kind}", remedy)
-    values = 1
-    for extent in shape:
-        if extent < 0:
-            raise InputError(f"{where} has the shape {shape}", "write it with numpy.save")
-        values *= extent
-    if values * kind.itemsize > most:
+    if min(shape, default=1) < 0:
+        raise InputError(f"{where} has the shape {shape}", "write it with numpy.save")
+    size = math.prod(shape) * kind.itemsize
+    if size > most:
         raise InputError(f"{where} has the shape {shape} and type {kind}: more than {most} bytes", "give a smaller one")
-    if values == 0:
+    if size == 0:
         raise InputError(f"{where} has the shape {shape}: it is empty", "write it with its values")
-    return values, kind
+    return size

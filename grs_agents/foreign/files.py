@@ -20,6 +20,37 @@ MOST_VALUES = 250_000
 _TOKEN = re.compile(rb'"(?:[^"\\\n]++|\\.)*+"?|[\[{\]},\n]')
 
 
+def exists(path: Path) -> bool:
+    """Whether there is anything under this name, a broken link or an endless one included."""
+    try:
+        path.lstat()
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError):
+        return True
+    return True
+
+
+def is_folder(path: Path) -> bool:
+    """Whether this is a folder; what cannot be looked at is none."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def names_in(folder: Path) -> list[str]:
+    """The names in a folder, sorted.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        return sorted(entry.name for entry in folder.iterdir())
+    except OSError as error:
+        raise InputError(f"cannot read {folder}: {error.strerror}", "name a folder that you may read") from error
+
+
 def read_bytes(file: Path, remedy: str = "", most: int = MOST_BYTES) -> bytes:
     """The whole content of a regular file.
 

@@ -1,7 +1,10 @@
-"""Pictures of a run folder as OpenCV decodes them; their size is known before a pixel is."""
+"""Pictures from outside: their size is known before a pixel is decoded; what is torn or huge is refused by name."""
 
-import io
 import struct
+import zlib
+from collections.abc import Generator
+from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -11,35 +14,60 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from grs_agents.errors import InputError
-from grs_agents.foreign.files import read_bytes
+from grs_agents.foreign.files import MOST_BYTES, read_bytes
 
 MOST_PIXELS = 64_000_000
-"""As of the photo that a run begins with."""
-_MOST_BYTES = 1 << 26
-_MALFORMED = (OSError, SyntaxError, ValueError, LookupError, struct.error, Pillow.DecompressionBombError)
-"""What Pillow raises on a header that is torn or forged."""
-_REMEDY = "restore the file or run again"
+"""Pictures of more pixels are not decoded."""
+FORMATS = ("PNG", "JPEG", "TIFF", "WEBP", "BMP")
+MALFORMED = (
+    *(OSError, SyntaxError, ValueError, TypeError, ArithmeticError, LookupError, EOFError, RuntimeError),
+    *(AttributeError, MemoryError, struct.error, zlib.error, Pillow.DecompressionBombError),
+)
+"""What Pillow's readers raise on torn or forged files."""
+_MOST_RUN_BYTES = 1 << 26
+"""No picture of a run folder is larger, in bytes."""
+
+
+@contextmanager
+def opened_picture(
+    file: Path, remedy: str, formats: tuple[str, ...] = FORMATS, most: int = MOST_BYTES
+) -> Generator[tuple[Pillow.Image, bytes]]:
+    """A picture whose size was checked, not decoded yet, and the bytes of its file.
+
+    Raises:
+        InputError: the file is missing, no picture of these formats, or has more than ``most`` bytes or `MOST_PIXELS`;
+            or the code inside the ``with`` stumbled over what is torn.
+    """
+    data, known = read_bytes(file, remedy, most), ", ".join(formats)
+    try:
+        with Pillow.open(BytesIO(data), formats=formats) as image:
+            width, height = image.size
+            if width * height > MOST_PIXELS:
+                message = f"{file} has {width}x{height} pixels, more than {MOST_PIXELS}"
+                raise InputError(message, "give it at a smaller size")
+            yield image, data
+    except InputError:
+        raise
+    except Pillow.UnidentifiedImageError as error:
+        message = f"{file} is not a readable picture ({len(data)} bytes)"
+        raise InputError(message, f"write it as one of {known}") from error
+    except MALFORMED as error:
+        reason = str(error)[:200] or type(error).__name__
+        raise InputError(f"{file} is not a readable picture: {reason}", f"write it again as one of {known}") from error
 
 
 def read_picture(file: Path, flags: int) -> npt.NDArray[Any]:
-    """A PNG or JPEG picture.
+    """A PNG or JPEG picture of a run folder, as OpenCV decodes it.
 
     Args:
         file: its path.
         flags: OpenCV's, such as ``cv2.IMREAD_COLOR``.
 
     Raises:
-        InputError: the file is missing, no picture, or one of more than ``MOST_PIXELS``.
+        InputError: the file is missing, no picture, or one of more than `MOST_PIXELS`.
     """
-    data = read_bytes(file, _REMEDY, _MOST_BYTES)
-    try:
-        with Pillow.open(io.BytesIO(data), formats=("PNG", "JPEG")) as picture:
-            width, height = picture.size
-    except _MALFORMED as error:
-        raise InputError(f"cannot read the picture {file}: it is no PNG or JPEG", _REMEDY) from error
-    if width * height > MOST_PIXELS:
-        raise InputError(f"{file} has {width}x{height} pixels, more than {MOST_PIXELS}", "give it at a smaller size")
-    image: npt.NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    if image is None:
-        raise InputError(f"cannot read the picture {file}: it is torn", _REMEDY)
-    return image
+    with opened_picture(file, "restore the file or run again", ("PNG", "JPEG"), _MOST_RUN_BYTES) as (_, data):
+        image: npt.NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        if image is None:
+            raise ValueError("it is torn")
+        return image

@@ -7,9 +7,10 @@ import numpy as np
 
 from grs_agents.errors import InputError
 from grs_agents.foreign.arrays import Numbers, read_npz
+from grs_agents.foreign.pictures import MOST_PIXELS
 from grs_agents.perception.reading.camera import camera_of_matrix
 from grs_agents.perception.reading.frame_assembly import Measured, Recording
-from grs_agents.perception.reading.picture import MOST_PIXELS, Picture
+from grs_agents.perception.reading.picture import Picture
 from grs_agents.perception.types import Image
 
 WANTED = {

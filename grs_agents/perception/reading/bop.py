@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import read_json
-from grs_agents.perception.reading.bounded_files import exists, is_folder, names_in
+from grs_agents.foreign import exists, is_folder, names_in, read_json
 from grs_agents.perception.reading.camera import camera_of_matrix
 from grs_agents.perception.reading.frame_assembly import Measured, Recording
 from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_units
@@ -63,11 +62,13 @@ def bop_image(source: Path) -> BopImage:
     for folder in (scene, padded):
         if is_folder(folder):
             return BopImage(folder, number)
-    near = (
-        [name for name in names_in(scene.parent) if is_folder(scene.parent / name)] if is_folder(scene.parent) else []
-    )
-    remedy = f"use one of {', '.join(near[:8])}{', ...' if len(near) > 8 else ''}" if near else f"write {FORM}"
-    raise InputError(f"{source}: there is no scene folder {scene}", remedy)
+    raise InputError(f"{source}: there is no scene folder {scene}", _other_scenes(scene.parent))
+
+
+def _other_scenes(split: Path) -> str:
+    """What to write instead of a scene that a split has not."""
+    names = [name for name in names_in(split) if is_folder(split / name)] if is_folder(split) else []
+    return f"use one of {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}" if names else f"write {FORM}"
 
 
 def read_bop(source: Path) -> Recording:

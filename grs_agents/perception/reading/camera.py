@@ -26,24 +26,16 @@ MEANINGS = {
     "T_robot_cam": "4x4, from the camera frame (x right, y down, z forward) to the robot frame, metres",
 }
 """What the keys of camera.json mean, for errors."""
-ALIASES = {
-    "image_width": "width",
-    "image_height": "height",
-    "ppx": "cx",
-    "ppy": "cy",
-    "camera_matrix": "K",
-    "intrinsic_matrix": "K",
-    "intrinsics": "K",
-    "depth_factor": "depth_scale",
-    "scale": "depth_scale",
-    "extrinsics": "T_robot_cam",
-    "extrinsic": "T_robot_cam",
-    "pose": "T_robot_cam",
-    "camera_pose": "T_robot_cam",
-    "t_base_cam": "T_robot_cam",
-    "t_world_cam": "T_robot_cam",
-    "t_cam_robot": "T_robot_cam",
+_OTHER_NAMES = {
+    "width": "image_width",
+    "height": "image_height",
+    "cx": "ppx",
+    "cy": "ppy",
+    "K": "camera_matrix intrinsic_matrix intrinsics",
+    "depth_scale": "depth_factor scale",
+    "T_robot_cam": "extrinsics extrinsic pose camera_pose t_base_cam t_world_cam t_cam_robot",
 }
+ALIASES = {name: key for key, names in _OTHER_NAMES.items() for name in names.split()}
 """Other names that sensors' SDKs and data sets have for these keys, lower case."""
 DISTORTION_KEYS = ("d", "distortion", "distortion_coefficients", "dist_coeffs", "coeffs", "k1", "k2", "k3", "p1", "p2")
 CONVENTION_KEYS = ("convention", "axes", "coordinate_system", "camera_convention")

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from grs_agents.errors import InputError
+from grs_agents.foreign import exists, names_in
 from grs_agents.foreign.arrays import read_npy
 from grs_agents.perception.reading import point_cloud as clouds
-from grs_agents.perception.reading.bounded_files import exists, names_in
 from grs_agents.perception.reading.camera import DepthUnit, read_camera
 from grs_agents.perception.reading.frame_assembly import Measured, Recording, Units, unit_of
 from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_units

@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
+from grs_agents.foreign import is_folder, names_in
 from grs_agents.foreign.arrays import Numbers, read_npy, read_npz
 from grs_agents.perception.reading.bop import bop_image, is_bop
-from grs_agents.perception.reading.bounded_files import is_folder, names_in
 from grs_agents.perception.reading.frame_assembly import nearest_at_size, same_shape
 from grs_agents.perception.reading.picture import SUFFIXES, read_numbers
 

@@ -1,12 +1,9 @@
-"""Decode pictures: their size is known before a pixel is; what is torn, huge or of another kind is refused by name."""
+"""Pictures of a scene as arrays: colours, depth and numbers; pixels of another kind are refused by name."""
 
-import struct
 import warnings
-import zlib
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +12,10 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import read_bytes
+from grs_agents.foreign.pictures import MALFORMED, opened_picture
 from grs_agents.perception.types import Image
 
-MOST_PIXELS = 64_000_000
-"""Pictures of more pixels are not decoded."""
-FORMATS = ("PNG", "JPEG", "TIFF", "WEBP", "BMP")
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
-MALFORMED = (
-    *(OSError, SyntaxError, ValueError, TypeError, ArithmeticError, LookupError, EOFError, RuntimeError),
-    *(AttributeError, MemoryError, struct.error, zlib.error, Pillow.DecompressionBombError),
-)
-"""What Pillow's readers raise on torn or forged files."""
 GREY = ("1", "L", "LA", "I;16", "I;16B", "I;16L")
 COLORED = ("RGB", "RGBA", "RGBX", "P", "PA", "CMYK", "YCbCr")
 _ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
@@ -55,7 +44,7 @@ def read_color(file: Path) -> Picture:
     Raises:
         InputError: it cannot be read or decoded, is too large, or its pixels are no colours.
     """
-    with _opened(file) as image:
+    with _decoded(file) as image:
         if image.mode in GREY[3:]:
             grey = (np.asarray(image) // 257).astype(np.uint8)
             rgb = np.repeat(grey[..., None], 3, axis=2)
@@ -73,7 +62,7 @@ def read_units(file: Path) -> "npt.NDArray[np.number[Any]]":
     Raises:
         InputError: it cannot be read or decoded, is too large, or has another kind of pixels.
     """
-    with _opened(file) as image:
+    with _decoded(file) as image:
         units = np.array(image)
     if units.ndim != 2 or image.mode in ("P", "1") or units.dtype.itemsize < 2:
         channels = 1 if units.ndim == 2 else units.shape[2]
@@ -88,7 +77,7 @@ def read_numbers(file: Path) -> npt.NDArray[np.int32]:
     Raises:
         InputError: it cannot be read or decoded, is too large, or has several channels or floats.
     """
-    with _opened(file) as image:
+    with _decoded(file) as image:
         numbers = np.array(image)
     if numbers.ndim == 3 and (numbers[..., :1] == numbers[..., :3]).all():  # grey written as RGB
         numbers = numbers[..., 0]
@@ -112,30 +101,12 @@ def upright(rgb: Image, orientation: int) -> Image:
 
 
 @contextmanager
-def _opened(file: Path) -> Generator[Pillow.Image]:
-    """A picture whose size was checked; whatever its decoder stumbles over is one named error."""
-    data = read_bytes(file, f"put {file.name} there")
-    known = ", ".join(FORMATS)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of sizes, where the bound below is tighter, and of torn EXIF blocks
-            with Pillow.open(BytesIO(data), formats=FORMATS) as image:
-                width, height = image.size
-                if width * height > MOST_PIXELS:
-                    raise InputError(
-                        f"{file} has {width}x{height} pixels, more than {MOST_PIXELS}", "give it at a smaller size"
-                    )
-                image.load()
-                yield image
-    except InputError:
-        raise
-    except Pillow.UnidentifiedImageError as error:
-        raise InputError(
-            f"{file} is not a readable picture ({len(data)} bytes)", f"write it as one of {known}"
-        ) from error
-    except MALFORMED as error:
-        reason = str(error)[:200] or type(error).__name__
-        raise InputError(f"{file} is not a readable picture: {reason}", f"write it again as one of {known}") from error
+def _decoded(file: Path) -> Generator[Pillow.Image]:
+    """A picture whose size was checked before its pixels were decoded."""
+    # warned of would be sizes, where our bound is tighter, and torn EXIF blocks
+    with warnings.catch_warnings(action="ignore"), opened_picture(file, f"put {file.name} there") as (image, _):
+        image.load()
+        yield image
 
 
 def _exif(image: Pillow.Image) -> tuple[int, float | None]:

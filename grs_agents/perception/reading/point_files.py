@@ -1,11 +1,11 @@
 """Points of PLY files (ASCII or binary) and PCD files (version 0.7: ASCII, binary or binary_compressed, which is LZF).
 
-Both are read as records of named numbers.
+Both are read as records of named numbers. The readers of other libraries believe a header that promises gigabytes.
 """
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,13 @@ Points = npt.NDArray[np.float32]
 MOST_POINTS = 20_000_000
 MOST_FIELDS = 64
 MOST_HEADER_BYTES = 65_536
+MOST_UNPACKED = 1 << 28
+"""No compressed cloud is larger unpacked, in bytes: enough for 16 million points with a colour."""
+LONGEST_LITERAL = 32
+
+
+def _faulty(message: str) -> InputError:
+    return InputError(message, "write the cloud again")
 
 
 @dataclass(frozen=True)
@@ -53,11 +60,9 @@ class Records:
         if any(list(self.names).count(axis) != 1 for axis in "xyz"):
             fields = ", ".join(name[:20] for name in self.names)
             raise InputError(f"{self.where} has the fields {fields}", "give each of x, y, z once")
-        if self.shape[0] * self.shape[1] != self.count:
-            raise InputError(
-                f"{self.where} promises {self.count} points in {self.shape[0]} rows of {self.shape[1]}",
-                "write it again",
-            )
+        rows, columns = self.shape
+        if rows * columns != self.count:
+            raise _faulty(f"{self.where} promises {self.count} points in {rows} rows of {columns}")
 
     @property
     def record(self) -> "np.dtype[Any]":
@@ -70,58 +75,36 @@ class Records:
         return [list(self.names).index(axis) for axis in "xyz"]
 
     def of_text(self, text: bytes) -> Points:
-        """The (N, 3) points of rows of written numbers.
+        """The (N, 3) points of lines of numbers.
 
         Raises:
             InputError: a row is missing or has another number of fields, or something is no number.
         """
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # no rows at all: said below
-                rows = np.loadtxt(
-                    BytesIO(text),
-                    dtype=np.float32,
-                    comments=None,
-                    usecols=self.axes,
-                    ndmin=2,
-                    encoding="latin-1",
-                    max_rows=self.count,
-                )
+            with warnings.catch_warnings(action="ignore", category=UserWarning):  # no rows at all: said below
+                lines, axes, most = BytesIO(text), self.axes, self.count
+                rows = np.loadtxt(lines, np.float32, None, usecols=axes, ndmin=2, encoding="latin-1", max_rows=most)
         except (ValueError, OverflowError, IndexError) as error:
-            raise InputError(f"{self.where}: {str(error)[:200]}", "write the cloud again") from error
+            raise _faulty(f"{self.where}: {str(error)[:200]}") from error
         if len(rows) < self.count:
-            raise InputError(f"{self.where} ends after {len(rows)} of {self.count} points", "write the cloud again")
+            raise _faulty(f"{self.where} ends after {len(rows)} of {self.count} points")
         return rows
 
-    def of_bytes(self, data: bytes) -> Points:
-        """The (N, 3) points of binary records.
+    def of_bytes(self, data: bytes, by_field: bool = False) -> Points:
+        """The (N, 3) points of binary records, or of data that hold each field of all points in turn.
 
         Raises:
             InputError: the data end too early.
         """
-        self._long_enough(len(data))
-        table = np.frombuffer(data, self.record, self.count)
-        return self._joined([table[f"f{axis}"] for axis in self.axes])
-
-    def of_columns(self, data: bytes) -> Points:
-        """The (N, 3) points of binary data that hold each field of all points in turn.
-
-        Raises:
-            InputError: the data end too early.
-        """
-        self._long_enough(len(data))
-        sizes = [np.dtype(kind).itemsize for kind in self.kinds]
-        starts = [sum(sizes[:axis]) * self.count for axis in self.axes]
-        pairs = zip(self.axes, starts, strict=True)
-        return self._joined([np.frombuffer(data, self.kinds[axis], self.count, start) for axis, start in pairs])
-
-    def _long_enough(self, length: int) -> None:
         needed = self.count * self.record.itemsize
-        if length < needed:
-            raise InputError(f"{self.where} ends after {length} of {needed} bytes of points", "write the cloud again")
-
-    @staticmethod
-    def _joined(columns: "Sequence[npt.NDArray[Any]]") -> Points:
+        if len(data) < needed:
+            raise _faulty(f"{self.where} ends after {len(data)} of {needed} bytes of points")
+        if by_field:
+            starts = np.cumsum([0, *(self.count * np.dtype(kind).itemsize for kind in self.kinds)])
+            columns = [np.frombuffer(data, self.kinds[axis], self.count, int(starts[axis])) for axis in self.axes]
+        else:
+            table = np.frombuffer(data, self.record, self.count)
+            columns = [table[f"f{axis}"] for axis in self.axes]
         with np.errstate(over="ignore", invalid="ignore"):
             return np.stack([column.astype(np.float32) for column in columns], axis=1)
 
@@ -134,58 +117,37 @@ def header_of(data: bytes, end: bytes, where: str) -> tuple[list[list[str]], byt
     """
     lines: list[list[str]] = []
     start = 0
-    while True:
-        stop = data.find(b"\n", start, MOST_HEADER_BYTES)
-        if stop < 0:
-            raise InputError(f"{where} has no header that ends with {end.decode()}", "write the cloud again")
+    while (stop := data.find(b"\n", start, MOST_HEADER_BYTES)) >= 0:
         line = data[start:stop].strip()
         start = stop + 1
         try:
             lines.append(line.decode("ascii").split())
         except UnicodeDecodeError as error:
-            raise InputError(f"{where} has a header that is no text", "write the cloud again") from error
+            raise _faulty(f"{where} has a header that is no text") from error
         if line.startswith(end):
             return lines, data[start:]
+    raise _faulty(f"{where} has no header that ends with {end.decode()}")
 
 
-def whole(word: str, where: str) -> int:
-    """A count in a header.
-
-    Raises:
-        InputError: it is no whole number.
-    """
+def _count_of(word: str, where: str) -> int:
+    """A count in a header."""
     if not (word.isascii() and word.isdigit() and len(word) < 16):
-        raise InputError(f"{where}: {word[:40]!r} is not a number of things", "write the cloud again")
+        raise _faulty(f"{where}: {word[:40]!r} is not a number of things")
     return int(word)
 
 
-FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-KINDS = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "i2",
-    "ushort": "u2",
-    "int": "i4",
-    "uint": "u4",
-    "float": "f4",
-    "double": "f8",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "float32": "f4",
-    "float64": "f8",
+PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_PLY_TYPE_NAMES = {
+    "i1": ("char", "int8"),
+    "u1": ("uchar", "uint8"),
+    "i2": ("short", "int16"),
+    "u2": ("ushort", "uint16"),
+    "i4": ("int", "int32"),
+    "u4": ("uint", "uint32"),
+    "f4": ("float", "float32"),
+    "f8": ("double", "float64"),
 }
-
-
-@dataclass
-class _Element:
-    name: str
-    count: int
-    names: list[str] = field(default_factory=list[str])
-    kinds: list[str] = field(default_factory=list[str])
+PLY_TYPES = {name: kind for kind, names in _PLY_TYPE_NAMES.items() for name in names}
 
 
 def read_ply(file: Path) -> tuple[Points, tuple[int, int]]:
@@ -197,53 +159,50 @@ def read_ply(file: Path) -> tuple[Points, tuple[int, int]]:
     Raises:
         InputError: it cannot be read, or its header and body are not those of a cloud.
     """
-    data = read_bytes(file)
-    where = str(file)
+    data, where = read_bytes(file), str(file)
     if not data.startswith(b"ply"):
         raise InputError(f"{where} does not begin with 'ply'", "give a PLY file")
     lines, body = header_of(data, b"end_header", where)
-    order, elements = _declared(lines, where)
-    vertex = next((element for element in elements if element.name == "vertex"), None)
-    if vertex is None:
+    order, elements = _ply_layout(lines, where)
+    if "vertex" not in elements:
         raise InputError(f"{where} has no element vertex", "give a PLY file with points")
-    if vertex is not elements[0]:
-        raise InputError(f"{where} has {elements[0].name[:40]!r} before its vertices", "write the vertices first")
-    kinds = [f"{order}{kind}" for kind in vertex.kinds]
-    records = Records(where, vertex.names, kinds, vertex.count, (1, vertex.count))
+    first = next(iter(elements))
+    if first != "vertex":
+        raise InputError(f"{where} has {first[:40]!r} before its vertices", "write the vertices first")
+    count, fields = elements["vertex"]
+    records = Records(where, [name for name, _ in fields], [order + kind for _, kind in fields], count, (1, count))
     return (records.of_bytes(body) if order else records.of_text(body)), records.shape
 
 
-def _declared(lines: list[list[str]], where: str) -> tuple[str, list[_Element]]:
+def _ply_layout(lines: list[list[str]], where: str) -> tuple[str, dict[str, tuple[int, list[tuple[str, str]]]]]:
+    """The byte order (nothing for text), and the count and fields (name, type) of each element."""
     order: str | None = None
-    elements: list[_Element] = []
+    elements: dict[str, tuple[int, list[tuple[str, str]]]] = {}
+    last = ""
     for words in lines:
         match words:
-            case ["format", name, *_] if name in FORMATS:
-                order = FORMATS[name]
-            case ["element", name, count]:
-                elements.append(_Element(name, whole(count, where)))
-            case ["property", kind, name] if elements and kind in KINDS:
-                elements[-1].names.append(name)
-                elements[-1].kinds.append(KINDS[kind])
-            case ["property", "list", *_] if elements and elements[-1].name != "vertex":
+            case ["format", name, *_] if name in PLY_FORMATS:
+                order = PLY_FORMATS[name]
+            case ["element", last, count] if last not in elements:
+                elements[last] = (_count_of(count, where), [])
+            case ["property", kind, name] if elements and kind in PLY_TYPES:
+                elements[last][1].append((name, PLY_TYPES[kind]))
+            case ["property", "list", *_] if elements and last != "vertex":
                 pass
             case ["ply" | "comment" | "obj_info" | "end_header", *_] | []:
                 pass
             case _:
-                raise InputError(f"{where} has the header line {' '.join(words)[:80]!r}", "write the cloud again")
+                raise _faulty(f"{where} has the header line {' '.join(words)[:80]!r}")
     if order is None:
-        raise InputError(f"{where} does not say its format", f"write it as {' or '.join(FORMATS)}")
+        raise InputError(f"{where} does not say its format", f"write it as {' or '.join(PLY_FORMATS)}")
     return order, elements
 
 
-LONGEST_LITERAL = 32
-
-
 def unpacked(data: bytes, size: int, where: str) -> bytes:
-    """``data`` unpacked.
+    """LZF: a control byte below 32 is followed by so many bytes, and one more, as they are.
 
-    A control byte below 32 is followed by so many bytes, and one more, as they are. Any other holds a length in its
-    upper three bits (7: the next byte is added) and, with the byte after it, how far back to copy from.
+    Any other holds a length in its upper three bits (7: the next byte is added) and, with the byte after it, how far
+    back to copy from.
 
     Args:
         data: the packed bytes.
@@ -276,13 +235,11 @@ def unpacked(data: bytes, size: int, where: str) -> bytes:
         # What is copied may overlap what is being written: then it repeats itself.
         out += chunk if len(chunk) == length else (chunk * (length // len(chunk) + 1))[:length]
     if at != end or len(out) != size:
-        raise InputError(f"{where} cannot be unpacked: {len(out)} of {size} bytes came out", "write the cloud again")
+        raise _faulty(f"{where} cannot be unpacked: {len(out)} of {size} bytes came out")
     return bytes(out)
 
 
-MOST_UNPACKED = 1 << 28
-"""No compressed cloud is larger unpacked, in bytes: enough for 16 million points with a colour."""
-SIZES = {"F": ("4", "8"), "I": ("1", "2", "4", "8"), "U": ("1", "2", "4", "8")}
+PCD_TYPES = {"F": ("4", "8"), "I": ("1", "2", "4", "8"), "U": ("1", "2", "4", "8")}
 
 
 def read_pcd(file: Path) -> tuple[Points, tuple[int, int]]:
@@ -294,11 +251,10 @@ def read_pcd(file: Path) -> tuple[Points, tuple[int, int]]:
     Raises:
         InputError: it cannot be read, or its header and body are not those of a cloud.
     """
-    data = read_bytes(file)
-    where = str(file)
+    data, where = read_bytes(file), str(file)
     lines, body = header_of(data, b"DATA", where)
     header = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}
-    records = _declared_pcd(header, where)
+    records = _pcd_layout(header, where)
     match header["DATA"]:
         case ["ascii"]:
             return records.of_text(body), records.shape
@@ -306,29 +262,25 @@ def read_pcd(file: Path) -> tuple[Points, tuple[int, int]]:
             return records.of_bytes(body), records.shape
         case ["binary_compressed"]:
             packed, size = (int.from_bytes(body[start : start + 4], "little") for start in (0, 4))
-            if size != records.count * records.record.itemsize or len(body) < 8 + packed:
-                raise InputError(
-                    f"{where} promises {size} bytes of points from {packed}, has {len(body)} and needs "
-                    f"{records.count * records.record.itemsize}",
-                    "write the cloud again",
-                )
+            needed = records.count * records.record.itemsize
+            if size != needed or len(body) < 8 + packed:
+                promise = f"{where} promises {size} bytes of points from {packed}"
+                raise _faulty(f"{promise}, has {len(body)} and needs {needed}")
             if size > MOST_UNPACKED:
-                raise InputError(
-                    f"{where} promises {size} bytes of points, more than {MOST_UNPACKED}", "write it as binary"
-                )
-            return records.of_columns(unpacked(body[8 : 8 + packed], size, where)), records.shape
+                message = f"{where} promises {size} bytes of points, more than {MOST_UNPACKED}"
+                raise InputError(message, "write it as binary")
+            return records.of_bytes(unpacked(body[8 : 8 + packed], size, where), by_field=True), records.shape
         case other:
-            raise InputError(
-                f"{where} has DATA {' '.join(other)[:40]}", "write it as ascii, binary or binary_compressed"
-            )
+            message = f"{where} has DATA {' '.join(other)[:40]}"
+            raise InputError(message, "write it as ascii, binary or binary_compressed")
 
 
-def _declared_pcd(header: dict[str, list[str]], where: str) -> Records:
+def _pcd_layout(header: dict[str, list[str]], where: str) -> Records:
     for key in ("FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT", "DATA"):
         if not header.get(key):
             raise InputError(f"{where} has no {key} in its header", "write it as PCD version 0.7")
     fields, sizes, types = header["FIELDS"], header["SIZE"], header["TYPE"]
-    counts = [whole(word, where) for word in header.get("COUNT", ["1"] * len(fields))]
+    counts = [_count_of(word, where) for word in header.get("COUNT", ["1"] * len(fields))]
     if len({len(fields), len(sizes), len(types), len(counts)}) != 1 or sum(counts) > MOST_FIELDS:
         raise InputError(
             f"{where}: FIELDS, SIZE, TYPE and COUNT name {len(fields)}, {len(sizes)}, {len(types)} and {len(counts)} "
@@ -338,10 +290,10 @@ def _declared_pcd(header: dict[str, list[str]], where: str) -> Records:
     names: list[str] = []
     kinds: list[str] = []
     for name, size, kind, count in zip(fields, sizes, types, counts, strict=True):
-        if size not in SIZES.get(kind, ()):
+        if size not in PCD_TYPES.get(kind, ()):
             raise InputError(f"{where}: field {name[:40]} has TYPE {kind[:8]} of SIZE {size[:8]}", "write F 4 or F 8")
         names += [name] if count == 1 else [f"{name}[{number}]" for number in range(count)]
         kinds += [f"<{kind.lower()}{size}"] * count
-    columns, rows = whole(header["WIDTH"][0], where), whole(header["HEIGHT"][0], where)
-    points = whole(header["POINTS"][0], where) if header.get("POINTS") else rows * columns
+    columns, rows = _count_of(header["WIDTH"][0], where), _count_of(header["HEIGHT"][0], where)
+    points = _count_of(header["POINTS"][0], where) if header.get("POINTS") else rows * columns
     return Records(where, names, kinds, points, (rows, columns))

@@ -4,10 +4,10 @@ from pathlib import Path
 
 from grs_agents import content
 from grs_agents.errors import InputError
+from grs_agents.foreign import exists, is_folder
 from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.archive import read_archive
 from grs_agents.perception.reading.bop import PREFIX, bop_image, is_bop, read_bop
-from grs_agents.perception.reading.bounded_files import exists, is_folder
 from grs_agents.perception.reading.folder import read_folder, with_camera
 from grs_agents.perception.reading.frame_assembly import Recording, frame_of
 from grs_agents.perception.reading.photo_without_depth import Estimator, frame_of_photo
