@@ -92,8 +92,9 @@ def probe(folder: Path, count: int, queries: int, seed: int) -> dict[str, float]
     index.add([f"added/{number}.urdf" for number in range(1000)], fresh)
     added = time.process_time() - begin
     index.remove([f"added/{number}.urdf" for number in range(1000)])
-    exact = index.exact(asked, _NEAREST)
-    shares = [len(some & {name for name, _ in found}) / _NEAREST for some, found in zip(answers, exact, strict=True)]
+    near = asked @ synthetic_vectors(count, np.random.default_rng(seed)).T
+    exact = [[f"synthetic/{number}.urdf" for number in np.argsort(-row, kind="stable")[:_NEAREST]] for row in near]
+    shares = [len(some & set(names)) / _NEAREST for some, names in zip(answers, exact, strict=True)]
     return {
         "open s": opened,
         "search ms, median": 1000 * float(np.median(seconds)),

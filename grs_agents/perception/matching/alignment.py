@@ -32,8 +32,6 @@ class AlignedPoses:
         places: (K, 3) where that centre lies, m, robot frame.
         off: (K,) how far the candidate's points are off the surface: mean, m.
         air: (K,) how far the surface that faces the camera stands before what was measured: mean, m.
-        seen: (K,) share of the facing surface that lies on the candidate's pixels.
-        beside: (K,) share of the facing surface that is on pixels beside the candidate with nothing before it.
         lift: (K,) how far its lowest point is above the table, m.
     """
 
@@ -41,8 +39,6 @@ class AlignedPoses:
     places: Floats
     off: Floats
     air: Floats
-    seen: Floats
-    beside: Floats
     lift: Floats
 
     @property
@@ -102,9 +98,9 @@ def align(asset: Appearance, approach: AlignmentStart, seen: Observation, view: 
     for _ in range(_ROUNDS):
         turns, places = _stepped(asset, turns, places, seen.points[::2])
     off = _off(asset, turns, places, seen.points)
-    air, share, beside, lift = _air(asset, turns, places, seen, view)
+    air, lift = _air(asset, turns, places, view)
     best = np.argsort(off + 0.7 * air, kind="stable")[:KEPT]
-    return AlignedPoses(turns[best], places[best], off[best], air[best], share[best], beside[best], lift[best])
+    return AlignedPoses(turns[best], places[best], off[best], air[best], lift[best])
 
 
 def _starts(asset: Appearance, approach: AlignmentStart, seen: Observation) -> tuple[Floats, Floats]:
@@ -163,29 +159,18 @@ def _stepped(asset: Appearance, turns: Floats, places: Floats, points: Floats) -
     return moved, places - (moved @ step[:, :3, None])[:, :, 0]
 
 
-def _air(
-    asset: Appearance, turns: Floats, places: Floats, seen: Observation, view: View
-) -> tuple[Floats, Floats, Floats, Floats]:  # fmt: skip
-    """What `Laid` tells of the surface that faces the camera, and how far the lowest point is above the table."""
+def _air(asset: Appearance, turns: Floats, places: Floats, view: View) -> tuple[Floats, Floats]:
+    """(K,) how far the facing surface stands in the air or below the table, and how high its lowest point is, m."""
     back = turns.transpose(0, 2, 1)
     placed = asset.points[:_PROBES] @ back + places[:, None]
     facing = _inner(asset.normals[:_PROBES] @ back, placed - view.eye.astype(np.float32)) < 0
     rows, columns, depth, inside = view.project(placed)
     measured = view.depth[rows, columns] * inside
     known = facing & (measured > 0)
-    ahead = measured - depth
-    before = np.minimum(np.maximum(ahead - np.float32(AIR), 0), FAR) * known
+    before = np.minimum(np.maximum(measured - depth - np.float32(AIR), 0), FAR) * known
     below = np.minimum(np.maximum(-placed[:, :, 2] - np.float32(0.003), 0), FAR)
-    mine = seen.mask[rows, columns] & inside
-    number = np.maximum(facing.sum(axis=1), 1)
     air = before.sum(axis=1) / np.maximum(known.sum(axis=1), 1) + below.mean(axis=1)
-    beside = known & ~mine & (ahead > -0.012)
-    return (
-        air.astype(np.float32),
-        (facing & mine).sum(axis=1) / number,
-        beside.sum(axis=1) / number,
-        placed[:, :, 2].min(axis=1),
-    )
+    return air.astype(np.float32), placed[:, :, 2].min(axis=1)
 
 
 def _inner(one: Floats, other: Floats) -> Floats:

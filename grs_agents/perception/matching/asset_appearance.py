@@ -1,5 +1,6 @@
 """What an asset looks like, as coloured points on its surface, and what each view of it shows."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -8,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.library import Library
-from grs_agents.library.posed_meshes import Triangles, posed_triangles
-from grs_agents.library.shapes import IDENTITY_PLACEMENT
+from grs_agents.library import Asset, Library
+from grs_agents.library.posed_meshes import Triangles, gather_posed
+from grs_agents.library.shapes import HERE
 from grs_agents.perception.matching.color_histogram import histograms, opponent_colors
 from grs_agents.perception.matching.feature_cache import Arrays, cached, key_of, store
 from grs_agents.perception.surfaces import Tree, quarter_turns
@@ -94,22 +95,12 @@ def appearance_of(name: str, library: Library) -> Appearance:
 def _appearance(name: str, roots: tuple[Path, ...], path: Path, modified: int) -> Appearance:
     library = Library(*roots)
     key = key_of(name, library)
-    found = cached(key)
-    if found is None:
-        found = _worked_out(name, library)
-        store(key, found)
-    return Appearance(
-        points=found["points"],
-        normals=found["normals"],
-        tones=found["tones"],
-        half=found["half"],
-        views=found["views"],
-        around=found["around"],
-        turns=found["turns"],
-        nearest=found["nearest"],
-        low=found["low"],
-        cell=float(found["cell"]),
-    )
+    arrays = cached(key)
+    if arrays is None:
+        arrays = _worked_out(name, library)
+        store(key, arrays)
+    fields: dict[str, Any] = {**arrays, "cell": float(arrays["cell"])}
+    return Appearance(**fields)
 
 
 def _worked_out(name: str, library: Library) -> Arrays:
@@ -221,3 +212,35 @@ def _smoothed(points: Array, colors: Array) -> Array:
     near = np.partition(apart[:: len(points) // 50], _AROUND, axis=1)[:, _AROUND]
     weights = np.exp(apart * np.float32(-1 / max(float(np.median(near)), 1e-9)))
     return np.asarray(weights @ colors.astype(np.float32) / weights.sum(axis=1, keepdims=True), np.float64)
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """Assets with their looks.
+
+    Attributes:
+        assets: what may be matched.
+        looks: one for each.
+        views: (A, V, B) histograms of each view.
+        sizes: (A, 3) extents in m, the smallest first.
+    """
+
+    assets: tuple[Asset, ...]
+    looks: tuple[Appearance, ...]
+    views: npt.NDArray[np.float32]
+    sizes: Array
+
+
+def catalogue_of(assets: Sequence[Asset], library: Library) -> Catalogue:
+    """Look at assets.
+
+    Raises:
+        InputError: the files of one are faulty.
+    """
+    looks = tuple(appearance_of(asset.name, library) for asset in assets)
+    return Catalogue(
+        assets=tuple(assets),
+        looks=looks,
+        views=np.stack([look.views for look in looks]),
+        sizes=np.array([np.sort(2 * look.half) for look in looks], np.float64),
+    )

@@ -198,16 +198,6 @@ class AssetIndex:
         found = sorted((one for one in found if one[1] not in gone), key=lambda one: (-one[0], one[1]))[:count]
         return [(self._names[number], value) for value, number in found]
 
-    def exact(self, queries: Vectors, count: int = 20) -> list[list[tuple[str, float]]]:
-        """As `search` for each of ``queries`` (Q, DIMENSIONS), by every vector: what `search` is measured against."""
-        near = np.asarray(queries, np.float32) @ self._vectors().T
-        near[:, list(self._meta.removed)] = -np.inf
-        first = np.argsort(-near, axis=1, kind="stable")[:, : min(count, len(self))]
-        return [
-            [(self._names[int(number)], float(row[number])) for number in numbers]
-            for row, numbers in zip(near, first, strict=True)
-        ]
-
     def _places(self) -> dict[str, int]:
         if self._numbers is None:
             gone = set(self._meta.removed)

@@ -117,7 +117,6 @@ def _answer(names: Sequence[str], alike: Array) -> MatchEvidence:
     if similarity < LEAST:
         reason = f"its picture is {similarity:.2f} like {best} at most, below {LEAST}"
         return MatchEvidence(match="no_object", method="match_clip", scores=scores, runner_up=best, reason=reason)
-    return MatchEvidence(
-        match="asset", asset=best, method="match_clip", scores=scores, runner_up=others[0] if others else None,
-        reason=f"its picture is {similarity:.2f} like the asset's views",
-    )  # fmt: skip
+    reason, runner_up = f"its picture is {similarity:.2f} like the asset's views", others[0] if others else None
+    found = MatchEvidence(match="asset", asset=best, method="match_clip", runner_up=runner_up, reason=reason)
+    return found.model_copy(update={"scores": scores})

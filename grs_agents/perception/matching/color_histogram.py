@@ -32,8 +32,8 @@ def histograms(colors: Array, weights: Array) -> npt.NDArray[np.float32]:
 def color_histograms(told: Array, weights: Array) -> npt.NDArray[np.float32]:
     """As `histograms`, of tones (N, 3)."""
     level = _soft((told[:, 0] - _LOW) / _STEP, LEVELS, _SHARP[0])
-    hues = [_soft((np.clip(told[:, 1 + part], -_REACH, _REACH) / _REACH + 1) / 2 * (HUES - 1), HUES, _SHARP[1])
-            for part in range(2)]  # fmt: skip
+    places = (np.clip(told[:, 1:3], -_REACH, _REACH) / _REACH + 1) / 2 * (HUES - 1)
+    hues = [_soft(places[:, part], HUES, _SHARP[1]) for part in range(2)]
     each = np.einsum("ni,nj,nk->nijk", level, *hues).reshape(len(told), BINS)
     summed = weights @ each
     shares = summed / np.maximum(summed.sum(axis=1, keepdims=True), 1e-12)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from grs_agents.errors import InputError
 from grs_agents.library import Asset, Library
+from grs_agents.perception.matching.asset_appearance import catalogue_of
 from grs_agents.perception.matching.asset_index import AssetIndex, embed
-from grs_agents.perception.matching.catalogue import catalogue_of
 from grs_agents.perception.matching.color_agreement import DAYLIGHT
 from grs_agents.perception.matching.features import Ranked, Use, implausible, rank
 from grs_agents.perception.matching.observation import Observation, observe, view_of
@@ -45,16 +45,15 @@ def ranked_of(request: MatchRequest, library: Library, use: Use = "all") -> dict
     observed = [observe(view, one.mask, one.upright) for one in request.segments]
     assets = offered(library) if request.index is None else _indexed(Path(request.index), observed, library)
 
+    reads = request.ocr and reader() is not None
+
     def read(seen: Observation) -> list[str]:
         return read_words(request.frame, seen.mask)
 
-    reading = read if request.ocr and reader() is not None else None
-    ranked = rank(catalogue_of(assets, library), observed, view, use, reading) if assets else []
+    ranked = rank(catalogue_of(assets, library), observed, view, use, read if reads else None) if assets else []
     ranked = ranked or [Ranked((), (), ()) for _ in observed]
-    return {
-        one.id: (found, implausible(seen))
-        for one, found, seen in zip(request.segments, ranked, observed, strict=True)
-    }  # fmt: skip
+    found = zip(request.segments, ranked, observed, strict=True)
+    return {segment.id: (order, implausible(seen)) for segment, order, seen in found}
 
 
 def _indexed(folder: Path, observed: Sequence[Observation], library: Library) -> tuple[Asset, ...]:
@@ -73,24 +72,16 @@ def _answer(ranked: Ranked, nothing: str, method: str) -> MatchEvidence:
     scores = {name: round(value, 4) for name, value in zip(ranked.names[:TOLD], ranked.likelihoods, strict=False)}
     if nothing:
         return MatchEvidence(match="no_object", method=method, scores=scores, reason=nothing)
-    best = ranked.likelihoods[0] if ranked.names else 0.0
     if not ranked.names:
         return MatchEvidence(match="no_asset", method=method, reason="there is no asset to compare it with")
-    if best <= 1 - sum(ranked.likelihoods):
-        return MatchEvidence(
-            match="no_asset",
-            method=method,
-            confidence=round(1 - sum(ranked.likelihoods), 4),
-            scores=scores,
-            runner_up=ranked.names[0],
-            reason=f"the likeliest asset, {ranked.names[0]}, is it with {100 * best:.0f} %: {ranked.reasons[0]}",
+    best, none, (first, *others) = ranked.likelihoods[0], 1 - sum(ranked.likelihoods), ranked.names
+    if best <= none:
+        reason = f"the likeliest asset, {first}, is it with {100 * best:.0f} %: {ranked.reasons[0]}"
+        answer = MatchEvidence(match="no_asset", confidence=round(none, 4), runner_up=first, reason=reason)
+    else:
+        reason = f"{100 * best:.0f} % likely: {ranked.reasons[0]}"
+        runner_up = others[0] if others else None
+        answer = MatchEvidence(
+            match="asset", asset=first, confidence=round(best, 4), runner_up=runner_up, reason=reason
         )
-    return MatchEvidence(
-        match="asset",
-        asset=ranked.names[0],
-        method=method,
-        confidence=round(best, 4),
-        scores=scores,
-        runner_up=ranked.names[1] if len(ranked.names) > 1 else None,
-        reason=f"{100 * best:.0f} % likely: {ranked.reasons[0]}",
-    )
+    return answer.model_copy(update={"method": method, "scores": scores})

@@ -11,17 +11,37 @@ from typing import Literal
 import numpy as np
 
 from grs_agents.perception.matching.alignment import AlignedPoses, align, approach_of
-from grs_agents.perception.matching.catalogue import Catalogue
+from grs_agents.perception.matching.asset_appearance import Catalogue
 from grs_agents.perception.matching.color_agreement import DAYLIGHT, Light, Painted, paint
 from grs_agents.perception.matching.color_histogram import brightness_shifts
 from grs_agents.perception.matching.observation import Observation, View
 from grs_agents.perception.matching.printed_text import support
 from grs_agents.perception.types import Array
 
-GEOMETRY = ("air", "large", "small", "lift", "off behind", "off x pixels")
-COLORS = ("tones", "agreement", "agreement behind", "pattern", "pattern behind", "tint", "gain", "bright", "one")
-NAMES = (*GEOMETRY, *COLORS)
-"""What `numbers` tells, in this order."""
+Use = Literal["all", "no size"]
+_WEIGHTS_OF: dict[str, tuple[float, float]] = {
+    "air": (-0.468, 0),
+    "large": (-2.253, 0),
+    "small": (-1.39, 0),
+    "lift": (-0.242, 0),
+    "off behind": (-0.517, 0),
+    "off x pixels": (-0.109, 0),
+    "tones": (1.561, 1.651),
+    "agreement": (-1.583, -1.961),
+    "agreement behind": (2.835, 3.448),
+    "pattern": (4.955, 5.432),
+    "pattern behind": (-2.405, -2.61),
+    "tint": (-0.937, -1.361),
+    "gain": (-1.319, -1.067),
+    "bright": (2.151, 1.993),
+    "one": (-3.311, -6.536),
+}
+"""The weight of each feature with all that is known; and without size, where those of geometry count nothing."""
+NAMES = tuple(_WEIGHTS_OF)
+WEIGHTS: dict[Use, tuple[float, ...]] = {
+    "all": tuple(full for full, _ in _WEIGHTS_OF.values()),
+    "no size": tuple(colors for _, colors in _WEIGHTS_OF.values()),
+}
 SHORTLIST = 16
 """So many assets are aligned with a candidate's points."""
 PAINTED = 10
@@ -34,6 +54,11 @@ _SLACK = 0.004
 _SURE = 0.6
 _FEWEST, _USUAL = 30, 500
 """A candidate has at least so many pixels, and often so many."""
+_THINNEST, _NARROWEST, _LONGEST, _SLENDER = 0.006, 0.012, 0.6, 25
+_LETTERS = 3.0
+"""What a word that is spelt as the asset's counts, in natural logarithms of odds; chosen, not fitted."""
+_CERTAIN = 0.95
+"""What is likelier than this without letters is not read."""
 
 
 @dataclass(frozen=True)
@@ -77,14 +102,17 @@ def pairs(catalogue: Catalogue, seen: Observation, view: View, sized: bool = Tru
     laid = [align(catalogue.looks[number], approach, seen, view) for number in order]
     scores = [glance[number] - (40 * one.misfit[0] if sized else 0.0) for number, one in zip(order, laid, strict=True)]
     best: list[int] = np.argsort(-np.array(scores), kind="stable")[:PAINTED].tolist()
-    found: list[Pair] = []
-    for index in best:
-        number = order[index]
-        painted = paint(catalogue.looks[number], laid[index], seen)
-        found.append(
-            Pair(number, laid[index], painted, float(tones[number]), float(large[number]), float(small[number]))
+    return [
+        Pair(
+            order[index],
+            laid[index],
+            paint(catalogue.looks[order[index]], laid[index], seen),
+            float(tones[order[index]]),
+            float(large[order[index]]),
+            float(small[order[index]]),
         )
-    return found
+        for index in best
+    ]
 
 
 def light_of(tried: Sequence[Sequence[Pair]]) -> Light:
@@ -153,36 +181,6 @@ def _tones(
     return np.asarray((alike - prices).max(axis=1), np.float64)
 
 
-Use = Literal["all", "no size"]
-_THINNEST, _NARROWEST, _LONGEST, _SLENDER = 0.006, 0.012, 0.6, 25
-_FEWEST_PIXELS = 30
-_LETTERS = 3.0
-"""What a word that is spelt as the asset's counts, in natural logarithms of odds; chosen, not fitted."""
-_CERTAIN = 0.95
-"""What is likelier than this without letters is not read."""
-WEIGHTS: dict[Use, tuple[float, ...]] = {
-    "all": (
-        -0.468,
-        -2.253,
-        -1.39,
-        -0.242,
-        -0.517,
-        -0.109,
-        1.561,
-        -1.583,
-        2.835,
-        4.955,
-        -2.405,
-        -0.937,
-        -1.319,
-        2.151,
-        -3.311,
-    ),
-    "no size": (0.0,) * len(GEOMETRY) + (1.651, -1.961, 3.448, 5.432, -2.61, -1.361, -1.067, 1.993, -6.536),
-}
-"""One for each of `grs_agents.perception.matching.features.NAMES`; without size, those of geometry count nothing."""
-
-
 @dataclass(frozen=True)
 class Ranked:
     """The assets that were tried for a candidate, the likeliest first.
@@ -236,7 +234,7 @@ def likelihoods(told: Array, weights: Sequence[float], letters: Array | float = 
 def implausible(seen: Observation) -> str:
     """Why a candidate is no object at all; empty if it may be one."""
     low, middle, high = sorted(seen.upright.size)
-    if seen.pixels < _FEWEST_PIXELS:
+    if seen.pixels < _FEWEST:
         return f"only {seen.pixels} of its pixels have a depth"
     if low < _THINNEST or middle < _NARROWEST or high > min(_LONGEST, _SLENDER * low):
         return f"{100 * low:.1f} x {100 * middle:.1f} x {100 * high:.1f} cm is no plausible object"
@@ -249,21 +247,16 @@ def _ranked(catalogue: Catalogue, some: Sequence[Pair], told: Array, letters: Ar
     return Ranked(
         tuple(catalogue.assets[some[index].asset].name for index in order),
         tuple(float(likely[index]) for index in order),
-        tuple(
-            _reason(
-                dict(zip(NAMES, told[index].tolist(), strict=True)), float(some[index].laid.off[some[index].rank]), use
-            )
-            + (", and its name is printed on it" if letters[index] else "")
-            for index in order
-        ),
+        tuple(_reason(some[index], told[index], letters[index] > 0, use) for index in order),
     )
 
 
-def _reason(told: dict[str, float], off: float, use: Use) -> str:
-    colors = f"tones {10 * told['tones']:.0f} % alike"
-    if use == "no size":
-        return colors
-    return (
-        f"its surface is {1000 * off:.1f} mm off the points, {colors}, "
-        f"{20 * told['agreement']:.0f} % of what is seen of it has the photo's colour"
-    )
+def _reason(one: Pair, told: Array, printed: bool, use: Use) -> str:
+    values = dict(zip(NAMES, told.tolist(), strict=True))
+    reason = f"tones {10 * values['tones']:.0f} % alike"
+    if use != "no size":
+        reason = (
+            f"its surface is {1000 * float(one.laid.off[one.rank]):.1f} mm off the points, {reason}, "
+            f"{20 * values['agreement']:.0f} % of what is seen of it has the photo's colour"
+        )
+    return reason + (", and its name is printed on it" if printed else "")

@@ -20,8 +20,10 @@ _ALIKE = 0.74
 _SURE = 0.6
 _EDGE, _LARGEST = 320, 4.0
 """A crop is enlarged until its longer side has so many pixels, at most so many times."""
-_COMMON = frozenset({"with", "from", "small", "large", "white", "black", "green", "blue", "brown", "yellow", "orange",
-                     "purple", "pink", "dark", "light", "bottle", "carton", "canister", "container"})  # fmt: skip
+_COMMON = (
+    "with from small large white black green blue brown yellow orange purple pink dark light "
+    "bottle carton canister container"
+)
 """Words of a description that say how a thing looks rather than what is printed on it; its kind is kept whole."""
 
 
@@ -65,8 +67,8 @@ def support(words: Sequence[str], asset: Asset) -> float:
 def printed(asset: Asset) -> frozenset[str]:
     """The words that may be printed on an asset: those of its kind, and what its description says besides looks."""
     kind = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", asset.kind).lower()
-    told = {word for word in re.findall(r"[a-z]+", asset.description.lower()) if word not in _COMMON}
-    words = {*re.findall(r"[a-z]+", kind), *told}
+    described = set(re.findall(r"[a-z]+", asset.description.lower())) - set(_COMMON.split())
+    words = {*re.findall(r"[a-z]+", kind), *described}
     return frozenset(word for word in words if len(word) >= _SHORTEST)
 
 
