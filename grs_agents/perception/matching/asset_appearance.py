@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.geometry.transforms import about
 from grs_agents.library import Asset, Library
 from grs_agents.library.posed_meshes import Triangles, gather_posed
 from grs_agents.library.shapes import HERE
 from grs_agents.perception.matching.color_histogram import histograms, opponent_colors
 from grs_agents.perception.matching.feature_cache import Arrays, cached, key_of, store
-from grs_agents.perception.surfaces import Tree, quarter_turns
+from grs_agents.perception.surfaces import Symmetry, Tree, quarter_turns, symmetry_of
 from grs_agents.perception.types import Array
 
 Floats = npt.NDArray[np.floating[Any]]
@@ -29,8 +30,6 @@ _AROUND = 9
 _CELLS = 48_000
 _MARGIN = 0.02
 """The grid of nearest points reaches so far beyond the asset, m."""
-_SAME = 0.0012
-"""A turn leaves a shape as it is where its surface lies on itself within so much, mean, m."""
 _ANGLES = 24
 """What is round is turned so often."""
 
@@ -119,7 +118,7 @@ def _worked_out(name: str, library: Library) -> Arrays:
     half = (high - low) / 2
     facing = np.clip(directions() @ normals.T, 0, None)
     nearest, cell = _grid(points, half)
-    around = _around(points, normals, half)
+    around = _around(symmetry_of(name, library))
     return {
         "points": points.astype(np.float32),
         "normals": normals.astype(np.float32),
@@ -158,20 +157,13 @@ def _colors(triangles: Triangles, chosen: npt.NDArray[np.int64], weights: Array)
     return colors
 
 
-def _around(points: Array, normals: Array, half: Array) -> Array:
+def _around(symmetry: Symmetry) -> Array:
     """(S, 3, 3) turns that leave a shape as it is, the identity first: quarter turns, and any about a round axis."""
-    tree = Tree(points)
-    some = points[::4]
-    same = [turn for turn in quarter_turns() if _off_itself(tree, points, normals, some @ turn.T) < _SAME]
-    axis = _axis(points, half)
-    if axis < 0:
-        return np.array(sorted(same, key=lambda turn: -float(np.trace(turn))))
-    one, two = (axis + 1) % 3, (axis + 2) % 3
-    angles = np.arange(_ANGLES) * 2 * np.pi / _ANGLES
-    spun = np.tile(np.eye(3), (_ANGLES, 1, 1))
-    spun[:, one, one] = spun[:, two, two] = np.cos(angles)
-    spun[:, one, two], spun[:, two, one] = -np.sin(angles), np.sin(angles)
-    flips = [turn for turn in same if turn[axis, axis] < -0.5]
+    if not len(symmetry.axes):
+        return np.array(sorted(symmetry.turns, key=lambda turn: -float(np.trace(turn))))
+    axis = symmetry.axes[-1]
+    spun = np.array([about(axis, angle) for angle in np.arange(_ANGLES) * 2 * np.pi / _ANGLES])
+    flips = [turn for turn in symmetry.turns if axis @ turn @ axis < -0.5]
     return np.concatenate([spun, spun @ flips[0]]) if flips else spun
 
 
@@ -182,26 +174,6 @@ def _distinct(around: Array) -> Array:
         if not any(np.abs(other @ around - turn).max(axis=(1, 2)).min() < 0.1 for other in found):
             found.append(turn)
     return np.array(found)
-
-
-def _off_itself(tree: Tree, points: Array, normals: Array, turned: Array) -> float:
-    """How far turned points are off the surface, mean, m."""
-    nearest, squares = tree.nearest(turned)
-    across = np.abs(np.einsum("ni,ni->n", points[nearest] - turned, normals[nearest]))
-    apart = np.sqrt(squares)
-    return float(np.where(apart < 0.008, across, apart).mean())
-
-
-def _axis(points: Array, half: Array) -> int:
-    """The axis about which a shape is round: its points lie on circles, and reach no farther in the diagonal."""
-    for axis in (2, 0, 1):
-        one, two = (other for other in range(3) if other != axis)
-        if abs(half[one] - half[two]) > 0.12 * max(half[one], half[two]):
-            continue
-        reach = np.hypot(points[:, one] / half[one], points[:, two] / half[two])
-        if np.percentile(reach, 99.5) < 1.12:
-            return axis
-    return -1
 
 
 def _smoothed(points: Array, colors: Array) -> Array:
