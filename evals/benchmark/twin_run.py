@@ -26,9 +26,9 @@ from grs_agents.perception import (
     residual_candidates,
 )
 from grs_agents.perception.metrics import MATCHED, overlaps
-from grs_agents.perception.proxies.fitted import write_proxy
-from grs_agents.perception.proxies.kind import fitted_kind
 from grs_agents.perception.proxies.measurement import measured_shape
+from grs_agents.perception.proxies.proxy_kind import choose_kind
+from grs_agents.perception.proxies.proxy_writer import write_proxy
 from grs_agents.perception.settling import (
     KnownObject,
     Placed,
@@ -229,7 +229,7 @@ def _proxy(
     """What a run would let stand for a thing of no asset: the solid that fits its points best."""
     box = claim.box
     measured = measured_shape(scene.frame, table, mask, box, around)
-    kind = fitted_kind(measured, box.size, claim.shape == "cylinder", one.hollow)
+    kind = choose_kind(measured, box.size, claim.shape == "cylinder", one.hollow)
     asset = write_proxy(folder, f"candidate_{one.id}", kind, box.size, one.color, "a proxy", measured)
     return PlacedObject(
         asset.name, (box.center, (0.0, 0.0, float(np.sin(box.yaw / 2)), float(np.cos(box.yaw / 2)))), guessed=True

@@ -26,9 +26,9 @@ from grs_agents.perception import (
     size_deviation,
     upright_of,
 )
-from grs_agents.perception.proxies.fitted import write_proxy
-from grs_agents.perception.proxies.kind import fitted_kind
-from grs_agents.perception.proxies.measurement import measured_shape, proxy_look
+from grs_agents.perception.proxies.measurement import measured_shape, proxy_texture
+from grs_agents.perception.proxies.proxy_kind import choose_kind
+from grs_agents.perception.proxies.proxy_writer import write_proxy
 from grs_agents.perception.types import Solid, reachable
 
 
@@ -64,7 +64,9 @@ def object_of(found: Matched, services: Services, taken: Sequence[str], photo: P
         name = _unique(asset.kind, taken)
     else:
         name = _unique(f"{description.color} {description.category}", taken)
-        asset = write_stand_in(name, record, record.upright, record.shape, description.description, services, photo)
+        asset = write_candidate_proxy(
+            name, record, record.upright, record.shape, description.description, services, photo
+        )
         position, orientation, size = record.upright.center, about_z(record.upright.yaw), asset.size
     return SceneObject(
         id=record.id,
@@ -88,7 +90,7 @@ def object_of(found: Matched, services: Services, taken: Sequence[str], photo: P
     )
 
 
-def write_stand_in(
+def write_candidate_proxy(
     name: str,
     record: CandidateRecord,
     box: UprightBox,
@@ -107,8 +109,8 @@ def write_stand_in(
     folder.mkdir(exist_ok=True)
     mask = load_mask(services.folder / record.mask) if mask is None else mask
     measured = measured_shape(*photo, mask, box, around)
-    kind = fitted_kind(measured, box.size, shape == "cylinder", record.hollow)
-    look = proxy_look(*photo, mask, box)
+    kind = choose_kind(measured, box.size, shape == "cylinder", record.hollow)
+    look = proxy_texture(*photo, mask, box)
     return write_proxy(folder, name, kind, box.size, record.color, description, measured, look)
 
 

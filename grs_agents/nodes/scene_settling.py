@@ -7,7 +7,7 @@ import numpy as np
 
 from grs_agents.errors import GrsError
 from grs_agents.nodes.asset_registration import standing_at
-from grs_agents.nodes.scene_objects import about_z, replace_by_proxy, size_mismatch, write_stand_in
+from grs_agents.nodes.scene_objects import about_z, replace_by_proxy, size_mismatch, write_candidate_proxy
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
     CandidateRecord,
@@ -172,8 +172,8 @@ def _written(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene, ag
     fits = claim.box == record.upright and index not in agreed.pieces.values()
     if fits and not again and not is_crowded(claim.box, around):
         return one
-    photo, measured = (scene.frame, scene.table), claim.measured(record.upright)
-    asset = write_stand_in(
+    photo, measured = (scene.frame, scene.table), claim.measured_box(record.upright)
+    asset = write_candidate_proxy(
         one.name, record, claim.box, claim.shape, one.description, scene.services, photo, around, mask
     )
     return one.model_copy(

@@ -8,7 +8,7 @@ import numpy as np
 
 from grs_agents.geometry.transforms import about_z, vec3
 from grs_agents.perception.image_geometry import THINNEST
-from grs_agents.perception.proxies.kind import in_walls, solid_off
+from grs_agents.perception.proxies.proxy_kind import distance_from_solid, in_walls
 from grs_agents.perception.types import Array, Mask, Solid, UprightBox
 
 SLACK = 0.003
@@ -18,7 +18,7 @@ STRAY = 0.03
 LOST = 0.7
 """A cut may cut off at most this share of a thing's own points."""
 KEPT = 0.8
-"""And must leave at least this share of the extent over which they were measured: less is no stand-in of its size."""
+"""And must leave at least this share of the extent over which they were measured: less has not its size."""
 LONGEST_LOSS = 0.035
 """And may leave out at most this length of it, m: half of it shifts the centre, which is to stay within 2 cm."""
 SHIFT = 0.015
@@ -51,60 +51,60 @@ class EstimatedVolume:
         """Of its box, m^3."""
         return float(np.prod(self.box.size))
 
-    def holds(self, points: Array) -> Mask:
+    def contains(self, points: Array) -> Mask:
         """Which of (N, 3) points lie in it, deeper than `SLACK`."""
-        return _inside(self, _turned(self.box, points))
+        return _inside(self, _in_box_frame(self.box, points))
 
     @property
-    def off(self) -> float:
+    def mean_distance(self) -> float:
         """How far its points lie from its surface on average, m."""
-        return solid_off(_turned(self.box, self.points), self.box.size, self.shape)
+        return distance_from_solid(_in_box_frame(self.box, self.points), self.box.size, self.shape)
 
-    def share(self, points: Array) -> float:
+    def share_inside(self, points: Array) -> float:
         """Which share of (N, 3) points lies in it."""
-        return float(self.holds(points).mean()) if len(points) else 0.0
+        return float(self.contains(points).mean()) if len(points) else 0.0
 
-    def standing(self, hold: Callable[[Array], Mask]) -> "EstimatedVolume":
+    def raised_onto(self, occupied: Callable[[Array], Mask]) -> "EstimatedVolume":
         """It on what known things fill of the lowest part of its box: that is what it stands on.
 
-        ``hold`` tells which of (N, 3) points are in known things.
+        ``occupied`` tells which of (N, 3) points are in known things.
         """
         if self.hollow or not len(self.points):
             return self
-        space, bottom = self.space, self.box.center[2] - self.box.size[2] / 2
+        space, bottom = self.grid_points, self.box.center[2] - self.box.size[2] / 2
         foot = space[space[:, 2] < bottom + STEP] * (1, 1, 0)
         lowest = min(float(np.percentile(self.points[:, 2], 2)), bottom + self.box.size[2] / 2)
         levels = [np.array([0, 0, level]) for level in np.arange(bottom, lowest, STEP)]
-        filled = [float(level[2]) for level in levels if hold(foot + level).mean() > FLOOR]
+        filled = [float(level[2]) for level in levels if occupied(foot + level).mean() > FLOOR]
         if not filled:
             return self
         low, high = self._sides(self.box)
         low[2] += filled[-1] + STEP - bottom
-        return replace(self, box=_box(self.box, low, high))
+        return replace(self, box=_box_between(self.box, low, high))
 
-    def measured(self, before: UprightBox) -> UprightBox:
+    def measured_box(self, before: UprightBox) -> UprightBox:
         """The box of what was measured: ``before`` it gave way, without what was only guessed of that."""
         low, high = self._sides(before)
-        first, last = np.percentile(_turned(before, self.points), (1, 99), axis=0)
+        first, last = np.percentile(_in_box_frame(before, self.points), (1, 99), axis=0)
         half = np.array(before.size) / 2
-        return _box(before, np.minimum(low, np.maximum(first, -half)), np.maximum(high, np.minimum(last, half)))
+        return _box_between(before, np.minimum(low, np.maximum(first, -half)), np.maximum(high, np.minimum(last, half)))
 
-    def joined(self, points: Array) -> "EstimatedVolume":
+    def extended_by(self, points: Array) -> "EstimatedVolume":
         """It with (N, 3) points that belong to it too."""
         low, high = self._sides(self.box)
-        first, last = np.percentile(_turned(self.box, points), (1, 99), axis=0)
+        first, last = np.percentile(_in_box_frame(self.box, points), (1, 99), axis=0)
         wider = bool((first < low)[:2].any() or (last > high)[:2].any())
-        box = _box(self.box, np.minimum(low, first), np.maximum(high, last))
+        box = _box_between(self.box, np.minimum(low, first), np.maximum(high, last))
         shape: Solid = "box" if wider else self.shape
         return replace(self, box=box, shape=shape, points=np.concatenate([self.points, points]))
 
     def _sides(self, frame: UprightBox) -> tuple[Array, Array]:
         """Its lowest and highest corner about the centre and along the axes of a box of the same yaw."""
-        middle = _turned(frame, np.array([self.box.center]))[0]
+        middle = _in_box_frame(frame, np.array([self.box.center]))[0]
         return middle - np.array(self.box.size) / 2, middle + np.array(self.box.size) / 2
 
     @property
-    def space(self) -> Array:
+    def grid_points(self) -> Array:
         """(M, 3) points all over it, m, robot frame."""
         counts = [int(np.clip(np.ceil(side / CELL) + 1, 2, MOST)) for side in self.box.size]
         axes = [np.linspace(-1, 1, count) for count in counts]
@@ -127,8 +127,8 @@ class _Cut:
     cost: float
 
 
-def clip_boxes(claims: Sequence[EstimatedVolume], firm: Array) -> list[EstimatedVolume]:
-    """Move the sides of boxes inwards until they leave out (M, 3) points of what stands ``firm``, and each other.
+def clip_boxes(claims: Sequence[EstimatedVolume], occupied: Array) -> list[EstimatedVolume]:
+    """Move the sides of boxes inwards until they leave out (M, 3) points of what stands ``occupied``, and each other.
 
     Of two boxes the one gives way that loses fewer of its own points; one that would lose too many stays as it is.
     A cylinder that is cut at its side becomes a box.
@@ -136,10 +136,10 @@ def clip_boxes(claims: Sequence[EstimatedVolume], firm: Array) -> list[Estimated
     found = list(claims)
     for _ in range(ROUNDS):
         before = list(found)
-        found = [_applied(one, _cut(one, firm, certain=True)) for one in found]
+        found = [_applied(one, _cut(one, occupied, certain=True)) for one in found]
         for first, second in combinations(range(len(found)), 2):
             one, other = found[first], found[second]
-            cuts = _cut(one, other.space), _cut(other, one.space)
+            cuts = _cut(one, other.grid_points), _cut(other, one.grid_points)
             if min(cuts, key=_cost) is cuts[0]:
                 found[first] = _applied(one, cuts[0])
             else:
@@ -153,12 +153,12 @@ def _cost(cut: _Cut | None) -> float:
     return np.inf if cut is None else cut.cost
 
 
-def _turned(box: UprightBox, points: Array) -> Array:
+def _in_box_frame(box: UprightBox, points: Array) -> Array:
     """Points about the centre of a box and along its axes."""
     return (points - box.center) @ about_z(box.yaw)
 
 
-def _box(frame: UprightBox, low: Array, high: Array) -> UprightBox:
+def _box_between(frame: UprightBox, low: Array, high: Array) -> UprightBox:
     """The box between two corners about the centre and along the axes of another."""
     center = about_z(frame.yaw) @ ((low + high) / 2) + frame.center
     return UprightBox(center=vec3(center), size=vec3(high - low), yaw=frame.yaw)
@@ -180,11 +180,11 @@ def _cut(claim: EstimatedVolume, others: Array, certain: bool = False) -> _Cut |
     Where it is ``certain`` that others are there, what was measured beyond them is theirs; a box may be wrong itself.
     """
     near = others[np.linalg.norm(others - claim.box.center, axis=1) < np.linalg.norm(claim.box.size) / 2]
-    local = _turned(claim.box, near)
+    local = _in_box_frame(claim.box, near)
     local = local[_inside(claim, local)]
     if not len(local):
         return None
-    own, half = _turned(claim.box, claim.points), np.array(claim.box.size) / 2
+    own, half = _in_box_frame(claim.box, claim.points), np.array(claim.box.size) / 2
     cuts: list[_Cut] = []
     low, high = np.percentile(local, (100 * STRAY, 100 - 100 * STRAY), axis=0)
     shallow = float(np.minimum(half - low, half + high).min()) < SHIFT
@@ -215,5 +215,5 @@ def _applied(claim: EstimatedVolume, cut: _Cut | None) -> EstimatedVolume:
         return claim
     low, high = -np.array(claim.box.size) / 2, np.array(claim.box.size) / 2
     (high if cut.side > 0 else low)[cut.axis] = cut.place
-    box = _box(claim.box, low, high)
+    box = _box_between(claim.box, low, high)
     return replace(claim, box=box, shape="box" if cut.axis < 2 else claim.shape)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.geometry.transforms import about_z
-from grs_agents.perception.proxies.height_blocks import Columns
+from grs_agents.perception.proxies.height_blocks import FreeColumns
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.table import BEHIND, projected, robot_points_at
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
@@ -40,7 +40,7 @@ CLEAR = 0.01
 
 def free_space_map(
     frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
-) -> Columns:
+) -> FreeColumns:
     """What a candidate may fill of its box.
 
     Up to where the air is shown to be free or another thing stands, at least as high as the candidate was measured,
@@ -55,7 +55,7 @@ def free_space_map(
     grid = _Grid.over(box)
     middles = grid.middles() @ about_z(box.yaw).T + box.center
     free, level = observed_free(middles, frame, table).reshape(grid.counts), box.size[2] / grid.counts[2]
-    taken = np.zeros_like(free) if around is None else around.hold(middles, grid.cell / 2).reshape(grid.counts)
+    taken = np.zeros_like(free) if around is None else around.occupied(middles, grid.cell / 2).reshape(grid.counts)
     free |= taken
     heights = np.where(free.any(axis=2), free.argmax(axis=2), grid.counts[2]) * level
     known = frame.depth > 0
@@ -64,14 +64,14 @@ def free_space_map(
     heights[grid.tops(others[others[:, 2] > CLEAR - box.size[2] / 2]) > own] = 0
     below = taken & ((np.arange(grid.counts[2]) + 1) * level < own[..., None])
     floors = np.where(below.any(axis=2), grid.counts[2] - below[..., ::-1].argmax(axis=2), 0) * level
-    return Columns(floors, np.maximum(np.maximum(heights, own), floors), np.asarray(taken.any(axis=2), np.bool_))
+    return FreeColumns(floors, np.maximum(np.maximum(heights, own), floors), np.asarray(taken.any(axis=2), np.bool_))
 
 
 def is_crowded(box: UprightBox, around: Surroundings) -> bool:
     """Whether other things reach deep into a box."""
     inner = np.array(box.size) - 2 * np.minimum(DEEP, np.array(box.size) / 4)
     middles = _Grid.over(box.model_copy(update={"size": tuple(inner)})).middles()
-    return int(around.hold(middles @ about_z(box.yaw).T + box.center).sum()) >= FEWEST
+    return int(around.occupied(middles @ about_z(box.yaw).T + box.center).sum()) >= FEWEST
 
 
 def local_points(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Array:

@@ -27,20 +27,20 @@ DIRECTIONS = 32
 
 
 @dataclass(frozen=True)
-class Columns:
+class FreeColumns:
     """What a thing may fill of a box, over each cell of a grid spread evenly over the box's x (rows) and y (columns).
 
     Attributes:
         floors, heights: (R, C) where it begins and ends, m above the bottom of the box.
-        firm: (R, C) cells in which another thing stands for certain: there it begins no lower and ends no higher.
+        occupied: (R, C) cells in which another thing stands for certain: there it begins no lower and ends no higher.
     """
 
     floors: Floats
     heights: Floats
-    firm: npt.NDArray[np.bool_]
+    occupied: npt.NDArray[np.bool_]
 
     @classmethod
-    def up_to(cls, heights: Floats) -> "Columns":
+    def from_heights(cls, heights: Floats) -> "FreeColumns":
         """From the bottom to heights (R, C), m, with no other thing near."""
         return cls(np.zeros_like(heights), heights, np.zeros(heights.shape, np.bool_))
 
@@ -61,41 +61,41 @@ class _Patch:
     uneven: float
 
 
-def whole_relief(fill: Columns, size: Vec3) -> list[Block]:
+def fit_height_blocks(fillable: FreeColumns, size: Vec3) -> list[Block]:
     """Boxes that fill the columns of a box of ``size`` (m), nearly as large together; none where none do.
 
     They stand, unless there is something below that they may lean on.
     """
     for apart, most in product((True, False), MOST):
-        blocks = relief_blocks(fill, size, most, apart)
-        low, high = reach(blocks) if blocks else (0.0, 0.0)
-        if np.all(np.subtract(high, low) >= KEPT * np.array(size)) and (stands(blocks) or fill.floors.any()):
+        blocks = split_into_blocks(fillable, size, most, apart)
+        low, high = bounds_of(blocks) if blocks else (0.0, 0.0)
+        if np.all(np.subtract(high, low) >= KEPT * np.array(size)) and (is_stable(blocks) or fillable.floors.any()):
             return blocks
     return []
 
 
-def relief_blocks(fill: Columns, size: Vec3, most: int = MOST[0], apart: bool = False) -> list[Block]:
+def split_into_blocks(fillable: FreeColumns, size: Vec3, most: int = MOST[0], apart: bool = False) -> list[Block]:
     """At most so many boxes that fill the columns of a box of ``size`` (m), in its frame about its centre."""
-    counts = fill.heights.shape
-    patches = [_patch(fill, range(counts[0]), range(counts[1]), apart)]
+    counts = fillable.heights.shape
+    patches = [_patch(fillable, range(counts[0]), range(counts[1]), apart)]
     while len(patches) < most:
         worst = max(patches, key=lambda patch: patch.off)
         if worst.off <= LEVEL * len(worst.rows) * len(worst.columns):
             break
         patches.remove(worst)
-        patches += _split(fill, worst, apart)
+        patches += _split(fillable, worst, apart)
     cell = (size[0] / counts[0], size[1] / counts[1])
     return [_block(patch, cell, size) for patch in patches if patch.height - patch.floor >= THINNEST]
 
 
-def reach(blocks: list[Block]) -> tuple[Floats, Floats]:
+def bounds_of(blocks: list[Block]) -> tuple[Floats, Floats]:
     """The lowest and the highest corner, (3,) m, of boxes together."""
     low = np.min([np.subtract(center, np.array(size) / 2) for size, center in blocks], axis=0)
     high = np.max([np.add(center, np.array(size) / 2) for size, center in blocks], axis=0)
     return low, high
 
 
-def stands(blocks: list[Block]) -> bool:
+def is_stable(blocks: list[Block]) -> bool:
     """Whether boxes together stand on the lowest of them: the centre of their mass is above what touches the ground."""
     sizes, centers = (np.array(part) for part in zip(*blocks, strict=True))
     middle = np.average(centers[:, :2], axis=0, weights=sizes.prod(axis=1))
@@ -107,14 +107,14 @@ def stands(blocks: list[Block]) -> bool:
     return bool(reaches.max(axis=0).min() > STEADY)
 
 
-def stretched(blocks: list[Block], size: Vec3) -> list[Block]:
+def stretched_to(blocks: list[Block], size: Vec3) -> list[Block]:
     """Boxes, moved and stretched so that together they fill a box of ``size`` about the origin from end to end."""
-    low, high = reach(blocks)
+    low, high = bounds_of(blocks)
     scale, middle = np.array(size) / (high - low), (low + high) / 2
     return [(vec3(extents * scale), vec3((center - middle) * scale)) for extents, center in blocks]
 
 
-def relief_off(points: Floats, blocks: list[Block]) -> float:
+def distance_from_blocks(points: Floats, blocks: list[Block]) -> float:
     """How far points (N, 3) lie from the surface of boxes together, on average, m."""
     apart = [signed_distances(np.abs(points - center) - np.asarray(size) / 2) for size, center in blocks]
     return float(np.abs(np.min(apart, axis=0)).mean()) if apart else math.inf
@@ -125,26 +125,26 @@ def signed_distances(beyond: Floats) -> Floats:
     return np.linalg.norm(np.clip(beyond, 0, None), axis=1) + np.minimum(beyond.max(axis=1), 0)
 
 
-def _patch(fill: Columns, rows: range, columns: range, apart: bool) -> _Patch:
+def _patch(fillable: FreeColumns, rows: range, columns: range, apart: bool) -> _Patch:
     window = (slice(rows.start, rows.stop), slice(columns.start, columns.stop))
-    floors, heights, firm = fill.floors[window], fill.heights[window], fill.firm[window]
+    floors, heights, occupied = fillable.floors[window], fillable.heights[window], fillable.occupied[window]
     floor, height = float(np.median(floors)), float(np.median(heights))
     if apart:
-        floor = max(floor, float(floors[firm].max(initial=0.0)))
-        height = min(height, float(heights[firm].min(initial=np.inf)))
+        floor = max(floor, float(floors[occupied].max(initial=0.0)))
+        height = min(height, float(heights[occupied].min(initial=np.inf)))
     lower, higher = floors - floor, height - heights
     off = float(np.abs(lower).sum() + np.abs(higher).sum())
-    entered = float(np.maximum(lower, higher)[firm].max(initial=0.0)) * firm.size
-    uneven = float((floors.var() + heights.var()) * firm.size)
+    entered = float(np.maximum(lower, higher)[occupied].max(initial=0.0)) * occupied.size
+    uneven = float((floors.var() + heights.var()) * occupied.size)
     return _Patch(rows, columns, floor, height, max(off, entered), uneven)
 
 
-def _split(fill: Columns, patch: _Patch, apart: bool) -> tuple[_Patch, _Patch]:
+def _split(fillable: FreeColumns, patch: _Patch, apart: bool) -> tuple[_Patch, _Patch]:
     """The two parts, cut straight, each most even in itself."""
     rows, columns = patch.rows, patch.columns
     halves = [((range(rows.start, cut), columns), (range(cut, rows.stop), columns)) for cut in rows[1:]]
     halves += [((rows, range(columns.start, cut)), (rows, range(cut, columns.stop))) for cut in columns[1:]]
-    pairs = [(_patch(fill, *first, apart), _patch(fill, *second, apart)) for first, second in halves]
+    pairs = [(_patch(fillable, *first, apart), _patch(fillable, *second, apart)) for first, second in halves]
     return min(pairs, key=lambda pair: pair[0].uneven + pair[1].uneven)
 
 

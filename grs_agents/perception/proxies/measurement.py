@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 
 from grs_agents.geometry.transforms import about_z
-from grs_agents.perception.proxies.fitted import Look
 from grs_agents.perception.proxies.free_space_map import free_space_map, is_crowded, local_points
-from grs_agents.perception.proxies.kind import Measured
 from grs_agents.perception.proxies.neighbors import Surroundings
+from grs_agents.perception.proxies.proxy_kind import MeasuredShape
+from grs_agents.perception.proxies.proxy_writer import ProxyTexture
 from grs_agents.perception.table import projected, robot_points_at
 from grs_agents.perception.types import Array, Image, Mask, RGBDFrame, TableFrame, UprightBox
 
@@ -22,7 +22,7 @@ _LARGEST = 512
 
 def measured_shape(
     frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
-) -> Measured:
+) -> MeasuredShape:
     """The measured points of a candidate, and how high it may be where the photo does not show otherwise.
 
     Args:
@@ -32,22 +32,24 @@ def measured_shape(
         around: what stands beside it, if that is known already.
     """
     if around is not None:
-        mask = _own(frame, table, mask, around)
+        mask = _own_pixels(frame, table, mask, around)
     points = local_points(frame, table, mask & (frame.depth > 0), box)
     entered = around is not None and is_crowded(box, around)
-    return Measured(points[:: max(1, len(points) // _POINTS)], free_space_map(frame, table, mask, box, around), entered)
+    return MeasuredShape(
+        points[:: max(1, len(points) // _POINTS)], free_space_map(frame, table, mask, box, around), entered
+    )
 
 
-def _own(frame: RGBDFrame, table: TableFrame, mask: Mask, around: Surroundings) -> Mask:
+def _own_pixels(frame: RGBDFrame, table: TableFrame, mask: Mask, around: Surroundings) -> Mask:
     """The pixels (H, W) of a mask that do not show a known thing beside it, if any are left."""
     rows, columns = np.nonzero(mask & (frame.depth > 0))
-    theirs = around.alone().hold(robot_points_at(frame, table, rows, columns), ON)
+    theirs = around.known_only().occupied(robot_points_at(frame, table, rows, columns), ON)
     own = mask.copy()
     own[rows[theirs], columns[theirs]] = False
     return own if (~theirs).sum() >= FEWEST else mask
 
 
-def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> Look | None:
+def proxy_texture(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox) -> ProxyTexture | None:
     """The photo's own texture; ``None`` where too little is seen."""
     solid = np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)), bool)
     solid = solid if solid.sum() > 50 else mask
@@ -63,12 +65,12 @@ def proxy_look(frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox)
         filled = np.asarray(small, np.uint8)
     turn = about_z(box.yaw)
 
-    def place(points: Array) -> Array:
+    def uv_of(points: Array) -> Array:
         columns, rows, _ = projected(points @ turn.T + box.center, frame.camera, table)
         return np.stack([(columns - left) / width, 1 - (rows - top) / height], axis=1)
 
-    towards = (np.asarray(table.T_robot_cam)[:3, 3] - box.center) @ turn
-    return Look(filled, place, towards / np.linalg.norm(towards))
+    to_camera = (np.asarray(table.T_robot_cam)[:3, 3] - box.center) @ turn
+    return ProxyTexture(filled, uv_of, to_camera / np.linalg.norm(to_camera))
 
 
 def _filled(image: Image, known: Mask) -> Image:

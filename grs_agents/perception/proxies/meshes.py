@@ -91,7 +91,7 @@ def _sphere() -> Faceted:
 Bools = npt.NDArray[np.bool_]
 
 
-def holds(model: ObjectModel, library: Library, points: Floats, margin: float = 0.0) -> Bools:
+def inside_colliders(model: ObjectModel, library: Library, points: Floats, margin: float = 0.0) -> Bools:
     """Which of points (N, 3), m, in the asset's frame, lie in one of its colliders, or not ``margin`` m from it, (N,).
 
     A mesh is taken for about its hull.
@@ -101,11 +101,13 @@ def holds(model: ObjectModel, library: Library, points: Floats, margin: float = 
     """
     found = np.zeros(len(points), np.bool_)
     for shape in model.colliders:
-        found |= _off(shape, library, (points - shape.position) @ rotation_matrix(shape.quaternion)) < margin
+        found |= (
+            _signed_distance(shape, library, (points - shape.position) @ rotation_matrix(shape.quaternion)) < margin
+        )
     return found
 
 
-def _off(shape: Shape, library: Library, local: Floats) -> Floats:
+def _signed_distance(shape: Shape, library: Library, local: Floats) -> Floats:
     """How far (N, 3) points in the shape's frame are beyond its sides, (N,) m; less than nothing in it."""
     if shape.kind == "box":
         return np.asarray((np.abs(local) - np.array(shape.size) / 2).max(axis=1), np.float64)

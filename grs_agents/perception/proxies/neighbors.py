@@ -9,7 +9,7 @@ from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.perception.proxies.box_clipping import EstimatedVolume
-from grs_agents.perception.proxies.meshes import holds
+from grs_agents.perception.proxies.meshes import inside_colliders
 from grs_agents.perception.types import Array, Mask
 
 
@@ -27,7 +27,7 @@ class Surroundings:
     claims: Sequence[EstimatedVolume]
     library: Library
 
-    def hold(self, points: Array, margin: float = 0.0) -> Mask:
+    def occupied(self, points: Array, margin: float = 0.0) -> Mask:
         """Which of points (N, 3), m, robot frame, are taken, or less than ``margin`` m from a known thing, (N,).
 
         Raises:
@@ -40,11 +40,11 @@ class Surroundings:
             near = np.flatnonzero(np.linalg.norm(points - position, axis=1) < np.linalg.norm(high - low) / 2 + margin)
             if len(near):
                 local = (points[near] - position) @ rotation_matrix(orientation) + (low + high) / 2
-                taken[near] |= holds(model, self.library, local, margin)
+                taken[near] |= inside_colliders(model, self.library, local, margin)
         for claim in self.claims:
-            taken |= claim.holds(points)
+            taken |= claim.contains(points)
         return taken
 
-    def alone(self) -> "Surroundings":
+    def known_only(self) -> "Surroundings":
         """The known things alone."""
         return Surroundings(self.known, (), self.library)

@@ -95,15 +95,15 @@ def reconcile_segments(
               for index, one in enumerate(segments) if one.known is not None and index not in pieces}  # fmt: skip
     known = Surroundings([one for solid in solids.values() for one in solid.known], (), library)
     claims = [
-        EstimatedVolume(segments[index].box, segments[index].shape, clouds[index], segments[index].hollow).standing(
-            known.hold
+        EstimatedVolume(segments[index].box, segments[index].shape, clouds[index], segments[index].hollow).raised_onto(
+            known.occupied
         )
         for index in unknown
     ]
     fitted = clip_boxes(claims, np.concatenate([np.zeros((0, 3)), *firm]))
     claimed = dict(zip(unknown, fitted, strict=True))
     for piece, claim in list(claimed.items()):
-        filled = {index: float(solid.hold(claim.space).mean()) for index, solid in solids.items()}
+        filled = {index: float(solid.occupied(claim.grid_points).mean()) for index, solid in solids.items()}
         whole = max(filled, key=lambda index: filled[index], default=piece)
         if filled.get(whole, 0.0) > FILLED:
             pieces[piece] = whole
@@ -142,9 +142,9 @@ def _unite(
     """Solid things are not inside each other: what still has most of its points in another's box belongs to it."""
     for piece in sorted(claims, key=lambda index: claims[index].volume):
         one = claims[piece]
-        fits = one.off < SHAPED
+        fits = one.mean_distance < SHAPED
         shares = {
-            index: max(other.share(one.points) / INSIDE, fits * other.share(one.space) / ENTANGLED)
+            index: max(other.share_inside(one.points) / INSIDE, fits * other.share_inside(one.grid_points) / ENTANGLED)
             for index, other in claims.items()
             if index != piece and not segments[index].hollow and other.volume > one.volume
         }
@@ -157,7 +157,7 @@ def _join(
     piece: int, whole: int, claims: dict[int, EstimatedVolume], masks: dict[int, Mask], pieces: dict[int, int]
 ) -> None:
     """Make one thing of two."""
-    claims[whole] = claims[whole].joined(claims[piece].points)
+    claims[whole] = claims[whole].extended_by(claims[piece].points)
     masks[whole] = masks[whole] | masks[piece]
     pieces[piece] = whole
     del claims[piece]

@@ -28,7 +28,7 @@ def top(low: tuple[float, float], high: tuple[float, float], z: float) -> Array:
 
 def test_a_box_whose_underside_is_a_guess_rests_on_what_is_known_below() -> None:
     upper = claim((0, 0, 0), (0.1, 0.1, 0.12), top((0, 0), (0.1, 0.1), 0.12))
-    (found,) = clip_boxes([upper], claim((-0.02, -0.02, 0), (0.12, 0.12, 0.05), NOTHING).space)
+    (found,) = clip_boxes([upper], claim((-0.02, -0.02, 0), (0.12, 0.12, 0.05), NOTHING).grid_points)
     assert found.box.center[2] - found.box.size[2] / 2 == pytest.approx(0.05, abs=0.008)
     assert found.box.center[2] + found.box.size[2] / 2 == pytest.approx(0.12)
     assert found.box.size[:2] == upper.box.size[:2]
@@ -44,7 +44,7 @@ def test_of_two_boxes_the_one_gives_way_that_has_no_points_there() -> None:
 
 def test_what_would_lose_too_many_of_its_points_stays() -> None:
     inside = claim((0.04, 0.04, 0), (0.06, 0.06, 0.05), top((0.04, 0.04), (0.06, 0.06), 0.05))
-    assert clip_boxes([inside], claim((0, 0, 0), (0.1, 0.1, 0.2), NOTHING).space) == [inside]
+    assert clip_boxes([inside], claim((0, 0, 0), (0.1, 0.1, 0.2), NOTHING).grid_points) == [inside]
 
 
 @given(yaw=st.floats(-3, 3), apart=st.floats(0.11, 0.3))
@@ -67,10 +67,10 @@ def test_what_is_cut_off_beside_a_guess_keeps_most_of_what_was_measured() -> Non
 
 def test_what_was_measured_beyond_a_known_thing_is_not_the_guess_s() -> None:
     seen = claim((0, 0, 0), (0.2, 0.1, 0.05), top((0, 0), (0.2, 0.1), 0.05))
-    (cut,) = clip_boxes([seen], claim((0.12, -0.02, 0), (0.3, 0.12, 0.05), NOTHING).space)
+    (cut,) = clip_boxes([seen], claim((0.12, -0.02, 0), (0.3, 0.12, 0.05), NOTHING).grid_points)
     assert cut.box.size[0] == pytest.approx(0.12, abs=0.008)
 
 
 def test_a_known_thing_that_reaches_in_a_little_costs_no_large_part() -> None:
     seen = claim((0, 0, 0), (0.2, 0.1, 0.05), top((0, 0), (0.2, 0.1), 0.05))
-    assert clip_boxes([seen], claim((0.08, -0.02, 0.04), (0.3, 0.12, 0.2), NOTHING).space) == [seen]
+    assert clip_boxes([seen], claim((0.08, -0.02, 0.04), (0.3, 0.12, 0.2), NOTHING).grid_points) == [seen]

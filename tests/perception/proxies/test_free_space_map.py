@@ -37,16 +37,16 @@ def test_what_stands_on_a_known_thing_begins_on_it() -> None:
     frame, table, mask = photo_of([block, top], LIBRARY)
     both = UprightBox(center=(0.5, 0.0, 0.04), size=(0.04, 0.04, 0.08), yaw=0.0)
     around = Surroundings([(BLOCK, block.pose)], [], LIBRARY)
-    fill = free_space_map(frame, table, mask, both, around)
+    fillable = free_space_map(frame, table, mask, both, around)
     middle = (slice(1, -1), slice(1, -1))
-    assert np.median(fill.floors[middle]) == pytest.approx(0.04, abs=0.009)
-    assert np.median(fill.heights[middle]) == pytest.approx(0.08, abs=0.005)
-    assert fill.firm[middle].all()
+    assert np.median(fillable.floors[middle]) == pytest.approx(0.04, abs=0.009)
+    assert np.median(fillable.heights[middle]) == pytest.approx(0.08, abs=0.005)
+    assert fillable.occupied[middle].all()
     assert is_crowded(both, around) and not is_crowded(both, Surroundings([], [], LIBRARY))
 
 
 def test_without_any_depth_it_may_fill_its_box() -> None:
     frame, table, mask = photo_of([standing(MILK, 0.5, 0.0)], LIBRARY)
     blind = type(frame)(frame.rgb, np.zeros_like(frame.depth), frame.camera, frame.source)
-    fill = free_space_map(blind, table, mask, BOTH)
-    assert np.allclose(fill.heights, 0.192) and not fill.floors.any() and not fill.firm.any()
+    fillable = free_space_map(blind, table, mask, BOTH)
+    assert np.allclose(fillable.heights, 0.192) and not fillable.floors.any() and not fillable.occupied.any()

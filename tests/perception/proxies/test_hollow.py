@@ -4,13 +4,20 @@ import numpy as np
 import pytest
 
 from grs_agents.base import Vec3
-from grs_agents.perception.proxies.kind import WALL, bowl_profile, foot_radius, round_size, slabs, staves
+from grs_agents.perception.proxies.proxy_kind import (
+    WALL,
+    bowl_profile,
+    bowl_wall_pieces,
+    foot_radius,
+    open_box_walls,
+    round_size,
+)
 
 SIZE: Vec3 = (0.2, 0.16, 0.07)
 
 
 def test_an_open_box_is_a_floor_and_four_walls_within_its_size() -> None:
-    parts = slabs(SIZE)
+    parts = open_box_walls(SIZE)
     low = np.min([np.subtract(center, np.array(size) / 2) for size, center in parts], axis=0)
     high = np.max([np.add(center, np.array(size) / 2) for size, center in parts], axis=0)
     assert len(parts) == 5
@@ -25,6 +32,6 @@ def test_a_bowl_is_round_and_narrower_below() -> None:
     assert foot_radius(size) < 0.09 and foot_radius((0.08, 0.08, 0.1)) == 0.04
     radii, heights = zip(*bowl_profile(size), strict=True)
     assert (max(radii), min(heights), max(heights)) == pytest.approx((0.09, -0.035, 0.035))
-    corners = np.concatenate(staves(size))
+    corners = np.concatenate(bowl_wall_pieces(size))
     around = np.hypot(corners[:, 0], corners[:, 1])
     assert around.max() == pytest.approx(0.09) and around.min() == pytest.approx(foot_radius(size) - WALL)

@@ -10,7 +10,7 @@ from grs_agents.base import Quat
 from grs_agents.library import Library
 from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
 from grs_agents.perception import UprightBox, register
-from grs_agents.perception.proxies.fitted import write_proxy
+from grs_agents.perception.proxies.proxy_writer import write_proxy
 from grs_agents.perception.settling import PlacedObject
 from grs_agents.perception.surfaces import symmetry_of
 from grs_agents.perception.types import Mask

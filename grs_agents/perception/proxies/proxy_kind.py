@@ -1,4 +1,4 @@
-"""Which solid fits what was measured of an object: box, cylinder, bowl, open box, hull or relief.
+"""Which solid fits what was measured of an object: box, cylinder, bowl, open box, hull or height blocks.
 
 The walls of hollow solids (open boxes and bowls) are parts of their own.
 """
@@ -11,7 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.perception.proxies.height_blocks import Block, Columns, relief_off, signed_distances, whole_relief
+from grs_agents.perception.proxies.height_blocks import (
+    Block,
+    FreeColumns,
+    distance_from_blocks,
+    fit_height_blocks,
+    signed_distances,
+)
 from grs_agents.perception.proxies.meshes import support
 
 Floats = npt.NDArray[np.float64]
@@ -20,7 +26,7 @@ WALL = 0.005
 _SEGMENTS = 12
 
 
-def slabs(size: Vec3) -> list[Block]:
+def open_box_walls(size: Vec3) -> list[Block]:
     """Size and centre of the floor and the four walls of an open box."""
     x, y, z = size
     return [
@@ -38,7 +44,7 @@ def bowl_profile(size: Vec3) -> list[tuple[float, float]]:
     return [(0, -half), *outside, *inside, (0, WALL - half)]
 
 
-def staves(size: Vec3) -> list[Floats]:
+def bowl_wall_pieces(size: Vec3) -> list[Floats]:
     """The corners (8, 3) of each piece of a bowl's wall."""
     half, foot, radius = size[2] / 2, foot_radius(size), size[0] / 2
     angles = np.arange(_SEGMENTS + 1) * 2 * np.pi / _SEGMENTS
@@ -71,36 +77,36 @@ def round_size(size: Vec3) -> Vec3:
     return (diameter, diameter, round(size[2], 5))
 
 
-Fitted = Literal["box", "cylinder", "bowl", "open box", "hull", "relief"]
+ProxyKind = Literal["box", "cylinder", "bowl", "open box", "hull", "height blocks"]
 _OFF, _BETTER = 0.004, 0.6
 """Points that are more than this (m) off box and cylinder are given their hull, if that is so much nearer."""
 _FEWEST = 50
 _FLAT = 0.004
 """What of a hull is so near (m) to its top is flat: noise would make that pointed, and no cup would seal on it."""
 _NEARLY = 0.001
-"""Of what is hollow and has others in its box a relief may be so much (m) farther off: it leaves those out."""
+"""Of what is hollow and has others in its box height blocks may be so much (m) farther off: they leave those out."""
 _WASTED = 0.25
 """A solid of which a larger share than this stands in the air that the photo shows, or where others stand, is none."""
 _WRONG, _NOT_HOLLOW, _HALF = 0.008, 0.012, 0.5
-"""Points that are more than this (m) off a solid, or a hollow one, are not its: it is a relief, if that halves it."""
+"""Points that are more than this (m) off a solid, or a hollow one, are not its: height blocks are, if they halve it."""
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredShape:
     """What the photo tells of an object's shape, in the frame of its measured box.
 
     Attributes:
         points: (N, 3) m, about the centre of the box, along its axes.
-        fill: what it may fill of the box at most; ``None`` if unknown.
+        fillable: what it may fill of the box at most; ``None`` if unknown.
         crowded: other things stand in the box.
     """
 
     points: Floats
-    fill: Columns | None = None
+    fillable: FreeColumns | None = None
     crowded: bool = False
 
 
-def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> Fitted:
+def choose_kind(measured: MeasuredShape, size: Vec3, around: bool, hollow: bool) -> ProxyKind:
     """Which solid fits best.
 
     Args:
@@ -109,45 +115,47 @@ def fitted_kind(measured: Measured, size: Vec3, around: bool, hollow: bool) -> F
         around: its footprint is round.
         hollow: it is open at the top.
     """
-    plain: Fitted = "cylinder" if around else "box"
+    plain: ProxyKind = "cylinder" if around else "box"
     if hollow and min(size) > 4 * WALL:
         plain = "bowl" if around else "open box"
     points = measured.points
     if plain == "bowl" or len(points) < _FEWEST:
         return plain
-    off = solid_off(points, size, plain)
-    if measured.fill is not None and _blocks_fit(measured.fill, measured, size, plain, off):
-        return "relief"
+    off = distance_from_solid(points, size, plain)
+    if measured.fillable is not None and _blocks_fit(measured.fillable, measured, size, plain, off):
+        return "height blocks"
     if plain == "open box" or off <= _OFF:
         return plain
-    return "hull" if np.abs(support(completed(points, size), points)).mean() < _BETTER * off else plain
+    return "hull" if np.abs(support(with_unseen_side(points, size), points)).mean() < _BETTER * off else plain
 
 
-def _blocks_fit(fill: Columns, measured: Measured, size: Vec3, plain: Fitted, off: float) -> bool:
+def _blocks_fit(fillable: FreeColumns, measured: MeasuredShape, size: Vec3, plain: ProxyKind, off: float) -> bool:
     """Whether boxes that fill the columns stand for an object better than a solid whose surface is so far off, m."""
-    wasted = plain != "open box" and (measured.crowded or _wasted(fill.heights, size, plain == "cylinder") > _WASTED)
+    wasted = plain != "open box" and (
+        measured.crowded or _empty_share(fillable.heights, size, plain == "cylinder") > _WASTED
+    )
     if wasted or measured.crowded:
         bound = off + (_OFF if wasted else _NEARLY)
     elif off > (_NOT_HOLLOW if plain == "open box" else _WRONG):
         bound = _HALF * off
     else:
         return False
-    blocks = whole_relief(fill, size)
-    return bool(blocks) and relief_off(measured.points, blocks) < bound
+    blocks = fit_height_blocks(fillable, size)
+    return bool(blocks) and distance_from_blocks(measured.points, blocks) < bound
 
 
-def solid_off(points: Floats, size: Vec3, kind: Fitted) -> float:
+def distance_from_solid(points: Floats, size: Vec3, kind: ProxyKind) -> float:
     """Mean distance (m) of points (N, 3) about its centre from the surface of a box, cylinder or open box of a size."""
     if kind == "open box":
-        return relief_off(points, slabs(size))
+        return distance_from_blocks(points, open_box_walls(size))
     if kind != "cylinder":
-        return relief_off(points, [(size, (0.0, 0.0, 0.0))])
+        return distance_from_blocks(points, [(size, (0.0, 0.0, 0.0))])
     radius = (size[0] + size[1]) / 4
     beyond = np.column_stack([np.hypot(points[:, 0], points[:, 1]) - radius, np.abs(points[:, 2]) - size[2] / 2])
     return float(np.abs(signed_distances(beyond)).mean())
 
 
-def completed(points: Floats, size: Vec3) -> Floats:
+def with_unseen_side(points: Floats, size: Vec3) -> Floats:
     """(M, 3) points with their unseen side, taken to be like the seen one turned round, in a box of ``size``."""
     half = np.asarray(size) / 2
     kept = np.clip(points, -half, half)
@@ -159,7 +167,7 @@ def completed(points: Floats, size: Vec3) -> Floats:
     return whole * half / np.maximum(np.abs(whole).max(axis=0), 1e-9)
 
 
-def _wasted(heights: Floats, size: Vec3, around: bool) -> float:
+def _empty_share(heights: Floats, size: Vec3, around: bool) -> float:
     """Which share of a box or cylinder of a size is higher than it may be; at edges the grid is too coarse to tell."""
     rows, columns = heights.shape
     framed = np.pad(heights, 1, mode="edge")

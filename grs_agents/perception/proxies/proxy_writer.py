@@ -1,7 +1,4 @@
-"""Proxies of real objects that no asset matches: box, cylinder, bowl, open box, hull or relief, fitted to points.
-
-The photo is their texture. Where there are no points, a box or cylinder has the measured size.
-"""
+"""Writes proxies of real objects that no asset matches; they have the measured size and the photo as texture."""
 
 import math
 import re
@@ -21,19 +18,19 @@ from grs_agents.library.colors import color_name
 from grs_agents.library.formats.urdf import urdf_text
 from grs_agents.library.mesh_files import box_inertia, png_bytes
 from grs_agents.library.shapes import Shape
-from grs_agents.perception.proxies.height_blocks import Block, stretched, whole_relief
-from grs_agents.perception.proxies.kind import (
-    WALL,
-    Fitted,
-    Measured,
-    bowl_profile,
-    completed,
-    foot_radius,
-    round_size,
-    slabs,
-    staves,
-)
+from grs_agents.perception.proxies.height_blocks import Block, fit_height_blocks, stretched_to
 from grs_agents.perception.proxies.meshes import Faceted, box_mesh, hull_mesh, joined, obj_text, turned_mesh
+from grs_agents.perception.proxies.proxy_kind import (
+    WALL,
+    MeasuredShape,
+    ProxyKind,
+    bowl_profile,
+    bowl_wall_pieces,
+    foot_radius,
+    open_box_walls,
+    round_size,
+    with_unseen_side,
+)
 
 Floats = npt.NDArray[np.float64]
 _MASS_RANGE = (0.02, 2.0)
@@ -43,41 +40,41 @@ _FRICTION = 0.6
 
 
 @dataclass(frozen=True)
-class Look:
+class ProxyTexture:
     """What an object looks like in the photo.
 
     Attributes:
         image: (H, W, 3) uint8 red, green, blue; what is not of the object is filled with what is beside it.
-        place: points (N, 3) in the object's frame to texture coordinates (N, 2), origin lower left.
-        towards: (3,) unit vector towards the camera, object's frame.
+        uv_of: points (N, 3) in the object's frame to texture coordinates (N, 2), origin lower left.
+        to_camera: (3,) unit vector towards the camera, object's frame.
     """
 
     image: npt.NDArray[np.uint8]
-    place: Callable[[Floats], Floats]
-    towards: Floats
+    uv_of: Callable[[Floats], Floats]
+    to_camera: Floats
 
 
 def write_proxy(
     root: Path,
     slug: str,
-    kind: Fitted,
+    kind: ProxyKind,
     size: Vec3,
     color: Vec3,
     description: str,
-    measured: Measured | None = None,
-    look: Look | None = None,
+    measured: MeasuredShape | None = None,
+    texture: ProxyTexture | None = None,
 ) -> Asset:
     """Write ``root/proxy/<slug>.urdf`` with its meshes and texture, and its entry in ``root/manifest.json``.
 
     Args:
         root: the library folder to write into; `Library.overlay` then knows ``"proxy/<slug>.urdf"``.
         slug: letters, digits, ``_`` and ``-``; a proxy of that name is replaced.
-        kind: as `fitted_kind` found. A cylinder and a bowl have the mean of the horizontal extents as their diameter.
+        kind: as `choose_kind` found. A cylinder and a bowl have the mean of the horizontal extents as their diameter.
         size: extents along x, y, z in m.
         color: red, green, blue in 0..1, where there is no look.
         description: one sentence.
-        measured: needed for hull and relief.
-        look: what the photo shows of it.
+        measured: needed for hull and height blocks.
+        texture: what the photo shows of it.
 
     Returns:
         The new asset; its mass is its volume times 300 kg/m^3, within 0.02 to 2 kg.
@@ -101,12 +98,12 @@ def write_proxy(
         hollow=kind in ("bowl", "open box"),
     )
     mesh = _mesh(kind, extents, measured, boxes)
-    write_text(root / f"proxy/{slug}.obj", obj_text(mesh, None if look is None else _uvs(mesh, look)))
-    red, green, blue = (1.0, 1.0, 1.0) if look is not None else (round(float(channel), 3) for channel in color)
+    write_text(root / f"proxy/{slug}.obj", obj_text(mesh, None if texture is None else _uvs(mesh, texture)))
+    red, green, blue = (1.0, 1.0, 1.0) if texture is not None else (round(float(channel), 3) for channel in color)
     update: dict[str, Any] = {"color": (red, green, blue, 1.0)}
-    if look is not None:
+    if texture is not None:
         update["texture"] = f"proxy/{slug}.png"
-        write_bytes(root / update["texture"], _png(look.image))
+        write_bytes(root / update["texture"], _png(texture.image))
     seen = _mesh_shape(f"proxy/{slug}.obj").model_copy(update=update)
     solids, inertia = _colliders(kind, extents, boxes, root, slug), _inertia(extents, asset.mass)
     text = urdf_text(slug, [seen], solids, mass=asset.mass, friction=_FRICTION, inertia=inertia, folder="proxy")
@@ -127,17 +124,17 @@ def _check(slug: str, size: Vec3, color: Vec3) -> None:
         raise InputError(f"proxy {slug} has colour {color}", "give red, green, blue in 0..1")
 
 
-def _boxes(kind: Fitted, extents: Vec3, size: Vec3, measured: Measured | None) -> list[Block]:
+def _boxes(kind: ProxyKind, extents: Vec3, size: Vec3, measured: MeasuredShape | None) -> list[Block]:
     """The boxes that a proxy consists of; none where it is no union of boxes."""
-    if kind == "relief" and measured is not None and measured.fill is not None:
-        return stretched(whole_relief(measured.fill, size), extents)
-    return {"box": [(extents, (0.0, 0.0, 0.0))], "open box": slabs(extents)}.get(kind, [])
+    if kind == "height blocks" and measured is not None and measured.fillable is not None:
+        return stretched_to(fit_height_blocks(measured.fillable, size), extents)
+    return {"box": [(extents, (0.0, 0.0, 0.0))], "open box": open_box_walls(extents)}.get(kind, [])
 
 
-def _mass(kind: Fitted, size: Vec3, boxes: list[Block]) -> float:
+def _mass(kind: ProxyKind, size: Vec3, boxes: list[Block]) -> float:
     """Of what fills a share of its box, kg."""
     share = {"cylinder": math.pi / 4, "hull": 0.7, "bowl": _SHELL, "open box": _SHELL}.get(kind, 1.0)
-    volume = sum(math.prod(extents) for extents, _ in boxes) if kind == "relief" else math.prod(size) * share
+    volume = sum(math.prod(extents) for extents, _ in boxes) if kind == "height blocks" else math.prod(size) * share
     return round(min(max(volume * _DENSITY, _MASS_RANGE[0]), _MASS_RANGE[1]), 4)
 
 
@@ -147,7 +144,7 @@ def _inertia(size: Vec3, mass: float) -> Vec3:
     return (y + z, x + z, x + y)
 
 
-def _mesh(kind: Fitted, size: Vec3, measured: Measured | None, boxes: list[Block]) -> Faceted:
+def _mesh(kind: ProxyKind, size: Vec3, measured: MeasuredShape | None, boxes: list[Block]) -> Faceted:
     """What is seen of it."""
     if kind == "cylinder":
         radius, half = size[0] / 2, size[2] / 2
@@ -156,17 +153,17 @@ def _mesh(kind: Fitted, size: Vec3, measured: Measured | None, boxes: list[Block
     if kind == "bowl":
         return turned_mesh(bowl_profile(size))
     if kind == "hull" and measured is not None:
-        vertices, faces = hull_mesh(completed(measured.points, size))
+        vertices, faces = hull_mesh(with_unseen_side(measured.points, size))
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         return (vertices - (low + high) / 2) * np.asarray(size) / np.maximum(high - low, 1e-9), faces
-    return joined([box_mesh(extents, center, 2 if kind == "relief" else 6) for extents, center in boxes])
+    return joined([box_mesh(extents, center, 2 if kind == "height blocks" else 6) for extents, center in boxes])
 
 
 def _mesh_shape(file: str) -> Shape:
     return Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=file)
 
 
-def _colliders(kind: Fitted, size: Vec3, boxes: list[Block], root: Path, slug: str) -> list[Shape]:
+def _colliders(kind: ProxyKind, size: Vec3, boxes: list[Block], root: Path, slug: str) -> list[Shape]:
     """What touches; the convex pieces of a bowl's wall are written beside its mesh."""
     if kind == "cylinder":
         return [Shape(kind="cylinder", size=(size[0] / 2, size[2]))]
@@ -175,20 +172,26 @@ def _colliders(kind: Fitted, size: Vec3, boxes: list[Block], root: Path, slug: s
     if kind != "bowl":
         return [Shape(kind="box", size=extents, position=center) for extents, center in boxes]
     pieces = [Shape(kind="cylinder", size=(foot_radius(size), WALL), position=(0.0, 0.0, (WALL - size[2]) / 2))]
-    for number, corners in enumerate(staves(size)):
+    for number, corners in enumerate(bowl_wall_pieces(size)):
         name = f"proxy/{slug}_wall{number:02d}.obj"
         write_text(root / name, obj_text(hull_mesh(corners)))
         pieces.append(_mesh_shape(name))
     return pieces
 
 
-def _uvs(mesh: Faceted, look: Look) -> Floats:
+def _uvs(mesh: Faceted, texture: ProxyTexture) -> Floats:
     """Texture coordinates of vertices; what the camera does not see looks like what is seen on the other side."""
     vertices, faces = mesh
     crosses = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
     normals = np.zeros_like(vertices)
     for corner in range(3):
         np.add.at(normals, faces[:, corner], crosses)
-    hidden = normals @ look.towards < 0
+    hidden = normals @ texture.to_camera < 0
     places = np.where(hidden[:, None], vertices * (-1, -1, 1), vertices)
-    return np.clip(look.place(places), 0, 1)
+    return np.clip(texture.uv_of(places), 0, 1)
+
+
+def _png(image: npt.NDArray[np.uint8]) -> bytes:
+    import cv2
+
+    return bytes(cv2.imencode(".png", np.ascontiguousarray(image[:, :, ::-1]))[1].tobytes())

@@ -7,9 +7,9 @@ import pytest
 
 from grs_agents.base import Vec3
 from grs_agents.library import Library
-from grs_agents.perception.proxies.fitted import Look, write_proxy
-from grs_agents.perception.proxies.height_blocks import Columns
-from grs_agents.perception.proxies.kind import Fitted, Measured
+from grs_agents.perception.proxies.height_blocks import FreeColumns
+from grs_agents.perception.proxies.proxy_kind import MeasuredShape, ProxyKind
+from grs_agents.perception.proxies.proxy_writer import ProxyTexture, write_proxy
 
 SIZE: Vec3 = (0.12, 0.12, 0.08)
 RNG = np.random.default_rng(0)
@@ -21,12 +21,12 @@ def on_sphere(count: int = 600) -> np.ndarray:
     return points / np.linalg.norm(points, axis=1, keepdims=True) * np.array(SIZE) / 2
 
 
-@pytest.mark.parametrize("kind", ["box", "cylinder", "bowl", "open box", "hull", "relief"])
-def test_each_kind_has_the_measured_size_and_the_photo(tmp_path: Path, kind: Fitted) -> None:
+@pytest.mark.parametrize("kind", ["box", "cylinder", "bowl", "open box", "hull", "height blocks"])
+def test_each_kind_has_the_measured_size_and_the_photo(tmp_path: Path, kind: ProxyKind) -> None:
     image = np.full((8, 8, 3), (200, 30, 30), np.uint8)
-    measured = Measured(on_sphere(), Columns.up_to(np.repeat([[0.08, 0.08, 0.03, 0.03]], 4, axis=0)))
-    look = Look(image, lambda points: 0.5 + points[:, :2], np.array([0.6, 0.0, 0.8]))
-    asset = write_proxy(tmp_path, "thing", kind, SIZE, (0.8, 0.1, 0.1), "a thing", measured, look)
+    measured = MeasuredShape(on_sphere(), FreeColumns.from_heights(np.repeat([[0.08, 0.08, 0.03, 0.03]], 4, axis=0)))
+    texture = ProxyTexture(image, lambda points: 0.5 + points[:, :2], np.array([0.6, 0.0, 0.8]))
+    asset = write_proxy(tmp_path, "thing", kind, SIZE, (0.8, 0.1, 0.1), "a thing", measured, texture)
     library = Library(tmp_path)
     model = library.model(asset.name)
     assert model.size == pytest.approx(SIZE, rel=0.03)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.perception.proxies.height_blocks import Columns
-from grs_agents.perception.proxies.kind import Measured, completed, fitted_kind
+from grs_agents.perception.proxies.height_blocks import FreeColumns
+from grs_agents.perception.proxies.proxy_kind import MeasuredShape, choose_kind, with_unseen_side
 
 SIZE: Vec3 = (0.12, 0.12, 0.08)
 RNG = np.random.default_rng(0)
@@ -22,27 +22,27 @@ def on_box(count: int = 600) -> np.ndarray:
     return points / np.abs(points).max(axis=1, keepdims=True) * np.array(SIZE) / 2
 
 
-def stepped() -> Measured:
+def stepped() -> MeasuredShape:
     """Two steps: the far half of SIZE is as high as it, the near one a third."""
     heights = np.full((12, 12), SIZE[2])
     heights[:6] = SIZE[2] / 3
     points = RNG.uniform(-0.5, 0.5, (900, 3)) * SIZE
     points[:, 2] = np.where(points[:, 0] < 0, -SIZE[2] / 6, SIZE[2] / 2)
-    return Measured(points, Columns.up_to(heights))
+    return MeasuredShape(points, FreeColumns.from_heights(heights))
 
 
 def test_the_kind_follows_the_points() -> None:
-    assert fitted_kind(Measured(on_box()), SIZE, around=False, hollow=False) == "box"
-    assert fitted_kind(Measured(on_sphere()), SIZE, around=True, hollow=False) == "hull"
-    assert fitted_kind(Measured(on_box()), SIZE, around=True, hollow=True) == "bowl"
-    assert fitted_kind(Measured(on_box()), SIZE, around=False, hollow=True) == "open box"
-    assert fitted_kind(Measured(on_box(20)), SIZE, around=True, hollow=False) == "cylinder"
+    assert choose_kind(MeasuredShape(on_box()), SIZE, around=False, hollow=False) == "box"
+    assert choose_kind(MeasuredShape(on_sphere()), SIZE, around=True, hollow=False) == "hull"
+    assert choose_kind(MeasuredShape(on_box()), SIZE, around=True, hollow=True) == "bowl"
+    assert choose_kind(MeasuredShape(on_box()), SIZE, around=False, hollow=True) == "open box"
+    assert choose_kind(MeasuredShape(on_box(20)), SIZE, around=True, hollow=False) == "cylinder"
 
 
 def test_what_is_stepped_is_a_relief_even_where_it_was_taken_for_hollow() -> None:
-    assert fitted_kind(stepped(), SIZE, around=False, hollow=False) == "relief"
-    assert fitted_kind(stepped(), SIZE, around=False, hollow=True) == "relief"
-    assert fitted_kind(stepped(), SIZE, around=True, hollow=True) == "bowl"
+    assert choose_kind(stepped(), SIZE, around=False, hollow=False) == "height blocks"
+    assert choose_kind(stepped(), SIZE, around=False, hollow=True) == "height blocks"
+    assert choose_kind(stepped(), SIZE, around=True, hollow=True) == "bowl"
 
 
 def test_what_stands_in_the_air_that_the_photo_shows_is_no_box() -> None:
@@ -50,12 +50,11 @@ def test_what_stands_in_the_air_that_the_photo_shows_is_no_box() -> None:
     heights[4:, 4:] = 0.0
     seen = on_box()
     seen = seen[(seen[:, :2] < -SIZE[0] / 6).any(axis=1)]
-    assert fitted_kind(Measured(seen), SIZE, around=False, hollow=False) == "box"
-    assert fitted_kind(Measured(seen, Columns.up_to(heights)), SIZE, around=False, hollow=False) == "relief"
-    assert (
-        fitted_kind(Measured(on_box(), Columns.up_to(np.full((12, 12), SIZE[2]))), SIZE, around=False, hollow=False)
-        == "box"
-    )
+    lower = MeasuredShape(seen, FreeColumns.from_heights(heights))
+    full = MeasuredShape(on_box(), FreeColumns.from_heights(np.full((12, 12), SIZE[2])))
+    assert choose_kind(MeasuredShape(seen), SIZE, around=False, hollow=False) == "box"
+    assert choose_kind(lower, SIZE, around=False, hollow=False) == "height blocks"
+    assert choose_kind(full, SIZE, around=False, hollow=False) == "box"
 
 
 def test_a_top_that_is_flat_but_for_noise_is_flat() -> None:
@@ -64,6 +63,6 @@ def test_a_top_that_is_flat_but_for_noise_is_flat() -> None:
     noisy = points + (points[:, 2:] == SIZE[2] / 4) * RNG.uniform(-0.003, 0.0, (len(points), 1)) * (0, 0, 1)
     size = (SIZE[0], SIZE[1], SIZE[2] / 2)
     noisy[:, 2] -= noisy[:, 2].max() - size[2] / 2
-    whole = completed(noisy, size)
+    whole = with_unseen_side(noisy, size)
     top = whole[whole[:, 2] > size[2] / 2 - 1e-6]
     assert len(top) > 20 and np.ptp(top[:, 0]) > 0.5 * size[0]
