@@ -1,6 +1,6 @@
 """Ask the model which asset a candidate's picture and description fit (the paper's best)."""
 
-from grs_agents.perception.matching.model_matcher import by_model
+from grs_agents.perception.matching.model_matcher import match_by_model
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.toolkit import ToolContext
 
@@ -9,4 +9,4 @@ Request, Result = MatchRequest, MatchResult
 
 def run(request: MatchRequest, context: ToolContext) -> MatchResult:
     """What the model says of each candidate; the assets are shown in an order drawn with the seed."""
-    return by_model(request, context.library, "match_both", worded=True, pictured=True)
+    return match_by_model(request, context.library, "match_both", worded=True, pictured=True)

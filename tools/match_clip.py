@@ -1,6 +1,6 @@
 """Match candidates by CLIP similarity of pictures (the paper's baseline); the weights are the user's own."""
 
-from grs_agents.perception.matching.clip_matcher import by_clip, open_clip_embedder
+from grs_agents.perception.matching.clip_matcher import match_by_clip, open_clip_embedder
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.toolkit import ToolContext
 
@@ -14,4 +14,4 @@ def run(request: MatchRequest, context: ToolContext) -> MatchResult:
         ConfigError: the model cannot be used.
         InputError: the files of an asset are faulty.
     """
-    return by_clip(request, context.library, open_clip_embedder(request.model))
+    return match_by_clip(request, context.library, open_clip_embedder(request.model))

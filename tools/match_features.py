@@ -1,6 +1,6 @@
 """Match candidates by measured size, by how an asset lies in the points, and by its colours; no model is asked."""
 
-from grs_agents.perception.matching.feature_matcher import by_features
+from grs_agents.perception.matching.feature_matcher import match_by_features
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.toolkit import ToolContext
 
@@ -13,4 +13,4 @@ def run(request: MatchRequest, context: ToolContext) -> MatchResult:
     Raises:
         InputError: the files of an asset are faulty.
     """
-    return by_features(request, context.library, "match_features")
+    return match_by_features(request, context.library, "match_features")

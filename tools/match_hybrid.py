@@ -1,6 +1,6 @@
 """Propose the five likeliest assets by size and colour, and ask the model to decide among them."""
 
-from grs_agents.perception.matching.model_matcher import by_both
+from grs_agents.perception.matching.model_matcher import match_by_features_and_model
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.toolkit import ToolContext
 
@@ -13,4 +13,4 @@ def run(request: MatchRequest, context: ToolContext) -> MatchResult:
     Raises:
         InputError: the files of an asset are faulty.
     """
-    return by_both(request, context.library, "match_hybrid")
+    return match_by_features_and_model(request, context.library, "match_hybrid")

@@ -109,12 +109,12 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
     from grs_agents.library import Library
     from grs_agents.perception.matching.asset_appearance import appearance_of
     from grs_agents.perception.matching.asset_index import AssetIndex, Vectors, embed
-    from grs_agents.perception.matching.feature_matcher import offered
+    from grs_agents.perception.matching.feature_matcher import matchable_assets
 
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is no folder", "name a new folder, or one that holds an index")
     library, index = Library(), AssetIndex(folder)
-    assets = {asset.name: asset for asset in offered(library)}
+    assets = {asset.name: asset for asset in matchable_assets(library)}
     known = set(index.names())
     wanted = [name for name in assets if again or name not in known]
     gone = sorted(known - set(assets))

@@ -27,12 +27,12 @@ def ask(model: str | None, context: ToolContext) -> Any:
     return tool.run(tool.Request(frame=FRAME, table=TABLE, model=model), context)
 
 
-def installed(monkeypatch: pytest.MonkeyPatch, **offered: Any) -> None:
+def installed(monkeypatch: pytest.MonkeyPatch, **matchable_assets: Any) -> None:
     """A stand-in for transformers."""
     quiet = SimpleNamespace(set_verbosity_error=lambda: None, disable_progress_bar=lambda: None)
     torch, transformers = ModuleType("torch"), ModuleType("transformers")
     vars(torch).update(inference_mode=contextlib.nullcontext)
-    vars(transformers).update(logging=quiet, **offered)
+    vars(transformers).update(logging=quiet, **matchable_assets)
     monkeypatch.setitem(sys.modules, "torch", torch)
     monkeypatch.setitem(sys.modules, "transformers", transformers)
 

@@ -28,23 +28,23 @@ class AlignedPoses:
     """Poses of an asset, the best first.
 
     Attributes:
-        turns: (K, 3, 3) rotations from the asset's frame (at the centre of its bounding box) to the robot frame.
-        places: (K, 3) where that centre lies, m, robot frame.
-        off: (K,) how far the candidate's points are off the surface: mean, m.
-        air: (K,) how far the surface that faces the camera stands before what was measured: mean, m.
-        lift: (K,) how far its lowest point is above the table, m.
+        rotations: (K, 3, 3) rotations from the asset's frame (at the centre of its bounding box) to the robot frame.
+        centers: (K, 3) where that centre lies, m, robot frame.
+        residual: (K,) how far the candidate's points are off the surface: mean, m.
+        free_space: (K,) how far the surface that faces the camera stands before what was measured: mean, m.
+        height: (K,) how far its lowest point is above the table, m.
     """
 
-    turns: Floats
-    places: Floats
-    off: Floats
-    air: Floats
-    lift: Floats
+    rotations: Floats
+    centers: Floats
+    residual: Floats
+    free_space: Floats
+    height: Floats
 
     @property
     def misfit(self) -> Floats:
         """(K,) m; less is better."""
-        return self.off + np.float32(0.7) * self.air
+        return self.residual + np.float32(0.7) * self.free_space
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class AlignmentStart:
     most: Floats
 
 
-def approach_of(seen: Observation, view: View) -> AlignmentStart:
+def alignment_start(seen: Observation, view: View) -> AlignmentStart:
     """Where to begin with a candidate."""
     yaws = seen.upright.yaw + np.array([0.0, np.pi / 6, -np.pi / 6])
     toward = view.eye[:2] - np.asarray(seen.upright.center[:2])
@@ -89,60 +89,60 @@ def approach_of(seen: Observation, view: View) -> AlignmentStart:
     return AlignmentStart(about, top, flat, low, high, middle, axes.astype(np.float32), least, most)
 
 
-def align(asset: Appearance, approach: AlignmentStart, seen: Observation, view: View) -> AlignedPoses:
+def align(asset: Appearance, start: AlignmentStart, seen: Observation, view: View) -> AlignedPoses:
     """The poses in which the asset fits best."""
-    turns, places = _starts(asset, approach, seen)
-    begin = _off(asset, turns, places, seen.points[::4])
+    rotations, centers = _start_poses(asset, start, seen)
+    begin = _residuals(asset, rotations, centers, seen.points[::4])
     best = np.argsort(begin, kind="stable")[:_TRIED]
-    turns, places = turns[best], places[best]
+    rotations, centers = rotations[best], centers[best]
     for _ in range(_ROUNDS):
-        turns, places = _stepped(asset, turns, places, seen.points[::2])
-    off = _off(asset, turns, places, seen.points)
-    air, lift = _air(asset, turns, places, view)
-    best = np.argsort(off + 0.7 * air, kind="stable")[:KEPT]
-    return AlignedPoses(turns[best], places[best], off[best], air[best], lift[best])
+        rotations, centers = _step(asset, rotations, centers, seen.points[::2])
+    residual = _residuals(asset, rotations, centers, seen.points)
+    free_space, height = _free_space(asset, rotations, centers, view)
+    best = np.argsort(residual + 0.7 * free_space, kind="stable")[:KEPT]
+    return AlignedPoses(rotations[best], centers[best], residual[best], free_space[best], height[best])
 
 
-def _starts(asset: Appearance, approach: AlignmentStart, seen: Observation) -> tuple[Floats, Floats]:
+def _start_poses(asset: Appearance, start: AlignmentStart, seen: Observation) -> tuple[Floats, Floats]:
     """Turns (K, 3, 3) and places (K, 3): on each side under the measured top, and along the points' own axes."""
-    turns = (approach.yaws[:, None] @ asset.turns).reshape(-1, 3, 3)
-    heights = np.abs(turns[:, 2]) @ asset.half
-    heights = np.maximum(approach.top - heights, heights - 0.01)
-    reach = np.abs(approach.flat @ turns[:, :2]) @ asset.half  # (K, 2) towards the camera and across
-    near = approach.high[0] - reach[:, 0]
-    low, high = approach.low[1], approach.high[1]
-    flat = [np.broadcast_to(np.array(seen.upright.center[:2]), (len(turns), 2))]
+    rotations = (start.yaws[:, None] @ asset.rotations).reshape(-1, 3, 3)
+    heights = np.abs(rotations[:, 2]) @ asset.half
+    heights = np.maximum(start.top - heights, heights - 0.01)
+    reach = np.abs(start.flat @ rotations[:, :2]) @ asset.half  # (K, 2) towards the camera and across
+    near = start.high[0] - reach[:, 0]
+    low, high = start.low[1], start.high[1]
+    flat = [np.broadcast_to(np.array(seen.upright.center[:2]), (len(rotations), 2))]
     # what is hidden may be on either side: in the middle of what is seen, and flush with either end of it
-    for side in (np.full(len(turns), (low + high) / 2), low + reach[:, 1], high - reach[:, 1]):
-        flat.append(np.column_stack([near, side]) @ approach.flat)
+    for side in (np.full(len(rotations), (low + high) / 2), low + reach[:, 1], high - reach[:, 1]):
+        flat.append(np.column_stack([near, side]) @ start.flat)
     upright = np.concatenate([np.column_stack([one, heights]) for one in flat])
     # along the points' own axes; the flattest direction is the one that was seen head-on
-    local = np.tile((approach.least + approach.most) / 2, (len(asset.turns), 1))
-    local[:, 0] = approach.most[0] - (np.abs(asset.turns) @ asset.half)[:, 0]
-    places = np.concatenate([upright, local @ approach.axes.T + approach.middle]).astype(np.float32)
-    return np.concatenate([np.tile(turns, (len(flat), 1, 1)), approach.axes @ asset.turns]), places
+    local = np.tile((start.least + start.most) / 2, (len(asset.rotations), 1))
+    local[:, 0] = start.most[0] - (np.abs(asset.rotations) @ asset.half)[:, 0]
+    centers = np.concatenate([upright, local @ start.axes.T + start.middle]).astype(np.float32)
+    return np.concatenate([np.tile(rotations, (len(flat), 1, 1)), start.axes @ asset.rotations]), centers
 
 
-def _nearest(asset: Appearance, turns: Floats, places: Floats, points: Floats) -> tuple[Floats, Floats, Floats]:
+def _nearest(asset: Appearance, rotations: Floats, centers: Floats, points: Floats) -> tuple[Floats, Floats, Floats]:
     """For each pose (K) and point (N): its place in the asset's frame, the offset to the surface, the normal there."""
-    local = (points - places[:, None]) @ turns
+    local = (points - centers[:, None]) @ rotations
     nearest = asset.at(local)
     return local, asset.points[nearest] - local, asset.normals[nearest]
 
 
-def _off(asset: Appearance, turns: Floats, places: Floats, points: Floats) -> Floats:
+def _residuals(asset: Appearance, rotations: Floats, centers: Floats, points: Floats) -> Floats:
     """(K,) mean distance of points from the surface, m."""
-    _, offset, normals = _nearest(asset, turns, places, points)
+    _, offset, normals = _nearest(asset, rotations, centers, points)
     across = np.abs(_inner(offset, normals))
     apart: Floats = np.sqrt(_inner(offset, offset))
-    off = np.minimum(np.where(apart < _NEAR, across, apart), FAR)
+    residual = np.minimum(np.where(apart < _NEAR, across, apart), FAR)
     count = max(1, round(_TRIMMED * len(points)))
-    return np.partition(off, count - 1, axis=1)[:, :count].mean(axis=1)
+    return np.partition(residual, count - 1, axis=1)[:, :count].mean(axis=1)
 
 
-def _stepped(asset: Appearance, turns: Floats, places: Floats, points: Floats) -> tuple[Floats, Floats]:
+def _step(asset: Appearance, rotations: Floats, centers: Floats, points: Floats) -> tuple[Floats, Floats]:
     """One step of point-to-plane alignment for all poses; what is far off has little weight."""
-    local, offset, normals = _nearest(asset, turns, places, points)
+    local, offset, normals = _nearest(asset, rotations, centers, points)
     weight = 1 / (1 + _inner(offset, offset)[..., None] * np.float32(1e4))
     jacobian = np.empty((*local.shape[:2], 6), np.float32)
     jacobian[..., :3] = normals
@@ -155,22 +155,22 @@ def _stepped(asset: Appearance, turns: Floats, places: Floats, points: Floats) -
     right: Floats = weighted @ wanted
     step = np.asarray(np.linalg.solve(left, right), np.float32)[:, :, 0]
     # the points move in the asset's frame by the step, so the asset moves by its inverse
-    moved = turns @ _rotations(step[:, 3:] / _ARM).transpose(0, 2, 1)
-    return moved, places - (moved @ step[:, :3, None])[:, :, 0]
+    moved = rotations @ _rotations(step[:, 3:] / _ARM).transpose(0, 2, 1)
+    return moved, centers - (moved @ step[:, :3, None])[:, :, 0]
 
 
-def _air(asset: Appearance, turns: Floats, places: Floats, view: View) -> tuple[Floats, Floats]:
+def _free_space(asset: Appearance, rotations: Floats, centers: Floats, view: View) -> tuple[Floats, Floats]:
     """(K,) how far the facing surface stands in the air or below the table, and how high its lowest point is, m."""
-    back = turns.transpose(0, 2, 1)
-    placed = asset.points[:_PROBES] @ back + places[:, None]
+    back = rotations.transpose(0, 2, 1)
+    placed = asset.points[:_PROBES] @ back + centers[:, None]
     facing = _inner(asset.normals[:_PROBES] @ back, placed - view.eye.astype(np.float32)) < 0
     rows, columns, depth, inside = view.project(placed)
     measured = view.depth[rows, columns] * inside
     known = facing & (measured > 0)
     before = np.minimum(np.maximum(measured - depth - np.float32(AIR), 0), FAR) * known
     below = np.minimum(np.maximum(-placed[:, :, 2] - np.float32(0.003), 0), FAR)
-    air = before.sum(axis=1) / np.maximum(known.sum(axis=1), 1) + below.mean(axis=1)
-    return air.astype(np.float32), placed[:, :, 2].min(axis=1)
+    free_space = before.sum(axis=1) / np.maximum(known.sum(axis=1), 1) + below.mean(axis=1)
+    return free_space.astype(np.float32), placed[:, :, 2].min(axis=1)
 
 
 def _inner(one: Floats, other: Floats) -> Floats:

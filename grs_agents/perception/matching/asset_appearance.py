@@ -41,11 +41,11 @@ class Appearance:
     Attributes:
         points: (N, 3) m, about the centre of the bounding box.
         normals: (N, 3) unit, outwards where the mesh is wound so.
-        tones: (N, 3) of its colours without light and without the finest detail.
+        log_colors: (N, 3) of its colours without light and without the finest detail.
         half: (3,) half the extents, m.
         views: (V, B) histograms of tone (`color_histogram`), one for each of `directions`.
-        around: (S, 3, 3) turns that leave its shape as it is, the identity first.
-        turns: (T, 3, 3) the quarter turns, without those that only differ by one of ``around``.
+        symmetries: (S, 3, 3) turns that leave its shape as it is, the identity first.
+        rotations: (T, 3, 3) the quarter turns, without those that only differ by one of ``symmetries``.
         nearest: (X, Y, Z) the point nearest to the middle of each cell of a grid.
         low: (3,) m, where the grid begins.
         cell: m, the edge of a cell.
@@ -53,11 +53,11 @@ class Appearance:
 
     points: Floats
     normals: Floats
-    tones: Floats
+    log_colors: Floats
     half: Floats
     views: Floats
-    around: Floats
-    turns: Floats
+    symmetries: Floats
+    rotations: Floats
     nearest: npt.NDArray[np.int16]
     low: Floats
     cell: float
@@ -118,15 +118,15 @@ def _worked_out(name: str, library: Library) -> Arrays:
     half = (high - low) / 2
     facing = np.clip(directions() @ normals.T, 0, None)
     nearest, cell = _grid(points, half)
-    around = _around(symmetry_of(name, library))
+    symmetries = _symmetries(symmetry_of(name, library))
     return {
         "points": points.astype(np.float32),
         "normals": normals.astype(np.float32),
-        "tones": opponent_colors(_smoothed(points, colors)).astype(np.float32),
+        "log_colors": opponent_colors(_smoothed(points, colors)).astype(np.float32),
         "half": half.astype(np.float32),
         "views": histograms(colors, facing),
-        "around": around.astype(np.float32),
-        "turns": _distinct(around).astype(np.float32),
+        "symmetries": symmetries.astype(np.float32),
+        "rotations": _distinct_rotations(symmetries).astype(np.float32),
         "nearest": nearest,
         "low": (-half - _MARGIN).astype(np.float32),
         "cell": np.array(cell),
@@ -157,7 +157,7 @@ def _colors(triangles: Triangles, chosen: npt.NDArray[np.int64], weights: Array)
     return colors
 
 
-def _around(symmetry: Symmetry) -> Array:
+def _symmetries(symmetry: Symmetry) -> Array:
     """(S, 3, 3) turns that leave a shape as it is, the identity first: quarter turns, and any about a round axis."""
     if not len(symmetry.axes):
         return np.array(sorted(symmetry.turns, key=lambda turn: -float(np.trace(turn))))
@@ -167,11 +167,11 @@ def _around(symmetry: Symmetry) -> Array:
     return np.concatenate([spun, spun @ flips[0]]) if flips else spun
 
 
-def _distinct(around: Array) -> Array:
-    """(T, 3, 3) the quarter turns, of those that only differ by one of ``around`` the first."""
+def _distinct_rotations(symmetries: Array) -> Array:
+    """(T, 3, 3) the quarter turns, of those that only differ by one of ``symmetries`` the first."""
     found: list[Array] = []
     for turn in quarter_turns():
-        if not any(np.abs(other @ around - turn).max(axis=(1, 2)).min() < 0.1 for other in found):
+        if not any(np.abs(other @ symmetries - turn).max(axis=(1, 2)).min() < 0.1 for other in found):
             found.append(turn)
     return np.array(found)
 
@@ -187,32 +187,32 @@ def _smoothed(points: Array, colors: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Catalogue:
+class ComparedAssets:
     """Assets with their looks.
 
     Attributes:
         assets: what may be matched.
-        looks: one for each.
+        appearances: one for each.
         views: (A, V, B) histograms of each view.
         sizes: (A, 3) extents in m, the smallest first.
     """
 
     assets: tuple[Asset, ...]
-    looks: tuple[Appearance, ...]
+    appearances: tuple[Appearance, ...]
     views: npt.NDArray[np.float32]
     sizes: Array
 
 
-def catalogue_of(assets: Sequence[Asset], library: Library) -> Catalogue:
+def compared_assets(assets: Sequence[Asset], library: Library) -> ComparedAssets:
     """Look at assets.
 
     Raises:
         InputError: the files of one are faulty.
     """
-    looks = tuple(appearance_of(asset.name, library) for asset in assets)
-    return Catalogue(
+    appearances = tuple(appearance_of(asset.name, library) for asset in assets)
+    return ComparedAssets(
         assets=tuple(assets),
-        looks=looks,
-        views=np.stack([look.views for look in looks]),
-        sizes=np.array([np.sort(2 * look.half) for look in looks], np.float64),
+        appearances=appearances,
+        views=np.stack([look.views for look in appearances]),
+        sizes=np.array([np.sort(2 * look.half) for look in appearances], np.float64),
     )

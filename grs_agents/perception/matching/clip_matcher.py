@@ -11,7 +11,7 @@ import numpy.typing as npt
 from grs_agents.errors import ConfigError, InputError
 from grs_agents.library import Library
 from grs_agents.library.asset_views import asset_views, random_directions
-from grs_agents.perception.matching.feature_matcher import TOLD, offered
+from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets
 from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
 from grs_agents.perception.types import Array, MatchEvidence, RGBDFrame
 
@@ -69,13 +69,13 @@ class _Embedder:
         return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
 
 
-def by_clip(request: MatchRequest, library: Library, embedder: Embedder) -> MatchResult:
+def match_by_clip(request: MatchRequest, library: Library, embedder: Embedder) -> MatchResult:
     """The asset whose mean vector over three views is most like the crop's; ``no_object`` below `LEAST`.
 
     Raises:
         InputError: the files of an asset are faulty.
     """
-    assets = offered(library)
+    assets = matchable_assets(library)
     if not assets or not request.segments:
         return MatchResult({one.id: MatchEvidence(match="no_asset", method="match_clip") for one in request.segments})
     rng = np.random.default_rng(request.seed)

@@ -44,7 +44,7 @@ DAYLIGHT = Light(-0.35, np.zeros(2), 0.25)
 
 
 @dataclass(frozen=True)
-class Painted:
+class ColorAgreement:
     """The best agreement over poses and over the turns that leave the shape as it is.
 
     Attributes:
@@ -72,37 +72,41 @@ class Painted:
         return float(np.exp(-0.5 * _misfit(self.level, self.hue, light)).mean())
 
 
-def paint(asset: Appearance, laid: AlignedPoses, seen: Observation, light: Light = DAYLIGHT) -> Painted | None:
+def compare_colors(
+    asset: Appearance, poses: AlignedPoses, seen: Observation, light: Light = DAYLIGHT
+) -> ColorAgreement | None:
     """Compare colours at the poses that fit about equally well; ``None`` where there are too few pixels."""
     if len(seen.surface) < _FEWEST:
         return None
-    ranks = np.flatnonzero(laid.misfit <= laid.misfit[0] + _WORSE)[:2]
+    ranks = np.flatnonzero(poses.misfit <= poses.misfit[0] + _WORSE)[:2]
     best: tuple[float, int, Floats] | None = None
     for rank in ranks.tolist():
-        turns = laid.turns[rank] @ asset.around
-        level, hue, _ = _apart(asset, laid, rank, turns, seen, _COARSE)
+        rotations = poses.rotations[rank] @ asset.symmetries
+        level, hue, _ = _color_differences(asset, poses, rank, rotations, seen, _COARSE)
         agreement = np.exp(-0.5 * _misfit(level, hue, light)).mean(axis=1)
         one = int(np.argmax(agreement))
         if best is None or agreement[one] > best[0]:
-            best = float(agreement[one]), rank, turns[one]
+            best = float(agreement[one]), rank, rotations[one]
     assert best is not None
     _, rank, turn = best
-    level, hue, gain = _apart(asset, laid, rank, turn[None], seen, len(seen.surface))
-    return Painted(level[0], hue[0], float(gain[0]), _pattern(asset, laid, rank, seen, (level[0], hue[0])), rank)
+    level, hue, gain = _color_differences(asset, poses, rank, turn[None], seen, len(seen.surface))
+    return ColorAgreement(
+        level[0], hue[0], float(gain[0]), _pattern(asset, poses, rank, seen, (level[0], hue[0])), rank
+    )
 
 
-def _apart(
-    asset: Appearance, laid: AlignedPoses, rank: int, turns: Floats, seen: Observation, count: int
+def _color_differences(
+    asset: Appearance, poses: AlignedPoses, rank: int, rotations: Floats, seen: Observation, count: int
 ) -> tuple[Floats, Floats, Floats]:
     """Brightness (S, P) beyond shading, hues (S, P, 2) and gain (S,) by which the photo differs, for each turn."""
-    nearest = asset.at((seen.surface[:count] - laid.places[rank]) @ turns)
-    apart = seen.tones[:count] - asset.tones[nearest]
+    nearest = asset.at((seen.surface[:count] - poses.centers[rank]) @ rotations)
+    apart = seen.log_colors[:count] - asset.log_colors[nearest]
     # turns that leave the shape as it is leave its normals too, so that the shading is one for all of them
-    level = apart[..., 0] @ _unshaded(asset.normals[nearest[0]] @ turns[0].T)
+    level = apart[..., 0] @ _without_shading(asset.normals[nearest[0]] @ rotations[0].T)
     return level / np.float32(_SPREAD[0]), apart[..., 1:], apart[..., 0].mean(axis=1)
 
 
-def _unshaded(normals: Floats) -> Floats:
+def _without_shading(normals: Floats) -> Floats:
     """(P, P) takes out of brightness at surfaces with these normals (P, 3) what one lamp and an even light explain."""
     shading = np.concatenate([np.ones((len(normals), 1), np.float32), normals], axis=1)
     part = shading / np.float32(len(normals))
@@ -115,12 +119,18 @@ def _misfit(level: Floats, hue: Floats, light: Light) -> Floats:
     return level**2 + (((hue - tint.astype(np.float32)) / _HUES) ** 2).sum(axis=-1)
 
 
-def _pattern(asset: Appearance, laid: AlignedPoses, rank: int, seen: Observation, told: tuple[Floats, Floats]) -> float:
-    """How much better the asset's pattern explains the photo than one colour; ``told`` is what both leave of it."""
-    level, hue = told
-    nearest = asset.at((seen.surface - laid.places[rank]) @ laid.turns[rank])
-    plain = seen.tones[:, 0] @ _unshaded(asset.normals[nearest] @ laid.turns[rank].T) / np.float32(_SPREAD[0])
-    without = plain**2 + (((seen.tones[:, 1:] - seen.tones[:, 1:].mean(axis=0)) / _HUES) ** 2).sum(axis=1)
+def _pattern(
+    asset: Appearance, poses: AlignedPoses, rank: int, seen: Observation, differences: tuple[Floats, Floats]
+) -> float:
+    """How much better the asset's pattern explains the photo than one colour; ``differences``: what both leave."""
+    level, hue = differences
+    nearest = asset.at((seen.surface - poses.centers[rank]) @ poses.rotations[rank])
+    plain = (
+        seen.log_colors[:, 0]
+        @ _without_shading(asset.normals[nearest] @ poses.rotations[rank].T)
+        / np.float32(_SPREAD[0])
+    )
+    without = plain**2 + (((seen.log_colors[:, 1:] - seen.log_colors[:, 1:].mean(axis=0)) / _HUES) ** 2).sum(axis=1)
     given = level**2 + (((hue - hue.mean(axis=0)) / _HUES) ** 2).sum(axis=1)
     one, other = (float(np.minimum(misfit, _MOST).mean()) + _LEAST for misfit in (without, given))
     return 0.5 * float(np.log(one / other))

@@ -29,12 +29,12 @@ def histograms(colors: Array, weights: Array) -> npt.NDArray[np.float32]:
     return color_histograms(opponent_colors(colors), weights)
 
 
-def color_histograms(told: Array, weights: Array) -> npt.NDArray[np.float32]:
+def color_histograms(log_colors: Array, weights: Array) -> npt.NDArray[np.float32]:
     """As `histograms`, of tones (N, 3)."""
-    level = _soft((told[:, 0] - _LOW) / _STEP, LEVELS, _SHARP[0])
-    places = (np.clip(told[:, 1:3], -_REACH, _REACH) / _REACH + 1) / 2 * (HUES - 1)
+    level = _soft((log_colors[:, 0] - _LOW) / _STEP, LEVELS, _SHARP[0])
+    places = (np.clip(log_colors[:, 1:3], -_REACH, _REACH) / _REACH + 1) / 2 * (HUES - 1)
     hues = [_soft(places[:, part], HUES, _SHARP[1]) for part in range(2)]
-    each = np.einsum("ni,nj,nk->nijk", level, *hues).reshape(len(told), BINS)
+    each = np.einsum("ni,nj,nk->nijk", level, *hues).reshape(len(log_colors), BINS)
     summed = weights @ each
     shares = summed / np.maximum(summed.sum(axis=1, keepdims=True), 1e-12)
     return np.sqrt(shares).astype(np.float32)

@@ -16,7 +16,7 @@ from grs_agents.files import write_bytes
 from grs_agents.library import Library
 
 Arrays = dict[str, npt.NDArray[Any]]
-_VERSION = "2"
+_VERSION = "3"
 """Of what is kept; another one makes all anew."""
 
 

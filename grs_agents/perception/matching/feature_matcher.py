@@ -5,12 +5,12 @@ from pathlib import Path
 
 from grs_agents.errors import InputError
 from grs_agents.library import Asset, Library
-from grs_agents.perception.matching.asset_appearance import catalogue_of
+from grs_agents.perception.matching.asset_appearance import compared_assets
 from grs_agents.perception.matching.asset_index import AssetIndex, embed
 from grs_agents.perception.matching.color_agreement import DAYLIGHT
-from grs_agents.perception.matching.features import Ranked, Use, implausible, rank
+from grs_agents.perception.matching.features import RankedAssets, Use, implausible_reason, rank
 from grs_agents.perception.matching.observation import Observation, observe, view_of
-from grs_agents.perception.matching.printed_text import read_words, reader
+from grs_agents.perception.matching.printed_text import read_words, text_reader
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.perception.types import MatchEvidence
 
@@ -20,40 +20,40 @@ TOLD = 5
 """So many assets are told of each candidate."""
 
 
-def offered(library: Library) -> tuple[Asset, ...]:
+def matchable_assets(library: Library) -> tuple[Asset, ...]:
     """The assets that may be matched: things that can stand on a table, proxies of other objects aside."""
     return tuple(asset for asset in library.everyday_assets() if asset.category != "proxy")
 
 
-def by_features(request: MatchRequest, library: Library, method: str) -> MatchResult:
+def match_by_features(request: MatchRequest, library: Library, method: str) -> MatchResult:
     """The likeliest asset for each candidate; ``no_asset`` where it is likelier that it is none of them.
 
     Raises:
         InputError: the files of an asset are faulty.
     """
     matches: dict[int, MatchEvidence] = {}
-    for number, (ranked, reason) in ranked_of(request, library, "all" if request.sized else "no size").items():
+    for number, (ranked, reason) in rank_candidates(request, library, "all" if request.sized else "no size").items():
         matches[number] = _answer(ranked, reason, method)
     return MatchResult(matches)
 
 
-def ranked_of(request: MatchRequest, library: Library, use: Use = "all") -> dict[int, tuple[Ranked, str]]:
+def rank_candidates(request: MatchRequest, library: Library, use: Use = "all") -> dict[int, tuple[RankedAssets, str]]:
     """The ranking of each candidate; and why it is no object, if it is none."""
     if not request.segments:
         return {}
     view = view_of(request.frame, request.table)
     observed = [observe(view, one.mask, one.upright) for one in request.segments]
-    assets = offered(library) if request.index is None else _indexed(Path(request.index), observed, library)
+    assets = matchable_assets(library) if request.index is None else _indexed(Path(request.index), observed, library)
 
-    reads = request.ocr and reader() is not None
+    reads = request.ocr and text_reader() is not None
 
     def read(seen: Observation) -> list[str]:
         return read_words(request.frame, seen.mask)
 
-    ranked = rank(catalogue_of(assets, library), observed, view, use, read if reads else None) if assets else []
-    ranked = ranked or [Ranked((), (), ()) for _ in observed]
+    ranked = rank(compared_assets(assets, library), observed, view, use, read if reads else None) if assets else []
+    ranked = ranked or [RankedAssets((), (), ()) for _ in observed]
     found = zip(request.segments, ranked, observed, strict=True)
-    return {segment.id: (order, implausible(seen)) for segment, order, seen in found}
+    return {segment.id: (order, implausible_reason(seen)) for segment, order, seen in found}
 
 
 def _indexed(folder: Path, observed: Sequence[Observation], library: Library) -> tuple[Asset, ...]:
@@ -68,7 +68,7 @@ def _indexed(folder: Path, observed: Sequence[Observation], library: Library) ->
     return tuple(library.asset(name) for name in sorted(names) if name in library)
 
 
-def _answer(ranked: Ranked, nothing: str, method: str) -> MatchEvidence:
+def _answer(ranked: RankedAssets, nothing: str, method: str) -> MatchEvidence:
     scores = {name: round(value, 4) for name, value in zip(ranked.names[:TOLD], ranked.likelihoods, strict=False)}
     if nothing:
         return MatchEvidence(match="no_object", method=method, scores=scores, reason=nothing)

@@ -5,12 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from grs_agents.library import Asset, Library
-from grs_agents.perception.matching.feature_matcher import TOLD, offered, ranked_of
+from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets, rank_candidates
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.perception.types import MatchEvidence, Shown
 
 
-def by_model(request: MatchRequest, library: Library, method: str, *, worded: bool, pictured: bool) -> MatchResult:
+def match_by_model(
+    request: MatchRequest, library: Library, method: str, *, worded: bool, pictured: bool
+) -> MatchResult:
     """Ask the model about each candidate among all assets.
 
     Args:
@@ -20,9 +22,9 @@ def by_model(request: MatchRequest, library: Library, method: str, *, worded: bo
         worded: give the candidate's description.
         pictured: give its picture.
     """
-    assets = offered(library)
+    assets = matchable_assets(library)
     matches = {
-        one.id: request.ask(one, shuffled(assets, request.seed, one.id), worded, pictured).model_copy(
+        one.id: request.ask(one, in_random_order(assets, request.seed, one.id), worded, pictured).model_copy(
             update={"method": method}
         )
         for one in request.segments
@@ -30,21 +32,21 @@ def by_model(request: MatchRequest, library: Library, method: str, *, worded: bo
     return MatchResult(matches)
 
 
-def by_both(request: MatchRequest, library: Library, method: str) -> MatchResult:
+def match_by_features_and_model(request: MatchRequest, library: Library, method: str) -> MatchResult:
     """Ask the model about each candidate among the likeliest assets; it may still answer that it is none of them.
 
     Raises:
         InputError: the files of an asset are faulty.
     """
     matches: dict[int, MatchEvidence] = {}
-    ranked = ranked_of(request, library)
+    ranked = rank_candidates(request, library)
     for one in request.segments:
         proposed, _ = ranked[one.id]
         scores = {
             name: round(value, 4) for name, value in zip(proposed.names[:TOLD], proposed.likelihoods, strict=False)
         }
         assets = [library.asset(name) for name in scores]
-        said = request.ask(one, shuffled(assets, request.seed, one.id), True, True)
+        said = request.ask(one, in_random_order(assets, request.seed, one.id), True, True)
         others = [name for name in scores if name != said.asset]
         matches[one.id] = said.model_copy(
             update={
@@ -57,7 +59,7 @@ def by_both(request: MatchRequest, library: Library, method: str) -> MatchResult
     return MatchResult(matches)
 
 
-def shuffled(assets: Sequence[Asset], seed: int, number: int) -> list[Shown]:
+def in_random_order(assets: Sequence[Asset], seed: int, number: int) -> list[Shown]:
     """Assets as a model is told of them, in an order drawn for each candidate, so that none gains by its position."""
     order = np.random.default_rng((seed, number)).permutation(len(assets))
     return [

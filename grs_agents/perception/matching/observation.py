@@ -29,13 +29,13 @@ class View:
     Attributes:
         frame, table: the photo and its pose.
         depth: (H, W) m.
-        tones: (H, W, 3) of the photo without its finest detail; see `grs_agents.perception.matching.color_histogram`.
+        log_colors: (H, W, 3) of the photo without its finest detail (`color_histogram`).
     """
 
     frame: RGBDFrame
     table: TableFrame
     depth: Floats
-    tones: Floats
+    log_colors: Floats
 
     @property
     def eye(self) -> Array:
@@ -61,34 +61,34 @@ class Observation:
     Attributes:
         points: (N, 3) m, robot frame; at most `POINTS` of them.
         surface: (P, 3) m, robot frame; at most `PIXELS` of them, whose tones are
-        tones: (P, 3).
+        log_colors: (P, 3).
         mask: (H, W) its pixels.
         upright: the box measured of it.
         extents: (3,) m, what of that box most of its pixels fill, so that a few stray ones do not make it large.
-        told: (M, 3) tones of its pixels, sharp.
+        sharp_log_colors: (M, 3) tones of its pixels, sharp.
         pixels: how many have a depth.
     """
 
     points: Floats
     surface: Floats
-    tones: Floats
+    log_colors: Floats
     mask: Mask
     upright: UprightBox
     extents: Array
-    told: Array
+    sharp_log_colors: Array
     pixels: int
 
     def histogram(self, tint: Array) -> Floats:
         """(B,) square roots of the shares of tones, once the tint (2,) of the light is taken out."""
-        white = self.told - (0.0, *tint)
+        white = self.sharp_log_colors - (0.0, *tint)
         return color_histograms(white, np.ones((1, len(white))))[0]
 
 
 def view_of(frame: RGBDFrame, table: TableFrame) -> View:
     """Prepare a photo."""
     smooth = cv2.GaussianBlur(frame.rgb.astype(np.float32) / 255, (0, 0), max(0.7, frame.camera.width / 900))
-    tones = opponent_colors(np.asarray(smooth, np.float64).reshape(-1, 3)).astype(np.float32)
-    return View(frame, table, frame.depth.astype(np.float32), tones.reshape(*frame.depth.shape, 3))
+    log_colors = opponent_colors(np.asarray(smooth, np.float64).reshape(-1, 3)).astype(np.float32)
+    return View(frame, table, frame.depth.astype(np.float32), log_colors.reshape(*frame.depth.shape, 3))
 
 
 def observe(view: View, mask: Mask, upright: UprightBox) -> Observation:
@@ -102,10 +102,10 @@ def observe(view: View, mask: Mask, upright: UprightBox) -> Observation:
     points, surface = (
         robot_points_at(view.frame, view.table, rows[some], columns[some]).astype(np.float32) for some in chosen
     )
-    tones = view.tones[rows[chosen[1]], columns[chosen[1]]]
+    log_colors = view.log_colors[rows[chosen[1]], columns[chosen[1]]]
     extents = np.minimum(upright.size, _filled(surface, upright))
     number = int((mask & (view.frame.depth > 0)).sum())
-    return Observation(points, surface, tones, mask, upright, extents, opponent_colors(colors), number)
+    return Observation(points, surface, log_colors, mask, upright, extents, opponent_colors(colors), number)
 
 
 def _filled(surface: Floats, upright: UprightBox) -> Array:

@@ -28,7 +28,7 @@ _COMMON = (
 
 
 @lru_cache(maxsize=1)
-def reader() -> Any:
+def text_reader() -> Any:
     """The reader, or ``None`` where none is installed (extra ``ocr``)."""
     try:
         rapidocr = import_module("rapidocr")
@@ -40,7 +40,7 @@ def reader() -> Any:
 
 def read_words(frame: RGBDFrame, mask: Mask) -> list[str]:
     """The words printed on an object, in lower case; none where no reader is installed."""
-    read = reader()
+    read = text_reader()
     if read is None:
         return []
     left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
@@ -53,9 +53,9 @@ def read_words(frame: RGBDFrame, mask: Mask) -> list[str]:
     return [word for word in re.findall(r"[a-z]+", told.lower()) if len(word) >= _SHORTEST]
 
 
-def support(words: Sequence[str], asset: Asset) -> float:
+def word_support(words: Sequence[str], asset: Asset) -> float:
     """How well words that were read fit an asset: 0 where none does, 1 where one is spelt as one of its own."""
-    own = printed(asset)
+    own = printable_words(asset)
     best = 0.0
     for word in words:
         for mine in own:
@@ -64,7 +64,7 @@ def support(words: Sequence[str], asset: Asset) -> float:
     return best
 
 
-def printed(asset: Asset) -> frozenset[str]:
+def printable_words(asset: Asset) -> frozenset[str]:
     """The words that may be printed on an asset: those of its kind, and what its description says besides looks."""
     kind = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", asset.kind).lower()
     described = set(re.findall(r"[a-z]+", asset.description.lower())) - set(_COMMON.split())

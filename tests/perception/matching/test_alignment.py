@@ -30,15 +30,15 @@ def test_places_far_away_are_no_error() -> None:
     assert ((found >= 0) & (found < len(asset.points))).all()
 
 
-@pytest.mark.parametrize(("name", "around", "turns"), [(CUBE, 24, 1), (BOX, 4, 6), (MUG, 1, 24)])
-def test_turns_that_leave_a_shape_as_it_is_are_not_tried_twice(name: str, around: int, turns: int) -> None:
+@pytest.mark.parametrize(("name", "symmetries", "rotations"), [(CUBE, 24, 1), (BOX, 4, 6), (MUG, 1, 24)])
+def test_turns_that_leave_a_shape_as_it_is_are_not_tried_twice(name: str, symmetries: int, rotations: int) -> None:
     asset = appearance_of(name, LIBRARY)
-    assert (len(asset.around), len(asset.turns)) == (around, turns)
-    assert np.allclose(asset.around[0], np.eye(3))
-    assert np.allclose(np.linalg.det(asset.around), 1, atol=1e-5)
+    assert (len(asset.symmetries), len(asset.rotations)) == (symmetries, rotations)
+    assert np.allclose(asset.symmetries[0], np.eye(3))
+    assert np.allclose(np.linalg.det(asset.symmetries), 1, atol=1e-5)
 
 
 def test_what_is_round_is_turned_finely() -> None:
     asset = appearance_of("HOPE/Yogurt.urdf", LIBRARY)
-    assert len(asset.around) in (24, 48)
-    assert len(asset.turns) in (3, 6)
+    assert len(asset.symmetries) in (24, 48)
+    assert len(asset.rotations) in (3, 6)

@@ -12,9 +12,9 @@ from grs_agents.errors import ConfigError
 from grs_agents.library import Library
 from grs_agents.library.asset import Manifest
 from grs_agents.perception import MatchEvidence, Shown
-from grs_agents.perception.matching.clip_matcher import Picture, by_clip, open_clip_embedder
-from grs_agents.perception.matching.feature_matcher import by_features, offered
-from grs_agents.perception.matching.model_matcher import by_both, by_model, shuffled
+from grs_agents.perception.matching.clip_matcher import Picture, match_by_clip, open_clip_embedder
+from grs_agents.perception.matching.feature_matcher import match_by_features, matchable_assets
+from grs_agents.perception.matching.model_matcher import in_random_order, match_by_features_and_model, match_by_model
 from grs_agents.perception.matching.types import MatchRequest, Segment
 from tests.perception.matching.photo import request_of, unasked
 
@@ -29,7 +29,7 @@ def photo() -> tuple[MatchRequest, dict[int, str]]:
 
 def test_features_find_most_assets_and_leave_the_strange_alone(photo: tuple[MatchRequest, dict[int, str]]) -> None:
     request, names = photo
-    found = by_features(request, LIBRARY, "match_features").matches
+    found = match_by_features(request, LIBRARY, "match_features").matches
     right = [number for number, name in names.items() if name and found[number].asset == name]
     assert len(right) >= 2
     for number in right:
@@ -49,7 +49,7 @@ def test_a_sliver_is_no_object(photo: tuple[MatchRequest, dict[int, str]]) -> No
     flat = one.upright.model_copy(update={"size": (0.1, 0.05, 0.002)})
     thin = Segment(one.id, one.mask, flat, one.crop, one.points)
     alone = MatchRequest([thin], request.frame, request.table, unasked)
-    assert by_features(alone, LIBRARY, "match_features").matches[one.id].match == "no_object"
+    assert match_by_features(alone, LIBRARY, "match_features").matches[one.id].match == "no_object"
 
 
 def test_a_model_is_shown_everything_in_a_seeded_order(photo: tuple[MatchRequest, dict[int, str]]) -> None:
@@ -61,12 +61,12 @@ def test_a_model_is_shown_everything_in_a_seeded_order(photo: tuple[MatchRequest
         return MatchEvidence(match="asset", asset=assets[0].name, reason="the first")
 
     asked = MatchRequest(request.segments, request.frame, request.table, ask, seed=4)
-    found = by_model(asked, LIBRARY, "match_image", worded=False, pictured=True).matches
-    everything = sorted(one.name for one in offered(LIBRARY))
+    found = match_by_model(asked, LIBRARY, "match_image", worded=False, pictured=True).matches
+    everything = sorted(one.name for one in matchable_assets(LIBRARY))
     assert all(sorted(names) == everything and not worded and pictured for _, names, worded, pictured in told)
     assert len({tuple(names) for _, names, _, _ in told}) == len(told)
     assert {one.method for one in found.values()} == {"match_image"}
-    assert shuffled(offered(LIBRARY), 4, 1) == shuffled(offered(LIBRARY), 4, 1)
+    assert in_random_order(matchable_assets(LIBRARY), 4, 1) == in_random_order(matchable_assets(LIBRARY), 4, 1)
 
 
 def test_the_hybrid_shows_five(photo: tuple[MatchRequest, dict[int, str]]) -> None:
@@ -78,7 +78,7 @@ def test_the_hybrid_shows_five(photo: tuple[MatchRequest, dict[int, str]]) -> No
         return MatchEvidence(match="no_object", reason="a shadow")
 
     asked = MatchRequest(request.segments[:1], request.frame, request.table, ask)
-    found = by_both(asked, LIBRARY, "match_hybrid").matches
+    found = match_by_features_and_model(asked, LIBRARY, "match_hybrid").matches
     assert counts == [5]
     assert [one.match for one in found.values()] == ["no_object"]
 
@@ -95,7 +95,7 @@ def test_clip_takes_the_most_similar_or_none(photo: tuple[MatchRequest, dict[int
         means = np.array([picture.reshape(-1, 3).mean(axis=0) for picture in pictures]) + 1.0
         return means / np.linalg.norm(means, axis=1, keepdims=True)
 
-    alike = by_clip(request, few, colors).matches
+    alike = match_by_clip(request, few, colors).matches
     assert all(
         one.match == "asset" and one.scores[one.asset or ""] >= 0.5 and one.asset in names for one in alike.values()
     )
@@ -103,7 +103,7 @@ def test_clip_takes_the_most_similar_or_none(photo: tuple[MatchRequest, dict[int
     def opposite(pictures: Sequence[Picture]) -> np.ndarray:
         return colors(pictures) * (-1.0 if len(pictures) == len(request.segments) else 1.0)
 
-    assert all(one.match == "no_object" for one in by_clip(request, few, opposite).matches.values())
+    assert all(one.match == "no_object" for one in match_by_clip(request, few, opposite).matches.values())
 
 
 def test_clip_without_weights_says_how_to_get_them(tmp_path: Path) -> None:

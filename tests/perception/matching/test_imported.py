@@ -7,7 +7,8 @@ from grs_agents.library import Library
 from grs_agents.library.importing.archives import open_source
 from grs_agents.library.importing.importer import ImportRun
 from grs_agents.library.importing.types import ImportOptions
-from grs_agents.perception.matching.feature_matcher import by_features
+from grs_agents.perception.matching.feature_matcher import match_by_features
+from grs_agents.synth import Recipe
 from tests.library.importing import models
 from tests.perception.matching.photo import request_of
 
@@ -22,7 +23,7 @@ def test_imported_things_match_themselves(tmp_path: Path) -> None:
     assert len(library.everyday_assets()) == 7
     recipe = Recipe(seed=1, objects=7, distractors=0, tilt=40, width=480, height=360)
     request, names = request_of(recipe, library, ocr=False)
-    found = by_features(request, library, "match_features").matches
+    found = match_by_features(request, library, "match_features").matches
     told = {name: found[number].asset for number, name in names.items()}
     assert len(told) == 7
     assert sum(name == asset for name, asset in told.items()) >= 6, told
