@@ -18,7 +18,7 @@ from grs_agents.audit import AuditReport
 from grs_agents.config import Config, Effective, validated
 from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Library
-from grs_agents.perception import SceneDescription, read_description, scene_called
+from grs_agents.perception import SceneDescription, read_description, resolve_scene
 from grs_agents.run import CheckOrder, Order, RunRecord, UnexpectedError, check, execute, read_record
 from grs_agents.sandbox import TestReport
 from grs_agents.terminal import say, say_json
@@ -47,7 +47,7 @@ def run_graph(
     Returns:
         The exit status.
     """
-    order = Order(command, scene_called(scene), config, out, resume)
+    order = Order(command, resolve_scene(scene), config, out, resume)
     ended = execute(order, partial(follow, watching=watching or Watching()))
     if as_json:
         say_json(ended.record.model_dump(mode="json"))

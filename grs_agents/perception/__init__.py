@@ -8,7 +8,7 @@ from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.reading.camera import CameraFile, read_camera
 from grs_agents.perception.reading.masks import read_masks
 from grs_agents.perception.reading.photo_without_depth import DepthEstimate, Estimator
-from grs_agents.perception.reading.source import check_source, read_scene, scene_called, scene_name
+from grs_agents.perception.reading.source import check_source, read_scene, resolve_scene, scene_name
 from grs_agents.perception.registration.registration import Registered, cost_of, register
 from grs_agents.perception.registration.residual_segments import ResidualCandidates, residual_candidates
 from grs_agents.perception.registration.size_check import Deviation, aligned, is_certain, size_deviation, upright_of
@@ -92,9 +92,9 @@ __all__ = [
     "register",
     "relations",
     "residual_candidates",
+    "resolve_scene",
     "save_candidates",
     "save_frame",
-    "scene_called",
     "scene_name",
     "segment",
     "segment_proposed",

@@ -3,7 +3,7 @@
 from grs_agents.perception.reading.camera import CameraFile, read_camera
 from grs_agents.perception.reading.masks import read_masks
 from grs_agents.perception.reading.photo_without_depth import DepthEstimate, Estimator
-from grs_agents.perception.reading.source import check_source, read_scene, scene_called, scene_name
+from grs_agents.perception.reading.source import check_source, read_scene, resolve_scene, scene_name
 
 __all__ = [
     "CameraFile",
@@ -13,6 +13,6 @@ __all__ = [
     "read_camera",
     "read_masks",
     "read_scene",
-    "scene_called",
+    "resolve_scene",
     "scene_name",
 ]

@@ -8,8 +8,8 @@ import numpy as np
 from grs_agents.errors import InputError
 from grs_agents.foreign.arrays import Numbers, read_npz
 from grs_agents.foreign.pictures import MOST_PIXELS
-from grs_agents.perception.reading.camera import camera_of_matrix
-from grs_agents.perception.reading.frame_assembly import Measured, Recording
+from grs_agents.perception.reading.camera import camera_from_matrix
+from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording
 from grs_agents.perception.reading.picture import Picture
 from grs_agents.perception.types import Image
 
@@ -39,8 +39,8 @@ def read_archive(file: Path) -> Recording:
     if "T_robot_cam" in arrays:
         more["T_robot_cam"] = arrays["T_robot_cam"].tolist()
     size = (rgb.shape[1], rgb.shape[0])
-    camera = camera_of_matrix(matrix.tolist(), size, f"K in {file}", **more)
-    measured = Measured(depth, scale, f"depth in {file}", f"depth_scale in {file}")
+    camera = camera_from_matrix(matrix.tolist(), size, f"K in {file}", **more)
+    measured = RecordedDepth(depth, scale, f"depth in {file}", f"depth_scale in {file}")
     return Recording(file, Picture(file, rgb), camera, measured)
 
 
@@ -59,15 +59,15 @@ def _colors(rgb: Numbers, file: Path) -> Image:
 
 def _scale(arrays: dict[str, Numbers], depth: Numbers, file: Path) -> float:
     """Metres per unit of depth: told, or 1 for floats."""
-    told = arrays.get("depth_scale")
-    if told is None and depth.dtype.kind == "f":
+    given = arrays.get("depth_scale")
+    if given is None and depth.dtype.kind == "f":
         return 1.0
-    if told is None:
+    if given is None:
         raise InputError(
             f"depth in {file} is of type {depth.dtype} and there is no depth_scale",
             "add depth_scale: 0.001 for millimetres",
         )
-    scale = float(told.reshape(-1)[0]) if told.size == 1 else np.nan
+    scale = float(given.reshape(-1)[0]) if given.size == 1 else np.nan
     if not (np.isfinite(scale) and scale > 0):
-        raise InputError(f"depth_scale in {file} is {str(told.tolist())[:80]}", "give one number: metres per unit")
+        raise InputError(f"depth_scale in {file} is {str(given.tolist())[:80]}", "give one number: metres per unit")
     return scale

@@ -7,9 +7,9 @@ from typing import Any, cast
 
 from grs_agents.errors import InputError
 from grs_agents.foreign import exists, is_folder, names_in, read_json
-from grs_agents.perception.reading.camera import camera_of_matrix
-from grs_agents.perception.reading.frame_assembly import Measured, Recording
-from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_units
+from grs_agents.perception.reading.camera import camera_from_matrix
+from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording
+from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_depth_picture
 
 PREFIX = "bop:"
 FORM = "bop:ROOT/SPLIT/SCENE/IMAGE, e.g. bop:data/ycbv/test/000048/1"
@@ -79,7 +79,7 @@ def read_bop(source: Path) -> Recording:
     """
     image = bop_image(source)
     file = image.scene / "scene_camera.json"
-    entry = entry_of(read_json(file, "name a scene folder of a data set in the BOP format"), image.number, file)
+    entry = image_entry(read_json(file, "name a scene folder of a data set in the BOP format"), image.number, file)
     where = f"{file}, image {image.number}"
     color = image.picture("rgb", "gray")
     if color is None:
@@ -90,14 +90,16 @@ def read_bop(source: Path) -> Recording:
     size = (picture.rgb.shape[1], picture.rgb.shape[0])
     depth = image.picture("depth")
     scale = _scale(entry, where) if depth is not None else METRES_PER_MILLIMETRE
-    camera = camera_of_matrix(entry.get("cam_K"), size, f"cam_K of {where}", depth_scale=scale)
+    camera = camera_from_matrix(entry.get("cam_K"), size, f"cam_K of {where}", depth_scale=scale)
     if depth is None:
         return Recording(source, picture, camera)
-    measured = Measured(read_units(depth), scale, str(depth), f"depth_scale of {where} (there in millimetres)")
+    measured = RecordedDepth(
+        read_depth_picture(depth), scale, str(depth), f"depth_scale of {where} (there in millimetres)"
+    )
     return Recording(source, picture, camera, measured)
 
 
-def entry_of(entries: Mapping[str, Any], number: int, file: Path) -> dict[str, Any]:
+def image_entry(entries: Mapping[str, Any], number: int, file: Path) -> dict[str, Any]:
     """What a file of a BOP scene says of an image.
 
     Raises:
@@ -115,7 +117,7 @@ def entry_of(entries: Mapping[str, Any], number: int, file: Path) -> dict[str, A
 
 def _scale(entry: Mapping[str, Any], where: str) -> float:
     """Metres per unit of depth; the format tells millimetres."""
-    told = entry.get("depth_scale")
-    if not isinstance(told, int | float) or not 0 < told < 1e6:
-        raise InputError(f"depth_scale of {where} is {str(told)[:40]}", "give the millimetres per unit of depth")
-    return float(told) * METRES_PER_MILLIMETRE
+    given = entry.get("depth_scale")
+    if not isinstance(given, int | float) or not 0 < given < 1e6:
+        raise InputError(f"depth_scale of {where} is {str(given)[:40]}", "give the millimetres per unit of depth")
+    return float(given) * METRES_PER_MILLIMETRE

@@ -82,16 +82,16 @@ def read_camera(file: Path, unit: DepthUnit | None = None) -> CameraFile:
             or a key seems to be another name of one that is missing.
     """
     values = read_json(file, f"put camera.json there, with {KEYS}")
-    values, notes = _understood(values, str(file))
+    values, notes = _known_values(values, str(file))
     if unit is not None and "depth_scale" not in values:
         if unit.scale is None:
             raise InputError(f"{file}: depth_scale is missing, and {unit.reason}", DEPTH_SCALE_REMEDY)
         values = {"depth_scale": unit.scale} | values
         notes += [f"camera.json gives no depth_scale: {unit.reason}"] if unit.reason else []
-    return CameraFile(camera_of(values, str(file)), tuple(notes))
+    return CameraFile(check_camera(values, str(file)), tuple(notes))
 
 
-def _understood(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
+def _known_values(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
     """The values under the keys of `Camera`, and notes on the keys that say nothing to it.
 
     Raises:
@@ -131,7 +131,7 @@ def _contradiction(key: str, value: object, values: Mapping[str, Any], where: st
             "(x right, y down, z forward)",
             f"from OpenGL's axes, negate its second and third columns; then leave {key} out",
         )
-    meant = _meant(name)
+    meant = _intended_key(name)
     if meant is None or meant in values or (meant == "K" and "fx" in values):
         return None
     return InputError(
@@ -140,7 +140,7 @@ def _contradiction(key: str, value: object, values: Mapping[str, Any], where: st
     )
 
 
-def _meant(name: str) -> str | None:
+def _intended_key(name: str) -> str | None:
     """The key of `Camera` for which a lower-case ``name`` is another spelling."""
     if name in ALIASES:
         return ALIASES[name]
@@ -160,17 +160,17 @@ def _of_matrix(matrix: object, values: Mapping[str, Any], where: str) -> dict[st
     Raises:
         InputError: it is no intrinsic matrix, or ``values`` say something else.
     """
-    told = intrinsics_of(matrix, where)
-    other = [key for key in told if key in values and values[key] != told[key]]
+    intrinsics = intrinsics_from_matrix(matrix, where)
+    other = [key for key in intrinsics if key in values and values[key] != intrinsics[key]]
     if other:
         key = other[0]
         raise InputError(
-            f"{where} says {key} = {told[key]:g}, but {key} = {values[key]!a:.40}", "leave one of them out"
+            f"{where} says {key} = {intrinsics[key]:g}, but {key} = {values[key]!a:.40}", "leave one of them out"
         )
-    return told
+    return intrinsics
 
 
-def camera_of(values: Mapping[str, Any], where: str) -> Camera:
+def check_camera(values: Mapping[str, Any], where: str) -> Camera:
     """The camera with these values; ``where`` is named in errors.
 
     Raises:
@@ -187,7 +187,7 @@ def camera_of(values: Mapping[str, Any], where: str) -> Camera:
         raise InputError(f"{where}: {key}{given}{': ' if key else ''}{problem}", remedy) from error
 
 
-def camera_of_matrix(matrix: object, size: tuple[int, int], where: str, **more: Any) -> Camera:
+def camera_from_matrix(matrix: object, size: tuple[int, int], where: str, **more: Any) -> Camera:
     """The camera with intrinsic matrix K: three rows of three numbers, or nine numbers row by row.
 
     Args:
@@ -199,11 +199,11 @@ def camera_of_matrix(matrix: object, size: tuple[int, int], where: str, **more: 
     Raises:
         InputError: it is no such matrix, or a value is not finite or absurd.
     """
-    values = {**intrinsics_of(matrix, where), "width": size[0], "height": size[1], **more}
-    return camera_of(values, where)
+    values = {**intrinsics_from_matrix(matrix, where), "width": size[0], "height": size[1], **more}
+    return check_camera(values, where)
 
 
-def intrinsics_of(matrix: object, where: str) -> dict[str, float]:
+def intrinsics_from_matrix(matrix: object, where: str) -> dict[str, float]:
     """``fx fy cx cy`` of the intrinsic matrix K, three rows of three numbers or nine numbers row by row.
 
     Raises:
@@ -226,20 +226,20 @@ def _flat(value: object) -> list[object]:
     return [one for row in rows for one in (cast(list[object], row) if isinstance(row, list) else [row])]
 
 
-def camera_of_focal(focal: float, size: tuple[int, int], where: str) -> Camera:
+def camera_from_focal_length(focal: float, size: tuple[int, int], where: str) -> Camera:
     """A camera with square pixels that looks through the middle of its picture; ``focal`` in pixels."""
     width, height = size
     values = {"fx": focal, "fy": focal, "cx": (width - 1) / 2, "cy": (height - 1) / 2}
-    return camera_of({**values, "width": width, "height": height, "depth_scale": 0.001}, where)
+    return check_camera({**values, "width": width, "height": height, "depth_scale": 0.001}, where)
 
 
-def focal_of_35mm(millimetres: float, size: tuple[int, int]) -> float:
+def focal_length_from_35mm(millimetres: float, size: tuple[int, int]) -> float:
     """A focal length told for 35 mm film, in pixels of a picture of ``size``."""
     width, height = size
     return millimetres / FULL_FRAME_DIAGONAL * (width * width + height * height) ** 0.5
 
 
-def resized(camera: Camera, width: int, height: int) -> Camera:
+def scaled_camera(camera: Camera, width: int, height: int) -> Camera:
     """The same camera for its picture scaled to another size; pixel centres are at whole numbers."""
     across, down = width / camera.width, height / camera.height
     return camera.model_copy(

@@ -11,9 +11,9 @@ from grs_agents.foreign import exists, names_in
 from grs_agents.foreign.arrays import read_npy
 from grs_agents.perception.reading import point_cloud as clouds
 from grs_agents.perception.reading.camera import DepthUnit, read_camera
-from grs_agents.perception.reading.frame_assembly import Measured, Recording, Units, unit_of
-from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_units
-from grs_agents.perception.reading.point_cloud import Cloud, depth_of, read_cloud
+from grs_agents.perception.reading.frame_assembly import RecordedDepth, Recording, Units, guess_depth_unit
+from grs_agents.perception.reading.picture import SUFFIXES, read_color, read_depth_picture
+from grs_agents.perception.reading.point_cloud import Cloud, depth_from_cloud, read_cloud
 
 COLOR_STEMS = ("rgb", "color")
 NO_CLOUDS = ("masks", "labels")
@@ -29,13 +29,13 @@ def read_folder(folder: Path) -> Recording:
     """
     names = names_in(folder)
     photos = [name for name in names if _is(name, COLOR_STEMS, SUFFIXES)]
-    photo = _only(photos, folder)
+    photo = _single_name(photos, folder)
     if photo is None:
         raise _no_photo(folder, names)
     picture = read_color(folder / photo)
     depths = [name for name in names if _is(name, ("depth",), (*SUFFIXES, ".npy"))]
     depths = depths or [name for name in names if _is_cloud(name)]
-    depth_file = _only(depths, folder)
+    depth_file = _single_name(depths, folder)
     camera_file = folder / "camera.json"
     if depth_file is None:
         return with_camera(Recording(folder, picture), camera_file)
@@ -63,12 +63,12 @@ def with_depth(recording: Recording, file: Path, camera_file: Path) -> Recording
     depth = read_depth(file)
     if isinstance(depth, Cloud):
         found = read_camera(camera_file, IN_METRES)
-        units, how = depth_of(depth, found.camera)
+        units, how = depth_from_cloud(depth, found.camera)
         notes = (*found.notes, how)
     else:
-        found = read_camera(camera_file, unit_of(depth))
+        found = read_camera(camera_file, guess_depth_unit(depth))
         units, notes = depth, found.notes
-    measured = Measured(units, found.camera.depth_scale, str(file))
+    measured = RecordedDepth(units, found.camera.depth_scale, str(file))
     return replace(recording, camera=found.camera, measured=measured, notes=(*recording.notes, *notes))
 
 
@@ -81,7 +81,7 @@ def read_depth(file: Path) -> Cloud | Units:
     if file.suffix.lower() in clouds.SUFFIXES and file.stem.lower() != "depth":
         return read_cloud(file)
     if file.suffix.lower() != ".npy":
-        return read_units(file)
+        return read_depth_picture(file)
     array = read_npy(file)
     if array.ndim != 2 or array.dtype.kind == "b" or array.dtype == np.uint8:
         raise InputError(
@@ -113,7 +113,7 @@ def _is_cloud(name: str) -> bool:
     return path.suffix in clouds.SUFFIXES and path.stem not in NO_CLOUDS
 
 
-def _only(names: list[str], folder: Path) -> str | None:
+def _single_name(names: list[str], folder: Path) -> str | None:
     """The one name there is.
 
     Raises:

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.perception.reading.camera import DepthUnit, resized
-from grs_agents.perception.reading.picture import Picture, upright
+from grs_agents.perception.reading.camera import DepthUnit, scaled_camera
+from grs_agents.perception.reading.picture import Picture, rotated_by_exif
 from grs_agents.perception.types import Camera, Image, RGBDFrame
 
 Depth = npt.NDArray[np.float32]
@@ -37,20 +37,20 @@ JUMP = 0.03
 
 
 @dataclass(frozen=True)
-class Measured:
+class RecordedDepth:
     """A depth picture as it was recorded.
 
     Attributes:
         units: (H, W), 0, NaN, infinite, negative or the type's largest number where nothing was measured.
         scale: metres per unit.
         where: what errors call it.
-        told: where its scale is told, for the remedy of a wrong one.
+        scale_source: where its scale is told, for the remedy of a wrong one.
     """
 
     units: Units
     scale: float
     where: str
-    told: str = "depth_scale in camera.json"
+    scale_source: str = "depth_scale in camera.json"
 
     @property
     def stored_scale(self) -> float:
@@ -58,7 +58,7 @@ class Measured:
         return self.scale if self.units.dtype == np.uint16 else MILLIMETRE
 
 
-def metres(measured: Measured) -> Depth:
+def depth_in_metres(measured: RecordedDepth) -> Depth:
     """(H, W) float32 metres, 0 where nothing was measured.
 
     Raises:
@@ -82,13 +82,13 @@ def metres(measured: Measured) -> Depth:
         factor = 1000.0 if median < NEAREST else 0.001
         raise InputError(
             f"{where}: depth_scale {scale:g} gives a median depth of {median:g} m, outside {NEAREST}..{FARTHEST} m",
-            f"with depth_scale {scale * factor:g} it would be {median * factor:g} m: correct {measured.told}",
+            f"with depth_scale {scale * factor:g} it would be {median * factor:g} m: correct {measured.scale_source}",
         )
     depth[~valid | (depth > BEYOND)] = 0
     return depth
 
 
-def unit_of(units: Units) -> DepthUnit:
+def guess_depth_unit(units: Units) -> DepthUnit:
     """What one unit of depth (H, W) is taken to be where ``camera.json`` does not say it.
 
     Floats are metres. 16-bit integers are millimetres, as nearly all sensors write them, if the middle of the photo
@@ -106,19 +106,19 @@ def unit_of(units: Units) -> DepthUnit:
     return DepthUnit(None, f"with millimetres the median depth would be {median:.2f} m, {bounds}")
 
 
-def same_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:
+def same_aspect(size: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two pictures (width, height) can show the same at different sizes: to a pixel of the smaller one."""
     (width, height), (other_width, other_height) = sorted((size, other))
     return abs(other_width / width - other_height / height) * max(width, height) <= other_width / width
 
 
-def at_size(depth: Depth, width: int, height: int) -> Depth:
+def resize_depth(depth: Depth, width: int, height: int) -> Depth:
     """Depth at another size, registered: smaller by the nearest pixel, larger between pixels of one surface.
 
     Between four neighbours of one surface inverse depth is interpolated, which is exact on planes; elsewhere the
     nearest pixel counts, so that no depth is made up between an object and what is behind it.
     """
-    nearest = nearest_at_size(depth, width, height)
+    nearest = resize_nearest(depth, width, height)
     if width <= depth.shape[1]:
         return nearest
     inverse = np.divide(1, depth, out=np.zeros_like(depth), where=depth > 0)
@@ -130,7 +130,7 @@ def at_size(depth: Depth, width: int, height: int) -> Depth:
     return np.where(one_surface[np.ix_(rows, columns)], 1 / np.maximum(blend, np.float32(1e-6)), nearest)
 
 
-def nearest_at_size(picture: "npt.NDArray[Scalar]", width: int, height: int) -> "npt.NDArray[Scalar]":
+def resize_nearest(picture: "npt.NDArray[Scalar]", width: int, height: int) -> "npt.NDArray[Scalar]":
     """A picture (H, W) at another size, each pixel that of the nearest."""
     rows, columns = _places(picture.shape[0], height), _places(picture.shape[1], width)
     return picture[np.ix_(np.rint(rows).astype(int), np.rint(columns).astype(int))]
@@ -167,7 +167,7 @@ class Recording:
     source: Path
     picture: Picture
     camera: Camera | None = None
-    measured: Measured | None = None
+    measured: RecordedDepth | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -176,12 +176,12 @@ class Recording:
         height, width = self.picture.rgb.shape[:2]
         return width, height
 
-    def noting(self, note: str) -> "Recording":
+    def with_note(self, note: str) -> "Recording":
         """The same with one more note."""
         return replace(self, notes=(*self.notes, note))
 
 
-def frame_of(recording: Recording, camera: Camera, measured: Measured) -> RGBDFrame:
+def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth) -> RGBDFrame:
     """Put colour, depth and camera on the colour picture's grid.
 
     Raises:
@@ -193,9 +193,9 @@ def frame_of(recording: Recording, camera: Camera, measured: Measured) -> RGBDFr
             f"{recording.picture.file} is {recording.size[0]}x{recording.size[1]} and its depth {width}x{height}",
             f"give pictures of at least {SMALLEST} pixels a side",
         )
-    recording = turned(recording, [(camera.width, camera.height), (width, height)])
+    recording = apply_orientation(recording, [(camera.width, camera.height), (width, height)])
     size, file = recording.size, recording.picture.file
-    if not same_shape(size, (width, height)):
+    if not same_aspect(size, (width, height)):
         raise InputError(
             f"{measured.where} is {width}x{height} but {file} is {size[0]}x{size[1]}, of another shape",
             "register depth to colour, or crop both to the same view",
@@ -205,22 +205,22 @@ def frame_of(recording: Recording, camera: Camera, measured: Measured) -> RGBDFr
             f"{file} is {size[0]}x{size[1]} but camera.json says {camera.width}x{camera.height}",
             "give the size, and the numbers that belong to it, of the colour or of the depth picture",
         )
-    depth, rgb = metres(measured), recording.picture.rgb
+    depth, rgb = depth_in_metres(measured), recording.picture.rgb
     target = working_size(*size)
     if size != (width, height):
-        recording = recording.noting(f"depth of {width}x{height} pixels was brought to {target[0]}x{target[1]}")
+        recording = recording.with_note(f"depth of {width}x{height} pixels was brought to {target[0]}x{target[1]}")
     if target != size:
-        recording = recording.noting(
+        recording = recording.with_note(
             f"the photo of {size[0]}x{size[1]} pixels was made smaller, {target[0]}x{target[1]}"
         )
-        rgb = smaller(rgb, *target)
+        rgb = shrink_colors(rgb, *target)
     if target != (width, height):
-        depth = at_size(depth, *target)
-    camera = resized(camera, *target).model_copy(update={"depth_scale": measured.stored_scale})
+        depth = resize_depth(depth, *target)
+    camera = scaled_camera(camera, *target).model_copy(update={"depth_scale": measured.stored_scale})
     return RGBDFrame(rgb, depth, camera, recording.source, recording.notes)
 
 
-def turned(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
+def apply_orientation(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
     """Turn a photo as its EXIF orientation says, where camera and depth show that they belong to the turned photo.
 
     Args:
@@ -233,9 +233,9 @@ def turned(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
     picture = recording.picture
     if picture.orientation == 1:
         return recording
-    rgb = upright(picture.rgb, picture.orientation)
-    as_shown = all(same_shape(one, (rgb.shape[1], rgb.shape[0])) for one in sizes)
-    if sizes and as_shown and all(same_shape(one, recording.size) for one in sizes):
+    rgb = rotated_by_exif(picture.rgb, picture.orientation)
+    as_shown = all(same_aspect(one, (rgb.shape[1], rgb.shape[0])) for one in sizes)
+    if sizes and as_shown and all(same_aspect(one, recording.size) for one in sizes):
         raise InputError(
             f"{picture.file} has EXIF orientation {picture.orientation}: whether the camera's numbers are those of the "
             "stored or of the turned picture cannot be told",
@@ -250,6 +250,6 @@ def working_size(width: int, height: int) -> tuple[int, int]:
     return (width, height) if share >= 1 else (int(width * share), int(height * share))
 
 
-def smaller(rgb: Image, width: int, height: int) -> Image:
+def shrink_colors(rgb: Image, width: int, height: int) -> Image:
     """The colours averaged over the pixels of a smaller picture."""
     return np.asarray(cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)

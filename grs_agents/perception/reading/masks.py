@@ -9,8 +9,8 @@ from grs_agents.errors import InputError
 from grs_agents.foreign import is_folder, names_in
 from grs_agents.foreign.arrays import Numbers, read_npy, read_npz
 from grs_agents.perception.reading.bop import bop_image, is_bop
-from grs_agents.perception.reading.frame_assembly import nearest_at_size, same_shape
-from grs_agents.perception.reading.picture import SUFFIXES, read_numbers
+from grs_agents.perception.reading.frame_assembly import resize_nearest, same_aspect
+from grs_agents.perception.reading.picture import SUFFIXES, read_label_picture
 
 Labels = npt.NDArray[np.int32]
 MOST_MASKS = 255
@@ -36,7 +36,7 @@ def read_masks(source: Path, shape: tuple[int, int]) -> Labels:
     """
     if is_bop(source):
         image = bop_image(source)
-        return _stacked(_pictures(image.scene / "mask_visib", f"{image.stem}_"), shape, str(source))
+        return _overlaid(_pictures(image.scene / "mask_visib", f"{image.stem}_"), shape, str(source))
     if is_folder(source):
         return _of_folder(source, shape)
     if source.suffix.lower() == ".npz":
@@ -53,11 +53,11 @@ def _of_folder(folder: Path, shape: tuple[int, int]) -> Labels:
         raise InputError(f"{folder} has no masks", f"add {FORMS}; or use tools.segment=segment_rgbd")
     file = folder / chosen
     if is_folder(file):
-        return _stacked(_pictures(file, ""), shape, str(file))
+        return _overlaid(_pictures(file, ""), shape, str(file))
     if file.suffix.lower() == ".npy":
         return _of_array(read_npy(file), shape, str(file))
     if file.suffix.lower() in SUFFIXES:
-        return _numbered(_sized(read_numbers(file), shape, str(file)), str(file))
+        return _renumbered(_at_frame_size(read_label_picture(file), shape, str(file)), str(file))
     raise InputError(f"{file} holds no masks", f"give {FORMS}")
 
 
@@ -67,32 +67,32 @@ def _pictures(folder: Path, prefix: str) -> list[tuple[str, Numbers]]:
     names = [name for name in names if name.startswith(prefix) and Path(name).suffix.lower() in SUFFIXES]
     if not 0 < len(names) <= MOST_MASKS:
         raise InputError(f"{folder} holds {len(names)} masks {prefix}*", f"give 1 to {MOST_MASKS}")
-    return [(str(folder / name), read_numbers(folder / name) > 0) for name in names]
+    return [(str(folder / name), read_label_picture(folder / name) > 0) for name in names]
 
 
 def _of_array(array: Numbers, shape: tuple[int, int], where: str) -> Labels:
     if array.dtype.kind not in "bui" or array.ndim not in (2, 3):
         raise InputError(f"{where} has shape {array.shape} and type {array.dtype}", f"give {FORMS}")
     if array.ndim == 2:
-        return _numbered(_sized(array, shape, where), where)
+        return _renumbered(_at_frame_size(array, shape, where), where)
     if not len(array) <= MOST_MASKS:
         raise InputError(f"{where} holds {len(array)} masks", f"give 1 to {MOST_MASKS}")
-    return _stacked([(where, mask != 0) for mask in array], shape, where)
+    return _overlaid([(where, mask != 0) for mask in array], shape, where)
 
 
-def _stacked(masks: list[tuple[str, Numbers]], shape: tuple[int, int], where: str) -> Labels:
+def _overlaid(masks: list[tuple[str, Numbers]], shape: tuple[int, int], where: str) -> Labels:
     """One picture of masks, the smaller ones on top."""
-    sized = [_sized(mask, shape, name) for name, mask in masks]
+    sized = [_at_frame_size(mask, shape, name) for name, mask in masks]
     labels = np.zeros(shape, np.int32)
     for number in sorted(range(len(sized)), key=lambda number: -int(sized[number].sum())):
         labels[sized[number] > 0] = number + 1
-    return _numbered(labels, where)
+    return _renumbered(labels, where)
 
 
-def _sized(mask: Numbers, shape: tuple[int, int], where: str) -> Labels:
+def _at_frame_size(mask: Numbers, shape: tuple[int, int], where: str) -> Labels:
     """The mask at the frame's size, by the nearest pixel."""
     rows, columns = mask.shape
-    if not same_shape((columns, rows), (shape[1], shape[0])):
+    if not same_aspect((columns, rows), (shape[1], shape[0])):
         raise InputError(
             f"{where} is {columns}x{rows} but the frame is {shape[1]}x{shape[0]}, of another shape",
             "give masks for the whole photo",
@@ -100,10 +100,10 @@ def _sized(mask: Numbers, shape: tuple[int, int], where: str) -> Labels:
     if mask.dtype.kind != "b" and (int(mask.max()) > np.iinfo(np.int32).max or int(mask.min()) < 0):
         raise InputError(f"{where} has numbers from {mask.min()} to {mask.max()}", "number the objects from 1")
     numbers = mask.astype(np.int32)
-    return numbers if mask.shape == shape else nearest_at_size(numbers, shape[1], shape[0])
+    return numbers if mask.shape == shape else resize_nearest(numbers, shape[1], shape[0])
 
 
-def _numbered(labels: Labels, where: str) -> Labels:
+def _renumbered(labels: Labels, where: str) -> Labels:
     """The labels renumbered from 1 without gaps, 0 kept."""
     values, inverse = np.unique(labels, return_inverse=True)
     objects = values[values > 0]

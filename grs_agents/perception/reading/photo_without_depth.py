@@ -9,8 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.perception.reading.camera import camera_of_focal, focal_of_35mm
-from grs_agents.perception.reading.frame_assembly import Measured, Recording, frame_of, smaller, turned, working_size
+from grs_agents.perception.reading.camera import camera_from_focal_length, focal_length_from_35mm
+from grs_agents.perception.reading.frame_assembly import (
+    RecordedDepth,
+    Recording,
+    apply_orientation,
+    assemble_frame,
+    shrink_colors,
+    working_size,
+)
 from grs_agents.perception.reading.picture import Picture
 from grs_agents.perception.types import Image, RGBDFrame
 
@@ -38,7 +45,7 @@ Estimator = Callable[[Image, float | None, str], DepthEstimate]
 """From the picture, its focal length in pixels if known, and what to call it in errors, to its depth."""
 
 
-def frame_of_photo(recording: Recording, estimate: Estimator, field_of_view: float | None) -> RGBDFrame:
+def assemble_frame_of_photo(recording: Recording, estimate: Estimator, field_of_view: float | None) -> RGBDFrame:
     """Estimate the depth of a photo.
 
     The focal length is that of ``camera.json``, else of ``field_of_view`` (degrees, of the width), else of the photo's
@@ -48,11 +55,11 @@ def frame_of_photo(recording: Recording, estimate: Estimator, field_of_view: flo
         InputError: no depth tool is configured, none of these tells the focal length, or the estimate is of no use.
     """
     camera = recording.camera
-    recording = turned(recording, [] if camera is None else [(camera.width, camera.height)])
+    recording = apply_orientation(recording, [] if camera is None else [(camera.width, camera.height)])
     name = str(recording.picture.file)
     size = working_size(*recording.size)
-    rgb = recording.picture.rgb if size == recording.size else smaller(recording.picture.rgb, *size)
-    focal, told = _focal(recording, size, field_of_view)
+    rgb = recording.picture.rgb if size == recording.size else shrink_colors(recording.picture.rgb, *size)
+    focal, source_note = _focal(recording, size, field_of_view)
     found = estimate(rgb, focal, name)
     depth = np.asarray(found.depth)
     if depth.ndim != 2 or depth.dtype.kind != "f":
@@ -61,17 +68,19 @@ def frame_of_photo(recording: Recording, estimate: Estimator, field_of_view: flo
             "let it give (H, W) metres",
         )
     if focal is None:
-        focal, told = found.focal, "its focal length is the depth tool's estimate"
+        focal, source_note = found.focal, "its focal length is the depth tool's estimate"
     if focal is None:
         raise InputError(
             f"{name} does not say its focal length, nor does the depth tool",
             "add camera.json beside it, or give its angle: --set depth.field_of_view=DEGREES",
         )
     if camera is None:
-        camera = camera_of_focal(focal, size, f"{name}, {told}")
-        recording = replace(recording, picture=Picture(recording.picture.file, rgb)).noting(told)
-    measured = Measured(depth, 1.0, f"the depth estimated for {name}", "the depth tool: it must give metres")
-    return frame_of(recording.noting("depth was estimated from the colours alone, not measured"), camera, measured)
+        camera = camera_from_focal_length(focal, size, f"{name}, {source_note}")
+        recording = replace(recording, picture=Picture(recording.picture.file, rgb)).with_note(source_note)
+    measured = RecordedDepth(depth, 1.0, f"the depth estimated for {name}", "the depth tool: it must give metres")
+    return assemble_frame(
+        recording.with_note("depth was estimated from the colours alone, not measured"), camera, measured
+    )
 
 
 def _focal(recording: Recording, size: tuple[int, int], field_of_view: float | None) -> tuple[float | None, str]:
@@ -83,5 +92,7 @@ def _focal(recording: Recording, size: tuple[int, int], field_of_view: float | N
         return focal, f"its focal length is that of depth.field_of_view = {field_of_view:g} degrees"
     millimetres = recording.picture.focal_35mm
     if millimetres is not None:
-        return focal_of_35mm(millimetres, size), f"its focal length is EXIF's, {millimetres:g} mm on 35 mm film"
+        return focal_length_from_35mm(
+            millimetres, size
+        ), f"its focal length is EXIF's, {millimetres:g} mm on 35 mm film"
     return None, ""

@@ -56,7 +56,7 @@ def read_color(file: Path) -> Picture:
     return Picture(file, rgb, orientation, focal)
 
 
-def read_units(file: Path) -> "npt.NDArray[np.number[Any]]":
+def read_depth_picture(file: Path) -> "npt.NDArray[np.number[Any]]":
     """Read a depth picture: (H, W) of 16- or 32-bit integers or floats, in the file's own unit.
 
     Raises:
@@ -71,7 +71,7 @@ def read_units(file: Path) -> "npt.NDArray[np.number[Any]]":
     return units
 
 
-def read_numbers(file: Path) -> npt.NDArray[np.int32]:
+def read_label_picture(file: Path) -> npt.NDArray[np.int32]:
     """Read a picture of numbers, such as labels: (H, W); the index of a palette's colour counts, not the colour.
 
     Raises:
@@ -86,7 +86,7 @@ def read_numbers(file: Path) -> npt.NDArray[np.int32]:
     return numbers.astype(np.int32)
 
 
-def upright(rgb: Image, orientation: int) -> Image:
+def rotated_by_exif(rgb: Image, orientation: int) -> Image:
     """The picture as EXIF says it is to be looked at."""
     turned = {
         2: rgb[:, ::-1],

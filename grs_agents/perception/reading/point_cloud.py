@@ -63,7 +63,7 @@ def read_cloud(file: Path) -> Cloud | npt.NDArray[np.number]:
         return Cloud(array[..., :3].reshape(-1, 3).astype(np.float32), (rows, columns), str(file))
 
 
-def depth_of(cloud: Cloud, camera: Camera) -> tuple[Depth, str]:
+def depth_from_cloud(cloud: Cloud, camera: Camera) -> tuple[Depth, str]:
     """The cloud as depth at the camera's pixels: by its own grid if it has one, else by projection.
 
     Returns:

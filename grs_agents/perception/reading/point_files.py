@@ -74,7 +74,7 @@ class Records:
         """Which fields are x, y and z."""
         return [list(self.names).index(axis) for axis in "xyz"]
 
-    def of_text(self, text: bytes) -> Points:
+    def points_of_text(self, text: bytes) -> Points:
         """The (N, 3) points of lines of numbers.
 
         Raises:
@@ -90,7 +90,7 @@ class Records:
             raise _faulty(f"{self.where} ends after {len(rows)} of {self.count} points")
         return rows
 
-    def of_bytes(self, data: bytes, by_field: bool = False) -> Points:
+    def points_of_bytes(self, data: bytes, by_field: bool = False) -> Points:
         """The (N, 3) points of binary records, or of data that hold each field of all points in turn.
 
         Raises:
@@ -109,7 +109,7 @@ class Records:
             return np.stack([column.astype(np.float32) for column in columns], axis=1)
 
 
-def header_of(data: bytes, end: bytes, where: str) -> tuple[list[list[str]], bytes]:
+def split_header(data: bytes, end: bytes, where: str) -> tuple[list[list[str]], bytes]:
     """The words of each header line, and what follows the line that begins with ``end``.
 
     Raises:
@@ -162,7 +162,7 @@ def read_ply(file: Path) -> tuple[Points, tuple[int, int]]:
     data, where = read_bytes(file), str(file)
     if not data.startswith(b"ply"):
         raise InputError(f"{where} does not begin with 'ply'", "give a PLY file")
-    lines, body = header_of(data, b"end_header", where)
+    lines, body = split_header(data, b"end_header", where)
     order, elements = _ply_layout(lines, where)
     if "vertex" not in elements:
         raise InputError(f"{where} has no element vertex", "give a PLY file with points")
@@ -171,7 +171,7 @@ def read_ply(file: Path) -> tuple[Points, tuple[int, int]]:
         raise InputError(f"{where} has {first[:40]!r} before its vertices", "write the vertices first")
     count, fields = elements["vertex"]
     records = Records(where, [name for name, _ in fields], [order + kind for _, kind in fields], count, (1, count))
-    return (records.of_bytes(body) if order else records.of_text(body)), records.shape
+    return (records.points_of_bytes(body) if order else records.points_of_text(body)), records.shape
 
 
 def _ply_layout(lines: list[list[str]], where: str) -> tuple[str, dict[str, tuple[int, list[tuple[str, str]]]]]:
@@ -198,7 +198,7 @@ def _ply_layout(lines: list[list[str]], where: str) -> tuple[str, dict[str, tupl
     return order, elements
 
 
-def unpacked(data: bytes, size: int, where: str) -> bytes:
+def lzf_unpacked(data: bytes, size: int, where: str) -> bytes:
     """LZF: a control byte below 32 is followed by so many bytes, and one more, as they are.
 
     Any other holds a length in its upper three bits (7: the next byte is added) and, with the byte after it, how far
@@ -252,14 +252,14 @@ def read_pcd(file: Path) -> tuple[Points, tuple[int, int]]:
         InputError: it cannot be read, or its header and body are not those of a cloud.
     """
     data, where = read_bytes(file), str(file)
-    lines, body = header_of(data, b"DATA", where)
+    lines, body = split_header(data, b"DATA", where)
     header = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}
     records = _pcd_layout(header, where)
     match header["DATA"]:
         case ["ascii"]:
-            return records.of_text(body), records.shape
+            return records.points_of_text(body), records.shape
         case ["binary"]:
-            return records.of_bytes(body), records.shape
+            return records.points_of_bytes(body), records.shape
         case ["binary_compressed"]:
             packed, size = (int.from_bytes(body[start : start + 4], "little") for start in (0, 4))
             needed = records.count * records.record.itemsize
@@ -269,7 +269,9 @@ def read_pcd(file: Path) -> tuple[Points, tuple[int, int]]:
             if size > MOST_UNPACKED:
                 message = f"{where} promises {size} bytes of points, more than {MOST_UNPACKED}"
                 raise InputError(message, "write it as binary")
-            return records.of_bytes(unpacked(body[8 : 8 + packed], size, where), by_field=True), records.shape
+            return records.points_of_bytes(
+                lzf_unpacked(body[8 : 8 + packed], size, where), by_field=True
+            ), records.shape
         case other:
             message = f"{where} has DATA {' '.join(other)[:40]}"
             raise InputError(message, "write it as ascii, binary or binary_compressed")

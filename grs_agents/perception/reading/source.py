@@ -9,8 +9,8 @@ from grs_agents.perception.reading import point_cloud
 from grs_agents.perception.reading.archive import read_archive
 from grs_agents.perception.reading.bop import PREFIX, bop_image, is_bop, read_bop
 from grs_agents.perception.reading.folder import read_folder, with_camera
-from grs_agents.perception.reading.frame_assembly import Recording, frame_of
-from grs_agents.perception.reading.photo_without_depth import Estimator, frame_of_photo
+from grs_agents.perception.reading.frame_assembly import Recording, assemble_frame
+from grs_agents.perception.reading.photo_without_depth import Estimator, assemble_frame_of_photo
 from grs_agents.perception.reading.picture import SUFFIXES, read_color
 from grs_agents.perception.types import RGBDFrame
 
@@ -41,7 +41,7 @@ def check_source(source: Path) -> None:
             raise InputError(f"{source} is no scene", REMEDY)
 
 
-def scene_called(source: Path) -> Path:
+def resolve_scene(source: Path) -> Path:
     """The scene that a user names: what lies there, else the sample scene of that name."""
     return source if is_bop(source) or exists(source) else content.scenes().get(str(source), source)
 
@@ -68,10 +68,10 @@ def read_scene(source: Path, estimate: Estimator | None = None, field_of_view: f
     check_source(source)
     recording = _recorded(source)
     if recording.measured is not None and recording.camera is not None:
-        return frame_of(recording, recording.camera, recording.measured)
+        return assemble_frame(recording, recording.camera, recording.measured)
     if estimate is None:
         raise InputError(f"{recording.picture.file} has no depth", "add depth.png or a point cloud, and camera.json")
-    return frame_of_photo(recording, estimate, field_of_view)
+    return assemble_frame_of_photo(recording, estimate, field_of_view)
 
 
 def _recorded(source: Path) -> Recording:

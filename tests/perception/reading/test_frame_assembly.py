@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
 from grs_agents.perception import read_scene
-from grs_agents.perception.reading.frame_assembly import at_size, same_shape
+from grs_agents.perception.reading.frame_assembly import resize_depth, same_aspect
 from tests.perception.reading.conftest import CAMERA, Truth, npy_of, png, write
 
 
@@ -70,8 +70,8 @@ def test_the_camera_must_be_of_one_of_the_pictures(tmp_path: Path, truth: Truth)
 
 
 def test_a_portrait_photo_is_read(tmp_path: Path, truth: Truth) -> None:
-    turned = {"width": 36, "height": 48, "cx": 18.0, "cy": 23.0}
-    frame = read_scene(scene(tmp_path, truth.rgb.transpose(1, 0, 2), truth.depth.T, **turned))
+    apply_orientation = {"width": 36, "height": 48, "cx": 18.0, "cy": 23.0}
+    frame = read_scene(scene(tmp_path, truth.rgb.transpose(1, 0, 2), truth.depth.T, **apply_orientation))
     assert frame.depth.shape == (48, 36)
 
 
@@ -89,14 +89,14 @@ def test_nothing_is_made_up_between_surfaces() -> None:
     depth = np.full((20, 20), 1.0, np.float32)
     depth[:, 10:] = 0.5
     depth[:5] = 0
-    assert set(np.unique(at_size(depth, 60, 60).round(5))) == {0.0, 0.5, 1.0}
+    assert set(np.unique(resize_depth(depth, 60, 60).round(5))) == {0.0, 0.5, 1.0}
 
 
 @given(width=st.integers(8, 5000), height=st.integers(8, 5000), times=st.integers(1, 9))
 def test_a_multiple_has_the_same_shape(width: int, height: int, times: int) -> None:
-    assert same_shape((width, height), (width * times, height * times))
-    assert same_shape((width * times, height * times), (width, height))
-    assert not same_shape((width, height), (width * times, height * times + 2 * times))
+    assert same_aspect((width, height), (width * times, height * times))
+    assert same_aspect((width * times, height * times), (width, height))
+    assert not same_aspect((width, height), (width * times, height * times + 2 * times))
 
 
 @given(
@@ -108,7 +108,7 @@ def test_a_multiple_has_the_same_shape(width: int, height: int, times: int) -> N
 def test_resizing_stays_within_what_was_measured(rows: int, columns: int, to: tuple[int, int], seed: int) -> None:
     rng = np.random.default_rng(seed)
     depth = np.where(rng.random((rows, columns)) < 0.3, 0, rng.uniform(0.5, 0.52, (rows, columns))).astype(np.float32)
-    out = at_size(depth, *to)
+    out = resize_depth(depth, *to)
     assert out.shape == (to[1], to[0])
     assert out.max() <= depth.max() + 1e-6
     assert out[out > 0].min(initial=9) >= depth[depth > 0].min(initial=9) - 1e-6
