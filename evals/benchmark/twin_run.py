@@ -25,7 +25,6 @@ from grs_agents.perception import (
     register,
     residual_candidates,
 )
-from grs_agents.perception.metrics import MATCHED, overlaps
 from grs_agents.perception.proxies.measurement import measured_shape
 from grs_agents.perception.proxies.proxy_kind import choose_kind
 from grs_agents.perception.proxies.proxy_writer import write_proxy

@@ -103,9 +103,9 @@ def write_proxy(
     update: dict[str, Any] = {"color": (red, green, blue, 1.0)}
     if texture is not None:
         update["texture"] = f"proxy/{slug}.png"
-        write_bytes(root / update["texture"], _png(texture.image))
+        write_bytes(root / update["texture"], png_bytes(texture.image))
     seen = _mesh_shape(f"proxy/{slug}.obj").model_copy(update=update)
-    solids, inertia = _colliders(kind, extents, boxes, root, slug), _inertia(extents, asset.mass)
+    solids, inertia = _colliders(kind, extents, boxes, root, slug), box_inertia(extents, asset.mass)
     text = urdf_text(slug, [seen], solids, mass=asset.mass, friction=_FRICTION, inertia=inertia, folder="proxy")
     write_text(root / asset.name, text)
     others = tuple(old for old in read_manifest(root).assets if old.name != asset.name)
@@ -136,12 +136,6 @@ def _mass(kind: ProxyKind, size: Vec3, boxes: list[Block]) -> float:
     share = {"cylinder": math.pi / 4, "hull": 0.7, "bowl": _SHELL, "open box": _SHELL}.get(kind, 1.0)
     volume = sum(math.prod(extents) for extents, _ in boxes) if kind == "height blocks" else math.prod(size) * share
     return round(min(max(volume * _DENSITY, _MASS_RANGE[0]), _MASS_RANGE[1]), 4)
-
-
-def _inertia(size: Vec3, mass: float) -> Vec3:
-    """Principal moments (kg m^2) of a solid box."""
-    x, y, z = (extent**2 * mass / 12 for extent in size)
-    return (y + z, x + z, x + y)
 
 
 def _mesh(kind: ProxyKind, size: Vec3, measured: MeasuredShape | None, boxes: list[Block]) -> Faceted:
@@ -189,9 +183,3 @@ def _uvs(mesh: Faceted, texture: ProxyTexture) -> Floats:
     hidden = normals @ texture.to_camera < 0
     places = np.where(hidden[:, None], vertices * (-1, -1, 1), vertices)
     return np.clip(texture.uv_of(places), 0, 1)
-
-
-def _png(image: npt.NDArray[np.uint8]) -> bytes:
-    import cv2
-
-    return bytes(cv2.imencode(".png", np.ascontiguousarray(image[:, :, ::-1]))[1].tobytes())

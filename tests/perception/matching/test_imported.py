@@ -8,7 +8,6 @@ from grs_agents.library.importing.archives import open_source
 from grs_agents.library.importing.importer import ImportRun
 from grs_agents.library.importing.types import ImportOptions
 from grs_agents.perception.matching.feature_matcher import match_by_features
-from grs_agents.synth import Recipe
 from tests.library.importing import models
 from tests.perception.matching.photo import request_of
 
