@@ -65,10 +65,7 @@ def read_npz(
     data = read_bytes(file, "give a .npz with rgb, depth and K")
     with _opened(data, str(file)) as archive:
         members = {name.removesuffix(".npy"): name for name in archive.namelist()}
-        missing = ", ".join(f"{name} ({what})" for name, what in wanted.items() if name not in members)
-        if missing:
-            held = ", ".join(name[:40] for name in members) or "nothing"
-            raise InputError(f"{file} holds {held}, but no {missing}", f"add {missing}")
+        _check_members(members, wanted, file)
         found: dict[str, Numbers] = {}
         left = MOST_BYTES if together is None else together
         for name in [name for name in (*wanted, *optional) if name in members]:
@@ -76,6 +73,13 @@ def read_npz(
                 found[name] = _array(content, f"{name} in {file}", left, "U" if name in text else NUMBERS)
             left -= 0 if together is None else found[name].nbytes
         return found
+
+
+def _check_members(members: Collection[str], wanted: Mapping[str, str], file: Path) -> None:
+    missing = ", ".join(f"{name} ({what})" for name, what in wanted.items() if name not in members)
+    if missing:
+        held = ", ".join(name[:40] for name in members) or "nothing"
+        raise InputError(f"{file} holds {held}, but no {missing}", f"add {missing}")
 
 
 def words_in(data: bytes, where: str) -> list[str]:
