@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from grs_agents.geometry.transforms import about
 from grs_agents.library import Asset, Library
-from grs_agents.library.posed_meshes import Triangles, gather_posed
-from grs_agents.library.shapes import HERE
+from grs_agents.library.posed_meshes import Triangles, posed_triangles
+from grs_agents.library.shapes import IDENTITY_PLACEMENT
 from grs_agents.perception.matching.color_histogram import histograms, opponent_colors
 from grs_agents.perception.matching.feature_cache import Arrays, cached, key_of, store
 from grs_agents.perception.surfaces import Symmetry, Tree, quarter_turns, symmetry_of
