@@ -7,6 +7,7 @@ from pathlib import Path
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of, run_orders, synthesised_orders
 from evals.synthesis.scene import recipes
 from grs_agents.config import load_config
+from grs_agents.perception.configuration import RULES
 from grs_agents.run.experiments import positive
 from grs_agents.terminal import VisibleParser
 
@@ -43,6 +44,9 @@ def main(arguments: Sequence[str]) -> int:
         "--model", default=load_config(None).config.segment.model, metavar="DIR", help="model of that tool's own"
     )
     parser.add_argument(
+        "--without", action="append", default=[], choices=RULES, metavar="RULE", help="turn a rule of segmentation off"
+    )
+    parser.add_argument(
         "--repeats", type=positive, default=3, help="how often the work is timed: 3; least and median count"
     )
     parser.add_argument("--workers", type=positive, default=2, help="scenes at a time")
@@ -50,7 +54,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     count = options.synthesised if options.synthesised is not None else 0 if options.scenes else 10
     made = recipes(count, options.seed, options.objects, size=options.size)
-    work = MeasurementOptions(options.segment, options.seed, options.repeats, options.model)
+    work = Work(options.segment, options.seed, options.repeats, options.model, tuple(options.without))
     orders = [
         *orders_of(options.scenes, work, options.images),
         *synthesised_orders(made, options.out, work),

@@ -3,16 +3,18 @@
 from dataclasses import dataclass
 
 from grs_agents.perception import Candidate, RGBDFrame, TableFrame, candidates_of, segment
+from grs_agents.perception.configuration import DEFAULT, Segmentation
 from grs_agents.toolkit import ToolContext
 
 
 @dataclass(frozen=True)
 class Request:
-    """A frame and the table in it; this tool needs no model."""
+    """A frame, the table in it, and how it is segmented; this tool needs no model."""
 
     frame: RGBDFrame
     table: TableFrame
     model: str | None = None
+    config: Segmentation = DEFAULT.segmentation
 
 
 @dataclass(frozen=True)
@@ -24,5 +26,5 @@ class Result:
 
 def run(request: Request, context: ToolContext) -> Result:
     """Segment and measure."""
-    labels = segment(request.frame, request.table)
+    labels = segment(request.frame, request.table, request.config)
     return Result(candidates_of(request.frame, request.table, labels))

@@ -19,6 +19,7 @@ from grs_agents.perception import (
     candidates_of,
     segment_proposed,
 )
+from grs_agents.perception.configuration import DEFAULT, Segmentation
 from grs_agents.perception.pretrained import config_of, stumbling, weights_of
 from grs_agents.toolkit import ToolContext
 
@@ -46,11 +47,13 @@ class Request:
         frame: the photo.
         table: the table in it.
         model: the folder of the model: ``config.json`` and ``*.safetensors``.
+        config: how parts are merged.
     """
 
     frame: RGBDFrame
     table: TableFrame
     model: str | None = None
+    config: Segmentation = DEFAULT.segmentation
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ def run(request: Request, context: ToolContext) -> Result:
             yield from _automatic(model, rgb, where, torch)
 
     with stumbling("segmentation", folder, request.frame.source, "Sam2Model"):
-        labels = segment_proposed(request.frame, request.table, proposals)
+        labels = segment_proposed(request.frame, request.table, proposals, request.config)
     return Result(candidates_of(request.frame, request.table, labels))
 
 

@@ -30,12 +30,13 @@ _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")
 @dataclass(frozen=True)
 class MeasurementOptions:
     """What is done with each scene: the segment tool, the seed of the search for the table, how often it is timed,
-    and the folder of the tool's model."""
+    the folder of the tool's model, and the rules of segmentation that are off."""
 
     tool: str
     seed: int = 0
     repeats: int = 1
     model: str | None = None
+    without: tuple[str, ...] = ()
 
 
 def orders_of(sources: Sequence[str], work: MeasurementOptions, most: int) -> list[Order]:
@@ -102,6 +103,7 @@ def _order(name: str, source: str, recipe: Recipe | None, work: MeasurementOptio
         recipe=recipe,
         tool=work.tool,
         model=work.model,
+        without=work.without,
         seed=work.seed,
         repeats=work.repeats,
         content=overlays,

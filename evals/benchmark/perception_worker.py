@@ -22,10 +22,11 @@ from evals.benchmark.twin_run import TwinRun, settle_true_assets
 from evals.benchmark.types import Order, Result, SceneFigures, dumped, result_file
 from grs_agents import content
 from grs_agents.config.model import Limits
-from grs_agents.errors import GrsError
+from grs_agents.errors import ConfigError, GrsError
 from grs_agents.files import write_bytes, write_json
 from grs_agents.library import Library
 from grs_agents.perception import Candidate, TableFrame, find_table
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import say
 from grs_agents.toolkit import Tool, ToolContext, load_tool
@@ -78,7 +79,10 @@ def _found(scene: LabelledScene, tool: Tool, context: ToolContext, order: Order)
     error = ""
     try:
         table = find_table(scene.frame, np.random.default_rng(order.seed))
-        request = tool.Request(frame=scene.frame, table=table, model=order.model)
+        if order.without and not hasattr(tool.Request, "config"):
+            raise ConfigError(f"tool {order.tool} has no rules that can be off", "leave out --without")
+        config = {"config": DEFAULT.segmentation.without(*order.without)} if order.without else {}
+        request = tool.Request(frame=scene.frame, table=table, model=order.model, **config)
         candidates = tool.run(request, context).candidates
     except GrsError as failure:
         error = failure.message

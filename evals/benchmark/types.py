@@ -100,6 +100,7 @@ class Order(Frozen):
         recipe: what the folder is synthesised from, if it is not there yet.
         tool: the segment tool.
         model: the folder of its model, if it has one.
+        without: rules of segmentation that are off.
         seed: of the search for the table.
         repeats: how often the work is timed.
         content: content folders laid over the shipped ones, the one that wins first.
@@ -111,6 +112,7 @@ class Order(Frozen):
     recipe: Recipe | None = None
     tool: str
     model: str | None = None
+    without: tuple[str, ...] = ()
     seed: int = 0
     repeats: int = 1
     content: tuple[str, ...] = ()

@@ -17,22 +17,6 @@ THINNEST = 0.012
 """A footprint is at least this wide (m): thinner ones are seen edge on."""
 ALIKE = 1.08
 """Rectangles of which the areas differ by less than this factor fit alike."""
-RIM = 0.015
-"""A rim is this high and wide (m)."""
-DEEP = 0.015
-"""The floor of a hollow thing lies at least this (m) below its rim."""
-SHALLOW = 0.35
-"""And less than this share of its inside is as high as its rim."""
-SURROUNDED = 0.6
-"""The rim of a hollow thing encloses at least this share of its footprint."""
-CELLS = 8
-"""A footprint as large as a square of so many cells a side is looked at cell by cell."""
-FILLED = 0.75
-"""At least this share of a solid thing's footprint is seen."""
-LEVEL = 0.005
-"""Its middle is no more than this (m) below its border."""
-RAISED = 0.02
-"""The top of a solid thing lies at least this high (m) above the table: it is no floor."""
 
 
 def components(mask: cv2.typing.MatLike, smallest: int) -> Labels:
@@ -114,51 +98,6 @@ def inside_hull(points: Array, hull: Array, margin: float) -> Mask:
     normals *= np.where(((hull - hull.mean(axis=0)) * normals).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     offsets = (hull * normals).sum(axis=1)
     return np.asarray((normals @ points.T <= (offsets + margin)[:, None]).all(axis=0), np.bool_)
-
-
-def is_open(cloud: Array, table: Array) -> bool:
-    """Whether an object is hollow: its highest points surround an inside that lies deeper.
-
-    Args:
-        cloud: (N, 3) points of the object, z up, metres above the table.
-        table: (M, 3) points of the table, of which some may be seen through or taken for its floor.
-    """
-    top = float(percentiles(cloud[:, 2], [98])[0])
-    if top < 2 * DEEP:
-        return False
-    hull = hull_of(cloud)
-    area = float(cv2.contourArea(hull.astype(np.float32)))
-    rim = cloud.compress(cloud[:, 2] > top - RIM, axis=0)
-    if area < 5e-4 or float(cv2.contourArea(hull_of(rim).astype(np.float32))) < SURROUNDED * area:
-        return False
-    near = table.compress(within(table[:, :2], hull.min(axis=0), hull.max(axis=0)), axis=0)
-    points = np.concatenate([cloud, near])
-    inner = points[inside_hull(points[:, :2], hull, -min(RIM, 0.15 * area**0.5))]
-    return float((inner[:, 2] > top - DEEP).sum()) < SHALLOW * len(inner) or len(inner) < 10
-
-
-def is_solid(cloud: Array) -> bool:
-    """Whether (N, 3) points are the top of a thing of its own: all of its footprint is seen, highest in its middle.
-
-    The inside of a hollow thing is lowest there, a wall is too thin to have a middle, and a floor lies on the table.
-    """
-    hull = hull_of(cloud)
-    area = float(cv2.contourArea(hull.astype(np.float32)))
-    if area < 5e-4:
-        return False
-    cell, low = area**0.5 / CELLS, hull.min(axis=0)
-    columns, rows = np.floor((cloud[:, :2] - low) / cell).astype(np.int64).T
-    tops = np.full((int(columns.max()) + 1, int(rows.max()) + 1), -np.inf)
-    np.maximum.at(tops, (columns, rows), cloud[:, 2])
-    centers = (np.indices(tops.shape).reshape(2, -1).T + 0.5) * cell + low
-    heights = tops.ravel()
-    inside, middle = inside_hull(centers, hull, 0.0), inside_hull(centers, hull, -1.5 * cell)
-    seen = np.isfinite(heights)
-    if not (middle & seen).any() or seen[inside].mean() < FILLED or seen[middle].mean() < FILLED:
-        return False
-    inner = float(np.median(heights[middle & seen]))
-    outer = float(percentiles(heights[inside & seen & ~middle], [80])[0])  # a slope is higher on one side
-    return inner > max(RAISED, outer - LEVEL)
 
 
 def turns(yaws: Array) -> Array:

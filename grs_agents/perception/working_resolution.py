@@ -2,27 +2,20 @@
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from grs_agents.perception.image_geometry import Labels
+from grs_agents.perception.configuration import DEFAULT, WorkingResolution
+from grs_agents.perception.image_geometry import Index, Labels
 from grs_agents.perception.table import tolerance
 from grs_agents.perception.types import Array, RGBDFrame
 
-WORKING = 640 * 480
-"""Photos of many more pixels than this are reduced."""
-COLOR = 24.0
-"""Colours that differ by this much (of 255) count as much as depths that differ by their tolerance."""
-NEAR = 1.0
-"""And so do neighbours that are this many cells away."""
 
-
-def reduced(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
+def reduced(frame: RGBDFrame, config: WorkingResolution = DEFAULT.resolution) -> tuple[RGBDFrame, int]:
     """The frame at its working size, and how many pixels of a row or column one cell of it stands for.
 
     A cell's depth is measured: the median of at most 3 x 3 pixels, never a mixture of two surfaces.
     """
     height, width = frame.depth.shape
-    factor = max(1, round((height * width / WORKING) ** 0.5))
+    factor = max(1, round((height * width / config.pixels) ** 0.5))
     if factor == 1:
         return frame, 1
     rows, columns = height // factor, width // factor
@@ -48,7 +41,9 @@ def reduced(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
     return RGBDFrame(rgb.astype(np.uint8), depth, small, frame.source), factor
 
 
-def restored(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int) -> Labels:
+def restored(
+    labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int, config: WorkingResolution = DEFAULT.resolution
+) -> Labels:
     """(H, W) labels of the full frame from the (h, w) ``labels`` of the reduced one.
 
     Where the cells around a pixel belong to different segments it takes the one of the cell that is most like it in
@@ -61,7 +56,7 @@ def restored(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int) ->
     around, values = np.ones((3, 3), np.uint8), labels.astype(np.float32)
     spread: Array = np.asarray(cv2.dilate(values, around) - cv2.erode(values, around), np.float64)
     down, across = np.nonzero(spread[rows[:, None], columns[None]])
-    full[down, across] = _most_like(labels, small, frame, factor, down, across)
+    full[down, across] = _most_like(labels, small, frame, factor, (down, across), config)
     return full
 
 
@@ -70,9 +65,10 @@ def _most_like(
     small: RGBDFrame,
     frame: RGBDFrame,
     factor: int,
-    down: npt.NDArray[np.intp],
-    across: npt.NDArray[np.intp],
+    pixels: tuple[Index, Index],
+    config: WorkingResolution,
 ) -> Labels:
+    down, across = pixels
     depth, color = frame.depth[down, across], frame.rgb[down, across].astype(np.float32)
     bound = tolerance(depth.astype(np.float64))
     best = np.full(len(down), np.inf)
@@ -84,8 +80,8 @@ def _most_like(
             away = np.hypot((row + 0.5) * factor - down - 0.5, (column + 0.5) * factor - across - 0.5) / factor
             other = small.depth[row, column]
             known = (depth > 0) & (other > 0)
-            cost: Array = np.where(known, np.abs(depth - other) / bound, 1.0) + away / NEAR
-            cost += np.linalg.norm(small.rgb[row, column] - color, axis=1) / COLOR
+            cost: Array = np.where(known, np.abs(depth - other) / bound, 1.0) + away / config.cells
+            cost += np.linalg.norm(small.rgb[row, column] - color, axis=1) / config.color
             closer = cost < best
             best[closer], taken[closer] = cost[closer], labels[row, column][closer]
     return taken

@@ -9,14 +9,13 @@ from grs_agents.perception.image_geometry import (
     components,
     hull_of,
     inside_hull,
-    is_open,
-    is_solid,
     outline_of,
     percentiles,
     pixels_of,
     values_at,
     window_of,
 )
+from grs_agents.perception.segmentation.hollow_shapes import is_open, is_solid
 
 POINTS = arrays.arrays(np.float64, st.tuples(st.integers(3, 40), st.just(2)), elements=st.floats(-1, 1, width=32))
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.errors import InputError
+from grs_agents.perception.configuration import DEFAULT, Measuring
 from grs_agents.perception.image_geometry import (
     THINNEST,
     Labels,
     hull_of,
     inside_hull,
-    is_open,
     percentiles,
     pixels_of,
     rectangle_of,
@@ -23,95 +23,81 @@ from grs_agents.perception.image_geometry import (
     window_of,
     within,
 )
-from grs_agents.perception.segmentation.ellipse_fit import ROUND, Ellipse, ellipse_of, view_of
+from grs_agents.perception.segmentation.ellipse_fit import Ellipse, ellipse_of, view_of
+from grs_agents.perception.segmentation.hollow_shapes import is_open
 from grs_agents.perception.segmentation.rim import rim_of
 from grs_agents.perception.table import as_matrix, doubts, robot_points_at
 from grs_agents.perception.types import Aabb, Array, Candidate, Mask, RGBDFrame, Solid, TableFrame, UprightBox
 
-LARGEST = 0.5
-"""A segment longer than this (m) is not an object that the arm could move."""
-SAMPLES = 3000
-"""A footprint is measured from about so many points."""
-OVERHANG = 0.12
-"""Points that reach beyond a round footprint by more than this share of its diameter tell of more than that."""
-OUTLIERS = 0.4
-"""Percent of the points at each end of each axis that are left out of a footprint."""
-GAP, FEW = 0.05, 0.1
-"""Points that are farther than this (m) along the view from all others are not of a thing, if they are so few of it."""
 DIMMED = (np.arange(256) * 0.35).astype(np.uint8)
 """What each brightness is outside of a segment's crop."""
-WORKSPACE_CENTER = (0.5, 0.0)
-"""Where the middle of the objects lies in a frame laid on the table, metres."""
 
 
-def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[Candidate, ...]:
+def candidates_of(
+    frame: RGBDFrame, table: TableFrame, labels: Labels, config: Measuring = DEFAULT.measuring
+) -> tuple[Candidate, ...]:
     """Measure each segment.
 
     Raises:
-        InputError: nothing stands on the table, or one thing fills it.
+        InputError: nothing stands on the table, or one object fills it.
     """
-    clouds = _clouds(frame, table, labels)
-    supports = {
-        label: (hull_of(cloud[::5]), float(percentiles(cloud[::5, 2], [95])[0]))
-        for label, cloud in clouds.items()
-        if len(cloud) >= 30
+    clouds = {
+        label: cloud for label, cloud in _clouds(frame, table, labels, config).items() if len(cloud) >= config.fewest
     }
-    found: list[Candidate] = []
-    giant: Vec3 | None = None
+    supports = {
+        label: (hull_of(cloud[::5]), float(percentiles(cloud[::5, 2], [95])[0])) for label, cloud in clouds.items()
+    }
+    candidates: list[Candidate] = []
+    too_large: Vec3 | None = None
     for label, cloud in clouds.items():
-        if len(cloud) < 30:
-            continue
         others = [support for key, support in supports.items() if key != label]
-        candidate = _measure(len(found) + 1, frame, table, labels == label, cloud, others)
-        if max(candidate.upright.size) > LARGEST:
-            giant = candidate.upright.size
-            continue
-        found.append(candidate)
-    if not found and giant is not None:
-        raise InputError(
-            "; ".join(
-                [
-                    f"{frame.source}: one thing of {giant[0]:.2f} x {giant[1]:.2f} x {giant[2]:.2f} m fills the table",
-                    *doubts(table),
-                ]
-            ),
-            f"photograph objects of at most {LARGEST} m",
-        )
-    if not found:
-        raise InputError(
-            "; ".join([f"{frame.source}: found nothing on the table", *doubts(table)]),
-            "put objects of at least 2 cm on it",
-        )
-    return tuple(found)
+        candidate = _measure(len(candidates) + 1, frame, table, labels == label, cloud, others, config)
+        if max(candidate.upright.size) > config.largest:
+            too_large = candidate.upright.size
+        else:
+            candidates.append(candidate)
+    if candidates:
+        return tuple(candidates)
+    problem, remedy = "found nothing on the table", "put objects of at least 2 cm on it"
+    if too_large is not None:
+        problem = "one thing of {:.2f} x {:.2f} x {:.2f} m fills the table".format(*too_large)
+        remedy = f"photograph objects of at most {config.largest} m"
+    raise InputError("; ".join([f"{frame.source}: {problem}", *doubts(table)]), remedy)
 
 
-def _clouds(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, Array]:
+def _clouds(frame: RGBDFrame, table: TableFrame, labels: Labels, config: Measuring) -> dict[int, Array]:
     """The (N, 3) measured points of each label from 1, row by row, robot frame."""
     pixels = pixels_of(np.where(frame.depth > 0, labels, 0))
     eye = np.asarray(table.T_robot_cam)[:3, 3]
     clouds = (robot_points_at(frame, table, *divmod(own, labels.shape[1])) for own in pixels)
-    return {label: cloud.compress(_at_one_range(cloud, eye), axis=0) for label, cloud in enumerate(clouds, 1)}
+    return {label: cloud.compress(_at_one_range(cloud, eye, config), axis=0) for label, cloud in enumerate(clouds, 1)}
 
 
-def _at_one_range(cloud: Array, eye: Array) -> Mask:
-    """Which of (N, 3) points are not few and far behind or before all others, (N,): there a sensor saw past a thing."""
+def _at_one_range(cloud: Array, eye: Array, config: Measuring) -> Mask:
+    """(N,) which of (N, 3) points are not few and far behind or before all others: a sensor may see past an object."""
     ranges = np.linalg.norm(cloud - eye, axis=1)
     order = np.argsort(ranges, kind="stable")
     group = np.zeros(len(cloud), np.int64)
-    group[order[1:]] = np.cumsum(np.diff(ranges[order]) > GAP)
-    return np.asarray((np.bincount(group, minlength=1) >= FEW * len(cloud))[group], np.bool_)
+    group[order[1:]] = np.cumsum(np.diff(ranges[order]) > config.gap)
+    return np.asarray((np.bincount(group, minlength=1) >= config.few * len(cloud))[group], np.bool_)
 
 
 def _measure(
-    number: int, frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, others: Sequence[tuple[Array, float]]
+    number: int,
+    frame: RGBDFrame,
+    table: TableFrame,
+    mask: Mask,
+    cloud: Array,
+    others: Sequence[tuple[Array, float]],
+    config: Measuring,
 ) -> Candidate:
-    count, cloud = len(cloud), cloud[:: len(cloud) // (2 * SAMPLES) + 1]
+    count, cloud = len(cloud), cloud[:: len(cloud) // (2 * config.samples) + 1]
     low, high = percentiles(cloud, (1, 99))
     inner = cloud.compress(within(cloud, low, high), axis=0)
     bottom = _bottom(inner[::5], others)
     top = max(float(high[2]), bottom + THINNEST)
-    hollow = is_open(inner[:: len(inner) // SAMPLES + 1], np.zeros((0, 3)))
-    shape, (x, y), (length, width), yaw, rounded = _footprint(frame, table, mask, cloud, hollow)
+    hollow = is_open(inner[:: len(inner) // config.samples + 1], np.zeros((0, 3)))
+    shape, (x, y), (length, width), yaw, rounded = _footprint(frame, table, mask, cloud, hollow, config)
     cosine, sine = abs(math.cos(yaw)), abs(math.sin(yaw))
     sides = np.array([[length * cosine, width * sine], [length * sine, width * cosine]]) / 2
     reach = np.hypot(*sides.T) if rounded else sides.sum(axis=1)
@@ -131,18 +117,18 @@ def _measure(
 
 
 def _footprint(
-    frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, hollow: bool
+    frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, hollow: bool, config: Measuring
 ) -> tuple[Solid, tuple[float, float], tuple[float, float], float, bool]:
     """Shape, centre, sides (m), yaw (rad) of a footprint, and whether it is round: then with its unseen back."""
-    low, high = percentiles(cloud, (OUTLIERS, 100 - OUTLIERS))
+    low, high = percentiles(cloud, (config.outliers, 100 - config.outliers))
     inner = cloud.compress(within(cloud, low, high), axis=0)
-    inner = inner[:: len(inner) // SAMPLES + 1]
-    if hollow and (rim := rim_of(inner)) is not None:
+    inner = inner[:: len(inner) // config.samples + 1]
+    if hollow and (rim := rim_of(inner, config.rim)) is not None:
         return "cylinder", rim[0], (rim[1], rim[1]), 0.0, True
     view = view_of(frame, table, mask, inner)
-    ellipse = None if view is None else ellipse_of(inner, view)
-    ellipse = ellipse if ellipse is not None and _holds(ellipse, inner) else None
-    if ellipse is not None and ellipse.diameters[1] < ROUND * ellipse.diameters[0]:
+    ellipse = None if view is None else ellipse_of(inner, view, config.round)
+    ellipse = ellipse if ellipse is not None and _reaches_all(ellipse, inner, config.overhang) else None
+    if ellipse is not None and ellipse.diameters[1] < config.round.round * ellipse.diameters[0]:
         return "box", ellipse.center, ellipse.diameters, ellipse.yaw, True
     if ellipse is not None:
         diameter = sum(ellipse.diameters) / 2
@@ -152,11 +138,11 @@ def _footprint(
     return "box", *rectangle_of(inner), False
 
 
-def _holds(ellipse: Ellipse, cloud: Array) -> bool:
-    """Whether a footprint reaches as far as the points do: a half-hidden thing may look round, a mug has a handle."""
+def _reaches_all(ellipse: Ellipse, cloud: Array, overhang: float) -> bool:
+    """Whether a footprint reaches as far as the points do: a half-hidden object may look round, a mug has a handle."""
     axes = turns(np.array([ellipse.yaw]))[0]
     low, high = percentiles((cloud[:, :2] - ellipse.center) @ axes.T, (1, 99))
-    return bool((np.maximum(-low, high) < (0.5 + OVERHANG) * np.array(ellipse.diameters)).all())
+    return bool((np.maximum(-low, high) < (0.5 + overhang) * np.array(ellipse.diameters)).all())
 
 
 def _circle(cloud: Array) -> tuple[tuple[float, float], float] | None:
@@ -172,7 +158,7 @@ def _circle(cloud: Array) -> tuple[tuple[float, float], float] | None:
 def _bottom(cloud: Array, others: Sequence[tuple[Array, float]]) -> float:
     """0 for what stands on the table; the top of what it lies on for what is stacked.
 
-    ``others`` are the hull of the footprint and the top of each other thing.
+    ``others`` are the hull of the footprint and the top of each other object.
     """
     lowest = float(percentiles(cloud[:, 2], [2])[0])
     if lowest < 0.025:
@@ -192,7 +178,9 @@ def _crop(frame: RGBDFrame, mask: Mask, margin: float = 0.15) -> "np.ndarray[tup
     return np.where(mask[wide][..., None], crop, DIMMED[crop])
 
 
-def place_robot(table: TableFrame, candidates: Sequence[Candidate]) -> tuple[TableFrame, tuple[Candidate, ...]]:
+def place_robot(
+    table: TableFrame, candidates: Sequence[Candidate], config: Measuring = DEFAULT.measuring
+) -> tuple[TableFrame, tuple[Candidate, ...]]:
     """Move a frame that was laid on the table so that the middle of the objects is in the arm's workspace.
 
     A calibrated frame is left as it is.
@@ -202,7 +190,7 @@ def place_robot(table: TableFrame, candidates: Sequence[Candidate]) -> tuple[Tab
     lows = np.array([candidate.box.low for candidate in candidates])
     highs = np.array([candidate.box.high for candidate in candidates])
     middle = (lows.min(axis=0) + highs.max(axis=0)) / 2
-    shift = np.array([WORKSPACE_CENTER[0] - middle[0], WORKSPACE_CENTER[1] - middle[1], 0.0])
+    shift = np.array([config.workspace_center[0] - middle[0], config.workspace_center[1] - middle[1], 0.0])
     transform = np.array(table.T_robot_cam)
     transform[:3, 3] += shift
     moved = table.model_copy(update={"T_robot_cam": as_matrix(transform)})

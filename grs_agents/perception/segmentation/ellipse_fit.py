@@ -1,6 +1,6 @@
-"""Complete round things of which the camera sees the front: their unseen back mirrors what is seen.
+"""Complete round objects of which the camera sees the front: their unseen back mirrors what is seen.
 
-The two edges of a thing's outline say how wide it is and where its axis lies across the view. A horizontal slice of
+The two edges of an object's outline say how wide it is and where its axis lies across the view. A horizontal slice of
 its side is then the near half of an ellipse of that width, whose middle and depth follow by least squares."""
 
 from dataclasses import dataclass
@@ -8,26 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from grs_agents.perception.configuration import RoundFootprint
 from grs_agents.perception.image_geometry import outline_of, percentiles, turns
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
-
-SLICES = 6
-"""A thing's height is cut into so many slices."""
-FEWEST = 40
-"""A slice of fewer points says nothing."""
-WIDEST = 0.93
-"""Slices at least this wide, relative to the widest, say how deep the thing is."""
-FEWEST_SLICES = 2
-"""So many slices must be half ellipses."""
-FIT = 0.06
-"""An ellipse may be off its slice by this share of its half width, and by `BETTER` of what a rectangle is off."""
-BETTER = 0.5
-ROUND = 0.7
-"""An ellipse of which depth over width is more than this is a circle."""
-FLATTEST, DEEPEST = 0.4, 1.8
-"""An ellipse's depth relative to its width: what is flatter is a face, what is deeper is no fit."""
-SEEN = 0.97
-"""Of the ellipse's width, points within this share count: the outermost are mixed with what is behind them."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +24,9 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class View:
-    """Where a thing is seen from: the eye, and the horizontal directions along and across the view.
+    """Where an object is seen from: the eye, and the horizontal directions along and across the view.
 
-    ``rays`` are (M, 3) directions of the pixels of the thing's outline, of length 1 m along the optical axis.
+    ``rays`` are (M, 3) directions of the pixels of the object's outline, of length 1 m along the optical axis.
     """
 
     eye: Array
@@ -58,7 +41,7 @@ class View:
 
 
 def view_of(frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array) -> View | None:
-    """The view of one thing; ``None`` from straight above."""
+    """The view of one object; ``None`` from straight above."""
     transform = np.asarray(table.T_robot_cam)
     eye = transform[:3, 3]
     along = np.array([*(np.median(cloud[:, :2], axis=0) - eye[:2]), 0.0])
@@ -73,20 +56,25 @@ def view_of(frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array) -> Vi
     return View(eye, along, across, rays @ transform[:3, :3].T, 0.5 / camera.fx)
 
 
-def ellipse_of(cloud: Array, view: View) -> Ellipse | None:
-    """The footprint of a round thing whose side is seen; ``None`` where its side is flat, cornered or hidden."""
+def ellipse_of(cloud: Array, view: View, config: RoundFootprint) -> Ellipse | None:
+    """The footprint of a round object whose side is seen; ``None`` where its side is flat, cornered or hidden."""
     bottom, top = percentiles(cloud[:, 2], (3, 97))
-    edges = np.linspace(float(bottom), float(top), SLICES + 1)
+    edges = np.linspace(float(bottom), float(top), config.slices + 1)
     fits: list[Array] = []
     for low, high in pairwise(edges):
         side = view.flat(cloud[(cloud[:, 2] >= low) & (cloud[:, 2] <= high)])
-        if len(side) >= FEWEST and (fit := _half_ellipse(side, view, float(low), float(high))) is not None:
+        if (
+            len(side) >= config.fewest
+            and (fit := _half_ellipse(side, view, (float(low), float(high)), config)) is not None
+        ):
             fits.append(fit)
-    if len(fits) < FEWEST_SLICES:
+    if len(fits) < config.fewest_slices:
         return None
     widest = max(fit[4] for fit in fits)
-    along, across, slope, depth, half, *_ = np.median([fit for fit in fits if fit[4] >= WIDEST * widest], axis=0)
-    if depth > ROUND * half and abs(slope) < 1 - ROUND:  # a circle: its outline is measured better than its depth
+    along, across, slope, depth, half, *_ = np.median([fit for fit in fits if fit[4] >= config.widest * widest], axis=0)
+    if (
+        depth > config.round * half and abs(slope) < 1 - config.round
+    ):  # a circle: its outline is measured better than its depth
         along, slope, depth = along + half - depth, 0.0, half
     axes, diameters, _ = np.linalg.svd(np.array([[depth, slope * half], [0.0, half]]))
     longer = np.stack([view.along, view.across], axis=1) @ axes[:, 0]
@@ -95,32 +83,32 @@ def ellipse_of(cloud: Array, view: View) -> Ellipse | None:
     return Ellipse((float(x), float(y)), (2 * float(diameters[0]), 2 * float(diameters[1])), yaw)
 
 
-def _half_ellipse(side: Array, view: View, low: float, high: float) -> Array | None:
+def _half_ellipse(side: Array, view: View, heights: tuple[float, float], config: RoundFootprint) -> Array | None:
     """Fit the near half of an ellipse to a slice, (N, 2) along and across the view.
 
     Returns:
         Its middle along and across the view, slope, half depth and half width, metres; ``None`` where the outline is
         not seen or the slice is no half ellipse.
     """
-    fit = _fitted(side, _edges(view, float(np.median(side[:, 0])), low, high))
+    fit = _fitted(side, _edges(view, float(np.median(side[:, 0])), heights), config)
     # the outline's width depends on how far the axis is
-    return None if fit is None else _fitted(side, _edges(view, float(fit[0]), low, high))
+    return None if fit is None else _fitted(side, _edges(view, float(fit[0]), heights), config)
 
 
-def _fitted(side: Array, edges: tuple[float, float] | None) -> Array | None:
+def _fitted(side: Array, edges: tuple[float, float] | None, config: RoundFootprint) -> Array | None:
     if edges is None:
         return None
     middle, half = (edges[0] + edges[1]) / 2, (edges[1] - edges[0]) / 2
-    near = np.abs(side[:, 1] - middle) < SEEN * half
-    if near.sum() < FEWEST:
+    near = np.abs(side[:, 1] - middle) < config.seen * half
+    if near.sum() < config.fewest:
         return None
     points = side[near]
     off = _solved(points, middle, half)[1]
     points = points[off <= percentiles(off, [90])]  # flying pixels
     solution, off = _solved(points, middle, half)
     error = float(np.sqrt(np.mean(off**2)))
-    flat = not FLATTEST < solution[2] / half < DEEPEST
-    if flat or error > FIT * half or error > BETTER * _cornered(points):
+    flat = not config.depths[0] < solution[2] / half < config.depths[1]
+    if flat or error > config.error * half or error > config.better * _cornered(points):
         return None
     return np.array([solution[0], middle, solution[1], solution[2], half])
 
@@ -133,11 +121,11 @@ def _solved(points: Array, middle: float, half: float) -> tuple[Array, Array]:
     return solution, np.abs(points[:, 0] - terms @ solution)
 
 
-def _edges(view: View, axis: float, low: float, high: float) -> tuple[float, float] | None:
+def _edges(view: View, axis: float, heights: tuple[float, float]) -> tuple[float, float] | None:
     """The outline's left and right edge (m across the view) between two heights, at ``axis`` (m along the view)."""
     reach = (axis - view.eye @ view.along) / np.maximum(view.rays @ view.along, 1e-3)
     points = view.eye + reach[:, None] * view.rays
-    across = (points @ view.across)[(points[:, 2] >= low) & (points[:, 2] <= high)]
+    across = (points @ view.across)[(points[:, 2] >= heights[0]) & (points[:, 2] <= heights[1])]
     if len(across) < 6:
         return None
     middle = (across.min() + across.max()) / 2

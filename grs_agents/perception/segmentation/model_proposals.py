@@ -7,27 +7,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from grs_agents.perception.configuration import DEFAULT, MaskProposals, Segmentation
 from grs_agents.perception.image_geometry import Labels, components
-from grs_agents.perception.segmentation.candidates import LARGEST
 from grs_agents.perception.segmentation.merging import merge_parts
-from grs_agents.perception.segmentation.patches import JUMP, bends, borders, foreground, grown, joined, jumps, smoothed
-from grs_agents.perception.segmentation.segmentation import SMALLEST, objects_of
+from grs_agents.perception.segmentation.patches import bends, borders, foreground, grown, joined, jumps, smoothed
+from grs_agents.perception.segmentation.segmentation import objects_of
 from grs_agents.perception.table import robot_points
 from grs_agents.perception.types import Array, Image, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import reduced, restored
-
-ALIKE = 0.7
-"""Of masks whose intersection over union is larger than this, only the one with the best score is kept."""
-STANDING = 0.5
-"""At least this share of a mask's measured pixels stands on the table: it is neither table nor background."""
-SEEN = 0.2
-"""And at least this share of all its pixels."""
-SPILL = 3
-"""Masks may spill over the table, around what stands on it, by so many pixels."""
-BLUR = 2
-"""A mask's edge may be so many pixels off the edge in the depth."""
-COVERED = 0.8
-"""A mask covers a part if it holds at least this share of it."""
 
 
 @dataclass(frozen=True)
@@ -44,26 +31,29 @@ class Proposal:
 
 
 Proposer = Callable[[Image, Mask], Iterable[Proposal]]
-"""Asked with a photo and the (h, w) pixels where things may be, of the same view but perhaps smaller; answers with
+"""Asked with a photo and the (h, w) pixels where objects may be, of the same view but perhaps smaller; answers with
 (h, w) masks."""
 
 
-def segment_proposed(frame: RGBDFrame, table: TableFrame, proposer: Proposer) -> Labels:
-    """(H, W) labels: 0 for table and background, 1..N for what the proposals make of the things on the table."""
+def segment_proposed(
+    frame: RGBDFrame, table: TableFrame, proposer: Proposer, config: Segmentation = DEFAULT.segmentation
+) -> Labels:
+    """(H, W) labels: 0 for table and background, 1..N for what the proposals make of the objects on the table."""
     small, factor = reduced(frame)
     rows, columns = small.depth.shape
     smooth = smoothed(small)
     points = robot_points(smooth, table)
-    above = foreground(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3])
+    above = foreground(points, smooth.depth, np.asarray(table.T_robot_cam)[:3, 3], config.foreground)
     unknown = smooth.depth <= 0
     asked = proposer(frame.rgb[: rows * factor, : columns * factor], above | unknown)
-    found = distinct(standing(asked, above, points))
-    labels = merge_parts(_one_surface(painted(found, smooth), found, smooth), points)
-    labels = objects_of(labels, smooth, points, table)
+    kept = distinct(on_table(asked, above, points, config), config.proposals.alike)
+    labels = painted(kept, smooth, int(config.filter.smallest * smooth.depth.size))
+    labels = merge_parts(_one_surface(labels, kept, smooth, config), points, config)
+    labels = objects_of(labels, smooth, points, table, config)
     return labels if factor == 1 else restored(labels, small, frame, factor)
 
 
-def standing(proposals: Iterable[Proposal], above: Mask, points: Array) -> list[Proposal]:
+def on_table(proposals: Iterable[Proposal], above: Mask, points: Array, config: Segmentation) -> list[Proposal]:
     """The proposals of which most stands on the table, without islands, holes, and the table around them.
 
     What is longer than an object may be is a group, or all that is in the picture.
@@ -72,17 +62,22 @@ def standing(proposals: Iterable[Proposal], above: Mask, points: Array) -> list[
         proposals: masks of (H, W).
         above: (H, W) pixels that stand on the table.
         points: (H, W, 3) in the robot frame, NaN where unknown.
+        config: how much of a mask stands on the table.
     """
+    bounds = config.proposals
     unknown = np.isnan(points[..., 2])
-    smallest = int(SMALLEST * above.size)
-    near = cv2.dilate((above | unknown).astype(np.uint8), np.ones((2 * SPILL + 1,) * 2, np.uint8)) > 0
+    smallest = int(config.filter.smallest * above.size)
+    near = cv2.dilate((above | unknown).astype(np.uint8), np.ones((2 * bounds.spill + 1,) * 2, np.uint8)) > 0
     kept: list[Proposal] = []
     for one in proposals:
-        high = int((one.mask & above).sum())
+        standing = int((one.mask & above).sum())
         measured = int((one.mask & ~unknown).sum())
-        if high < max(smallest, STANDING * measured, SEEN * int(one.mask.sum())):
+        if standing < max(smallest, bounds.standing * measured, bounds.seen * int(one.mask.sum())):
             continue
-        if np.ptp(np.percentile(points[one.mask & above][:, :2], (2, 98), axis=0), axis=0).max() > LARGEST:
+        if (
+            np.ptp(np.percentile(points[one.mask & above][:, :2], (2, 98), axis=0), axis=0).max()
+            > DEFAULT.measuring.largest
+        ):
             continue
         mask: Mask = components((one.mask & near).astype(np.uint8), smallest) > 0
         mask = components((~mask).astype(np.uint8), smallest) == 0
@@ -91,7 +86,7 @@ def standing(proposals: Iterable[Proposal], above: Mask, points: Array) -> list[
     return kept
 
 
-def distinct(proposals: Sequence[Proposal]) -> list[Proposal]:
+def distinct(proposals: Sequence[Proposal], alike: float) -> list[Proposal]:
     """Non-maximum suppression: the best first, without those that are like a better one; the earlier of equals."""
     order = sorted(range(len(proposals)), key=lambda number: (-proposals[number].score, number))
     packed = [np.packbits(proposals[number].mask) for number in order]
@@ -99,19 +94,18 @@ def distinct(proposals: Sequence[Proposal]) -> list[Proposal]:
     kept: list[int] = []
     for one, bits in enumerate(packed):
         for other in kept:
-            if min(areas[one], areas[other]) <= ALIKE * max(areas[one], areas[other]):
+            if min(areas[one], areas[other]) <= alike * max(areas[one], areas[other]):
                 continue  # at most the smaller is shared, and the union is at least the larger
             shared = int(np.bitwise_count(bits & packed[other]).sum())
-            if shared > ALIKE * (areas[one] + areas[other] - shared):
+            if shared > alike * (areas[one] + areas[other] - shared):
                 break
         else:
             kept.append(one)
     return [proposals[order[one]] for one in kept]
 
 
-def painted(proposals: Sequence[Proposal], frame: RGBDFrame) -> Labels:
+def painted(proposals: Sequence[Proposal], frame: RGBDFrame, smallest: int) -> Labels:
     """(H, W) one label for each proposal, the smaller on top; slivers that are left of one go to what they touch."""
-    smallest = int(SMALLEST * frame.depth.size)
     labels = np.zeros(frame.depth.shape, np.int32)
     for number in sorted(range(len(proposals)), key=lambda one: -int(proposals[one].mask.sum())):
         labels[proposals[number].mask] = number + 1
@@ -122,30 +116,34 @@ def painted(proposals: Sequence[Proposal], frame: RGBDFrame) -> Labels:
     return grown(whole, labels > 0, frame.depth)
 
 
-def _one_surface(labels: Labels, proposals: Sequence[Proposal], frame: RGBDFrame) -> Labels:
+def _one_surface(labels: Labels, proposals: Sequence[Proposal], frame: RGBDFrame, config: Segmentation) -> Labels:
     """Join the parts that one proposal covers where the depth between them neither jumps nor creases.
 
     A print on a box, or its faces, are parts of it; so the depth says, and a mask of the whole that is no worse than
     theirs. Without such a mask two boxes side by side stay two.
     """
     measured = np.where(frame.depth > 0, labels, 0)
-    around = np.ones((2 * BLUR + 1,) * 2, np.uint8)
+    around = np.ones((2 * config.proposals.blur + 1,) * 2, np.uint8)
     below, right = jumps(frame.depth)
     jump = cv2.dilate((below | right).astype(np.uint8), around) > 0
-    strength: Array = np.asarray(cv2.dilate(np.minimum(bends(frame, measured > 0), JUMP), around), np.float64)
+    bend = np.minimum(bends(frame, measured > 0, config.patches), config.patches.jump)
+    strength: Array = np.asarray(cv2.dilate(bend, around), np.float64)
     count = int(labels.max()) + 1
-    length, total = (np.pad(one, (0, count - len(one))) for one in borders(measured, strength, jump, jump))
-    return joined(labels, length, total, _together(labels, proposals))
+    length, total = (
+        np.pad(one, (0, count - len(one))) for one in borders(measured, strength, jump, jump, config.patches.jump)
+    )
+    together = _covered_together(labels, proposals, config.proposals)
+    return joined(labels, length, total, together, config.patches)
 
 
-def _together(labels: Labels, proposals: Sequence[Proposal]) -> Mask:
+def _covered_together(labels: Labels, proposals: Sequence[Proposal], config: MaskProposals) -> Mask:
     """(N+1, N+1) which two labels a proposal covers whose score is not below that of both."""
     count = int(labels.max()) + 1
     areas = np.maximum(np.bincount(labels.ravel(), minlength=count), 1)
     scores = np.array([1.0, *(one.score for one in proposals)])[:count]
     together = np.zeros((count, count), np.bool_)
     for one in proposals:
-        held = np.bincount(labels[one.mask], minlength=count) >= COVERED * areas
+        held = np.bincount(labels[one.mask], minlength=count) >= config.covered * areas
         held[0] = False
         together |= held[:, None] & held & (one.score >= np.minimum(scores[:, None], scores))
     return together

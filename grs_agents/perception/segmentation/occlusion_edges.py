@@ -1,23 +1,14 @@
-"""Where one part is seen over the upper edge of another: the inside of a hollow thing, or a thing behind a thing.
+"""Where one part is seen over the upper edge of another: the inside of a hollow object, or an object behind an object.
 
-Along the edge of a hollow thing what is seen lies deep in the middle and comes up to the rim at both ends, where the
-near wall meets the far one. A thing behind a thing stays as deep, or goes on down beside it."""
+Along the edge of a hollow object what is seen lies deep in the middle and comes up to the rim at both ends, where the
+near wall meets the far one. An object behind an object stays as deep, or goes on down beside it."""
 
 import numpy as np
 
-from grs_agents.perception.image_geometry import DEEP, Index, Labels
+from grs_agents.perception.configuration import DEFAULT, Segmentation
+from grs_agents.perception.image_geometry import Index, Labels
 from grs_agents.perception.types import Array
 
-END = 0.2
-"""This share of an edge's columns is its end."""
-RISEN = 0.5
-"""At both ends of a rim the inside comes up to at least this share of its height."""
-CLOSED = 0.6
-"""And there the sides are nearer to each other than this share of the rim's width."""
-SPAN = 0.5
-"""The edge spans at least this share of the narrower part's columns."""
-FEWEST = 8
-"""An edge of fewer columns says nothing."""
 NOWHERE: Index = np.zeros(0, np.intp)
 
 
@@ -27,9 +18,11 @@ class OcclusionEdges:
     Args:
         labels: (H, W), 0 where no part is.
         points: (H, W, 3) in the robot frame, metres.
+        config: what is the rim of a hollow object.
     """
 
-    def __init__(self, labels: Labels, points: Array) -> None:
+    def __init__(self, labels: Labels, points: Array, config: Segmentation = DEFAULT.segmentation) -> None:
+        self.config, self.deep = config.rim, config.hollow.deep
         rows, columns = np.nonzero((labels[1:] != labels[:-1]) & (labels[1:] > 0))
         numbers = np.arange(len(labels))[:, None]
         at = np.maximum.accumulate(np.where(labels > 0, numbers, -1), axis=0)[rows, columns]
@@ -39,28 +32,28 @@ class OcclusionEdges:
         count = int(labels.max()) + 1
         pairs = labels[rows, self.columns].astype(np.int64) * count + labels[at, self.columns]
         order = np.argsort(pairs, kind="stable")
-        kinds, starts = np.unique(pairs[order], return_index=True)
-        members = np.split(order, starts)[1:]
-        self.pairs = {divmod(int(kind), count): one for kind, one in zip(kinds, members, strict=True)}
+        kinds, first = np.unique(pairs[order], return_index=True)
+        members = np.split(order, first)[1:]
+        self.pairs = {divmod(int(kind), count): own for kind, own in zip(kinds, members, strict=True)}
 
     def rename(self, old: int, new: int) -> None:
         """Part ``old`` has become a piece of ``new``."""
         for near, far in [pair for pair in self.pairs if old in pair]:
             pair = (new if near == old else near), (new if far == old else far)
-            found = self.pairs.pop((near, far))
-            self.pairs[pair] = np.sort(np.concatenate([self.pairs.get(pair, found[:0]), found]))
+            renamed = self.pairs.pop((near, far))
+            self.pairs[pair] = np.sort(np.concatenate([self.pairs.get(pair, NOWHERE), renamed]))
 
-    def span(self, near: int, far: int, width: int) -> bool:
+    def spans(self, near: int, far: int, width: int) -> bool:
         """Whether ``far`` is seen over most of the edge of ``near``; the narrower of them is ``width`` columns wide.
 
-        What stands in a hollow thing has its far wall behind it, and a whole hollow thing its own inside: these are
+        What stands in a hollow object has its far wall behind it, and a whole hollow object its own inside: these are
         no edges of a wall.
         """
         pair = self._pair(near, far)
-        if len(pair) < max(SPAN * width, FEWEST):
+        if len(pair) < max(self.config.span * width, self.config.fewest):
             return False
         own = np.isin(self.columns[pair], self.columns[self._pair(near, near)]).sum()
-        return max(int(own), len(self._pair(far, near))) <= SPAN * len(pair)
+        return max(int(own), len(self._pair(far, near))) <= self.config.span * len(pair)
 
     def _pair(self, near: int, far: int) -> Index:
         return self.pairs.get((near, far), NOWHERE)
@@ -72,13 +65,13 @@ class OcclusionEdges:
         edges, seen = self.edges[pairs], self.seen[pairs]
         known = np.isfinite(edges[:, 2]) & np.isfinite(seen[:, 2])
         edges, seen = edges[known], seen[known]
-        if len(edges) < FEWEST:
+        if len(edges) < self.config.fewest:
             return False
         heights = np.minimum(edges[:, 2], seen[:, 2])
         apart = np.linalg.norm(edges - seen, axis=1)
-        end = max(1, round(END * len(edges)))
+        end = max(1, round(self.config.end * len(edges)))
         middle = float(np.percentile(heights[end:-end], 10))
         risen = min(float(heights[:end].max()), float(heights[-end:].max()))
         farthest = max(float(apart[:end].min()), float(apart[-end:].min()))
         width = float(np.linalg.norm(edges[0] - edges[-1]))
-        return risen > max(RISEN * top, middle + DEEP) and farthest < CLOSED * width
+        return risen > max(self.config.risen * top, middle + self.deep) and farthest < self.config.closed * width

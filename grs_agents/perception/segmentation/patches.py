@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.perception.configuration import DEFAULT, Foreground, PatchCutting
 from grs_agents.perception.image_geometry import (
     Labels,
     components,
@@ -22,15 +23,6 @@ from grs_agents.perception.table import tolerance
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 
 Depth = npt.NDArray[np.float32]
-TALLEST = 0.6
-"""What rises higher above the table (m) is not an object on it."""
-LOWEST = 0.006
-SEEN_THROUGH = 0.1
-"""Two pieces of plane are one table unless so large a share of what lies between them shows something lower."""
-LOWER = 0.05
-"""What is so much (m) lower than the table top is seen beside it, not on it."""
-HIDDEN = 0.15
-"""Objects may stand this far (m) from the visible table, on its near part that is out of the picture."""
 CROSS = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
 
 
@@ -54,28 +46,38 @@ def jumps(depth: Depth) -> tuple[Mask, Mask]:
     return below, right
 
 
-def foreground(points: Array, depth: Depth, eye: Array) -> Mask:
+def jump_edges(depth: Depth) -> Mask:
+    """(H, W) pixels on either side of a jump."""
+    below, right = jumps(depth)
+    edges = below | right
+    edges[1:] |= below[:-1]
+    edges[:, 1:] |= right[:, :-1]
+    return edges
+
+
+def foreground(points: Array, depth: Depth, eye: Array, config: Foreground = DEFAULT.segmentation.foreground) -> Mask:
     """(H, W) pixels that are above the table and over it, or stand on it.
 
     Args:
         points: (H, W, 3) in the robot frame, NaN where unknown.
         depth: (H, W) metres.
         eye: (3,) where the camera is, robot frame.
+        config: how high objects are, and how far the table may reach.
     """
     height = points[..., 2]
     bound = tolerance(depth.astype(np.float64))
     flat = np.abs(height) < bound
-    hull = _table_hull(points, flat, eye)
+    hull = _table_hull(points, flat, eye, config)
     if hull is None:
         return np.zeros(depth.shape, np.bool_)
-    above = (height > np.maximum(bound, LOWEST)) & (height < TALLEST)
+    above = (height > np.maximum(bound, config.lowest)) & (height < config.tallest)
     above = cv2.morphologyEx(above.astype(np.uint8), cv2.MORPH_OPEN, CROSS).astype(np.bool_)
     inside = np.zeros(depth.shape, np.bool_)
-    inside[above] = _over(values_at(points, above), hull, eye)
+    inside[above] = _is_over_table(values_at(points, above), hull, eye, config.beyond_table)
     return _standing(above, inside, depth)
 
 
-def _over(points: Array, hull: Array, eye: Array) -> Mask:
+def _is_over_table(points: Array, hull: Array, eye: Array, beyond: float) -> Mask:
     """Which of (N, 3) points are over the table, or near it and hide it from the camera's ``eye``.
 
     The near part of the table may be out of the picture, below the things that stand on it.
@@ -84,17 +86,13 @@ def _over(points: Array, hull: Array, eye: Array) -> Mask:
     rest = points.compress(~over, axis=0)
     share = rest[:, 2:] / np.minimum(rest[:, 2:] - eye[2], -1e-6)
     hidden = rest[:, :2] - share * (rest[:, :2] - eye[:2])
-    over[~over] = inside_hull(rest[:, :2], hull, HIDDEN) & inside_hull(hidden, hull, 0.0)
+    over[~over] = inside_hull(rest[:, :2], hull, beyond) & inside_hull(hidden, hull, 0.0)
     return over
 
 
 def _standing(above: Mask, inside: Mask, depth: Depth) -> Mask:
     """Whole surfaces of which most is over the table: things reach beyond what is seen of it."""
-    below, right = jumps(depth)
-    cut = below | right
-    cut[1:] |= below[:-1]
-    cut[:, 1:] |= right[:, :-1]
-    blobs = components((above & ~cut).astype(np.uint8), 1)
+    blobs = components((above & ~jump_edges(depth)).astype(np.uint8), 1)
     total = np.bincount(blobs.ravel())
     over = np.bincount(blobs[inside], minlength=len(total))
     keep = over > 0.4 * total
@@ -102,7 +100,7 @@ def _standing(above: Mask, inside: Mask, depth: Depth) -> Mask:
     return keep[blobs] | inside & (blobs == 0)
 
 
-def _table_hull(points: Array, flat: Mask, eye: Array) -> Array | None:
+def _table_hull(points: Array, flat: Mask, eye: Array, config: Foreground) -> Array | None:
     """(M, 2) corners of the visible table, over the gaps that objects make in it.
 
     The largest piece of plane is table, and so is every other piece, unless the camera sees something lower between
@@ -116,77 +114,66 @@ def _table_hull(points: Array, flat: Mask, eye: Array) -> Array | None:
     order = [int(label) for label in np.argsort(-areas)[:20] if areas[label] > 0.005 * areas.max()]
     pieces = [points.reshape(-1, 3).take(found[label - 1][::7], axis=0)[:, :2] for label in order]
     hull = hull_of(pieces.pop(0))
-    crossings, lower = _crossings(points, eye)
+    crossings, lower = _crossings(points, eye, config.lower)
     while True:
-        near = [piece for piece in pieces if not _apart(hull, piece, crossings, lower)]
+        shares = [_seen_through(hull, piece, crossings, lower) for piece in pieces]
+        near = [piece for piece, share in zip(pieces, shares, strict=True) if share <= config.most_seen_through]
         if not near:
             return hull
-        pieces = [piece for piece in pieces if not any(piece is one for one in near)]
+        pieces = [piece for piece, share in zip(pieces, shares, strict=True) if share > config.most_seen_through]
         hull = hull_of(np.concatenate([hull, *near]))
 
 
-def _crossings(points: Array, eye: Array) -> tuple[Array, Mask]:
+def _crossings(points: Array, eye: Array, below: float) -> tuple[Array, Mask]:
     """(N, 2) where the rays of some pixels cross the table's plane, m, and (N,) whether they end below it."""
     cloud = points[::4, ::4].reshape(-1, 3)
-    cloud = cloud.compress(cloud[:, 2] < eye[2] - LOWER, axis=0)
+    cloud = cloud.compress(cloud[:, 2] < eye[2] - below, axis=0)
     share = eye[2] / (eye[2] - cloud[:, 2:])
-    return eye[:2] + share * (cloud[:, :2] - eye[:2]), cloud[:, 2] < -LOWER
+    return eye[:2] + share * (cloud[:, :2] - eye[:2]), cloud[:, 2] < -below
 
 
-def _apart(hull: Array, piece: Array, crossings: Array, lower: Mask) -> bool:
-    """Whether something lower than the table is seen between its ``hull`` (M, 2) and another piece of plane (N, 2)."""
+def _seen_through(hull: Array, piece: Array, crossings: Array, lower: Mask) -> float:
+    """The share that is lower of what is seen between the table's ``hull`` (M, 2) and a piece of plane (N, 2)."""
     both = hull_of(np.concatenate([hull, piece]))
     between = inside_hull(crossings, both, 0.0) & ~inside_hull(crossings, hull, 0.0)
-    return bool(np.count_nonzero(between & lower) > SEEN_THROUGH * np.count_nonzero(between))
+    return np.count_nonzero(between & lower) / max(np.count_nonzero(between), 1)
 
 
-BENT = 0.037
-"""Sagitta over chord where patches are first cut: a concave bend of about 8 degrees, often mere noise."""
-CREASE = 0.19
-"""The mean over a border above which two patches stay apart."""
-JUMP = 0.3
-"""What a depth jump counts in a border's mean, and the most that a bend counts."""
-REACH = 0.010
-"""Bends are measured across this distance on the surface, metres."""
-SHORTEST = 6
-"""Borders shorter than this (pixels) say nothing."""
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
-def patches(frame: RGBDFrame, foreground: Mask) -> Labels:
+def patches(frame: RGBDFrame, foreground: Mask, config: PatchCutting = DEFAULT.segmentation.patches) -> Labels:
     """(H, W) labels of the smooth, jump-free surfaces in the foreground; 0 elsewhere."""
-    bend = bends(frame, foreground)
-    below, right = jumps(frame.depth)
-    cut = (bend > BENT) | below | right
-    cut[1:] |= below[:-1]
-    cut[:, 1:] |= right[:, :-1]
+    bend = bends(frame, foreground, config)
+    cut = (bend > config.bend) | jump_edges(frame.depth)
     cores = cv2.morphologyEx((foreground & ~cut).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     labels = grown(components(cores, 12), foreground, frame.depth)
-    return _joined(labels, bend, below, right)
+    length, total = borders(labels, np.minimum(bend, config.jump), *jumps(frame.depth), config.jump)
+    return joined(labels, length, total, np.ones(length.shape, np.bool_), config)
 
 
-def bends(frame: RGBDFrame, foreground: Mask) -> Array:
+def bends(frame: RGBDFrame, foreground: Mask, config: PatchCutting = DEFAULT.segmentation.patches) -> Array:
     """(H, W) how much the surface bends inwards at each pixel: sagitta over chord, the most of four directions.
 
     0 where the chord would cross a depth jump: that is no bend of one surface; and far from the foreground.
     """
     middle = float(np.median(frame.depth[foreground])) if foreground.any() else 1.0
-    step = int(np.clip(np.rint(REACH * frame.camera.fx / middle), 3, 24))
+    step = int(np.clip(np.rint(config.reach * frame.camera.fx / middle), 3, 24))
     rows, columns = window_of(foreground)
     around = tuple(slice(max(0, side.start - 2 * step), side.stop + 2 * step) for side in (rows, columns))
     x, y, z = np.ascontiguousarray(np.moveaxis(frame.points()[around], -1, 0))  # many times as fast as rows of three
     below, right = jumps(frame.depth)
     jump = (below | right | (frame.depth <= 0))[around].astype(np.uint8)
     whole = np.zeros(frame.depth.shape)
-    found = whole[around]
+    part = whole[around]
     for down, across in DIRECTIONS:
         length = max(2, round(step / float(np.hypot(down, across))))
         smooth = cv2.dilate(jump, _line(down, across, length)) == 0
         before, here, after = _along(jump.shape, down * length, across * length)
         chord = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2 + (z[after] - z[before]) ** 2)
         sag = z[here] - (z[before] + z[after]) / 2
-        bend = np.where(smooth[here] & (chord < 6 * REACH), sag / np.maximum(chord, 1e-6), 0.0)
-        np.maximum(found[here], bend, out=found[here])
+        bend = np.where(smooth[here] & (chord < 6 * config.reach), sag / np.maximum(chord, 1e-6), 0.0)
+        np.maximum(part[here], bend, out=part[here])
     return whole
 
 
@@ -215,8 +202,8 @@ def grown(labels: Labels, foreground: Mask, depth: Depth, rounds: int = 14) -> L
     # Beyond a jump, as beyond the picture, nothing is: pixel 0.
     around = np.stack([np.where(jump.take(empty + edge), 0, empty + step) for jump, edge, step in ways])
     for _ in range(rounds):
-        found = result.take(around)
-        taken = found[(found > 0).argmax(axis=0), np.arange(len(empty))]
+        neighbors = result.take(around)
+        taken = neighbors[(neighbors > 0).argmax(axis=0), np.arange(len(empty))]
         result.put(empty, taken)
         left = taken == 0
         if left.all():
@@ -225,12 +212,7 @@ def grown(labels: Labels, foreground: Mask, depth: Depth, rounds: int = 14) -> L
     return result[1:-1, 1:-1].copy()
 
 
-def _joined(labels: Labels, bend: Array, below: Mask, right: Mask) -> Labels:
-    length, total = borders(labels, np.minimum(bend, JUMP), below, right)
-    return joined(labels, length, total, np.ones(length.shape, np.bool_))
-
-
-def joined(labels: Labels, length: Array, total: Array, allowed: Mask) -> Labels:
+def joined(labels: Labels, length: Array, total: Array, allowed: Mask, config: PatchCutting) -> Labels:
     """Join neighbours, the smoothest border first, until every border that is left is a crease or a jump.
 
     Args:
@@ -238,12 +220,13 @@ def joined(labels: Labels, length: Array, total: Array, allowed: Mask) -> Labels
         length: (N+1, N+1) of the border of every two labels, pixels; see `borders`.
         total: (N+1, N+1) their summed strength.
         allowed: (N+1, N+1) which may be joined at all; what one may be joined with, what it is joined with may too.
+        config: which borders are creases.
     """
     length, total, allowed = length.copy(), total.copy(), allowed.copy()
     owner = np.arange(len(length))
-    mean = np.where(allowed & (length >= SHORTEST), total / np.maximum(length, 1), np.inf)
+    mean = np.where(allowed & (length >= config.shortest), total / np.maximum(length, 1), np.inf)
     np.fill_diagonal(mean, np.inf)
-    while mean.flat[smoothest := int(mean.argmin())] < CREASE:
+    while mean.flat[smoothest := int(mean.argmin())] < config.crease:
         one, other = divmod(smoothest, len(mean))
         owner[owner == other] = one
         for table in (length, total, allowed):
@@ -252,24 +235,31 @@ def joined(labels: Labels, length: Array, total: Array, allowed: Mask) -> Labels
             table[other] = table[:, other] = 0
             table[one, one] = 0
         mean[other] = mean[:, other] = np.inf
-        row = np.where(allowed[one] & (length[one] >= SHORTEST), total[one] / np.maximum(length[one], 1), np.inf)
+        row = np.where(allowed[one] & (length[one] >= config.shortest), total[one] / np.maximum(length[one], 1), np.inf)
         mean[one] = mean[:, one] = row
     _, numbers = np.unique(owner, return_inverse=True)
     return numbers.astype(np.int32)[labels]
 
 
-def borders(labels: Labels, strength: Array, below: Mask, right: Mask) -> tuple[Array, Array]:
-    """Length (pixels) and summed strength of the border of every two labels, as (N+1, N+1) symmetric tables."""
+def borders(labels: Labels, strength: Array, below: Mask, right: Mask, jump: float) -> tuple[Array, Array]:
+    """Length (pixels) and summed strength of the border of every two labels, as (N+1, N+1) symmetric tables.
+
+    Args:
+        labels: (H, W), 0..N.
+        strength: (H, W) of a border that runs through each pixel.
+        below, right: (H, W) where a pixel and its lower, and its right, neighbour lie on different surfaces.
+        jump: the strength there.
+    """
     count = int(labels.max()) + 1
     length, total = np.zeros((count, count)), np.zeros((count, count))
     views: tuple[tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], Array, Mask], ...] = (
         (labels[:-1], labels[1:], np.maximum(strength[:-1], strength[1:]), below[:-1]),
         (labels[:, :-1], labels[:, 1:], np.maximum(strength[:, :-1], strength[:, 1:]), right[:, :-1]),
     )
-    for one, other, strong, jump in views:
+    for one, other, strong, jumping in views:
         border = (one != other) & (one > 0) & (other > 0)
         index = one[border].astype(np.int64) * count + other[border]
         length += np.bincount(index, minlength=count**2).reshape(count, count)
-        weight = np.where(jump, JUMP, strong)[border]
+        weight = np.where(jumping, jump, strong)[border]
         total += np.bincount(index, weights=weight, minlength=count**2).reshape(count, count)
     return length + length.T, total + total.T

@@ -2,46 +2,32 @@
 
 import numpy as np
 
+from grs_agents.perception.configuration import DEFAULT, RimFootprint
 from grs_agents.perception.image_geometry import percentiles, rectangle_of, turns
 from grs_agents.perception.types import Array
 
-FLAT = 0.6
-"""What is higher than this share of its width is no bowl: a cup shows its side and its handle, which tell more."""
-HIGH = 0.012
-"""Points lower than this (m) below the top are not of the rim."""
-FEWEST = 60
-"""So few tell of no circle."""
-ROUNDS = 5
-NEAR = 0.004
-"""Points nearer than this (m) to the circle always count."""
-BETTER = 0.8
-"""A round rim is off a circle by less than this share of what it is off a rectangle, on average."""
-SECTORS, SEEN = 24, 0.6
-"""The circle is cut into so many sectors; in this share of them points must lie."""
-WIDE, LOW = 1.24, 0.5
-"""What reaches beyond so many radii is a handle; strays, if it is lower than this share of its height."""
-HANDLE = 0.02
-"""What has a handle of more than this share of the points is not round."""
 
-
-def rim_of(cloud: Array) -> tuple[tuple[float, float], float] | None:
-    """Centre (x, y) and diameter (m) of the rim of (N, 3) points of an open thing; ``None`` if it is no round bowl."""
+def rim_of(cloud: Array, config: RimFootprint = DEFAULT.measuring.rim) -> tuple[tuple[float, float], float] | None:
+    """Centre (x, y) and diameter (m) of the rim of (N, 3) points of an open object; ``None`` if it is no round bowl."""
     bottom, top = (float(level) for level in percentiles(cloud[:, 2], [2, 98]))
-    rim = cloud.compress(cloud[:, 2] > top - HIGH, axis=0)[:, :2]
+    rim = cloud.compress(cloud[:, 2] > top - config.high, axis=0)[:, :2]
     kept, center, radius = rim, np.zeros(2), 0.0
-    for _ in range(ROUNDS):
-        if len(kept) < FEWEST:
+    for _ in range(config.rounds):
+        if len(kept) < config.fewest:
             return None
         center, radius = _circle(kept)
         off = np.abs(np.hypot(*(rim - center).T) - radius)
-        kept = rim.compress(off < max(NEAR, 2 * float(np.median(off))), axis=0)
+        kept = rim.compress(off < max(config.near, 2 * float(np.median(off))), axis=0)
     away = kept - center
     reach = np.hypot(*away.T)
-    sectors = np.floor(np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) * SECTORS).astype(np.int64)
-    handle = (np.hypot(*(cloud[:, :2] - center).T) > WIDE * radius) & (cloud[:, 2] > bottom + LOW * (top - bottom))
-    if top - bottom > FLAT * 2 * radius or len(np.unique(sectors)) < SEEN * SECTORS or handle.mean() > HANDLE:
+    sectors = np.floor(np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) * config.sectors).astype(np.int64)
+    height = top - bottom
+    if height > config.flat * 2 * radius or len(np.unique(sectors)) < config.seen * config.sectors:
         return None
-    if np.abs(np.hypot(*(rim - center).T) - radius).mean() > BETTER * _off_rectangle(rim):
+    beyond = np.hypot(*(cloud[:, :2] - center).T) > config.wide * radius
+    if (beyond & (cloud[:, 2] > bottom + config.low * height)).mean() > config.handle:
+        return None
+    if np.abs(np.hypot(*(rim - center).T) - radius).mean() > config.better * _off_rectangle(rim):
         return None
     return (float(center[0]), float(center[1])), 2 * float(percentiles(reach, [95])[0])
 

@@ -8,8 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.perception import Image, Mask, Proposal, RGBDFrame, find_table, segment_proposed
-from grs_agents.perception.segmentation.model_proposals import ALIKE, distinct
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.segmentation.model_proposals import distinct
 from tests.perception.conftest import Rendered
+
+ALIKE = DEFAULT.segmentation.proposals.alike
 
 
 def _segment(frame: RGBDFrame, *proposals: Proposal) -> np.ndarray:
@@ -137,7 +140,7 @@ def test_of_masks_that_are_alike_the_best_is_kept(spans: list[tuple[int, int, fl
         return float((one & other).sum() / (one | other).sum())
 
     proposals = [Proposal(mask(start, length), score) for start, length, score in spans]
-    kept = distinct(proposals)
+    kept = distinct(proposals, ALIKE)
     for number, one in enumerate(kept):
         assert all(overlap(one.mask, other.mask) <= ALIKE for other in kept[:number])
     for one in proposals:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grs_agents.perception import RGBDFrame, find_table
-from grs_agents.perception.segmentation.occluded_pieces import join_hidden
+from grs_agents.perception.segmentation.occluded_pieces import join_occluded
 from grs_agents.perception.table import robot_points
 from tests.perception.conftest import Thing, render
 
@@ -24,7 +24,7 @@ def barred() -> tuple[RGBDFrame, np.ndarray]:
 
 
 def _joined(frame: RGBDFrame, labels: np.ndarray) -> np.ndarray:
-    return join_hidden(labels, frame, robot_points(frame, find_table(frame, np.random.default_rng(0))))
+    return join_occluded(labels, frame, robot_points(frame, find_table(frame, np.random.default_rng(0))))
 
 
 def test_the_sides_of_a_barred_box_are_one(barred: tuple[RGBDFrame, np.ndarray]) -> None:

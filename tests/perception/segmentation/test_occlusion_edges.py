@@ -21,22 +21,22 @@ def bowl() -> tuple[Rendered, np.ndarray]:
     return scene, np.where(scene.labels == 1, labels, 0)
 
 
-def _brinks(scene: Rendered, labels: np.ndarray) -> OcclusionEdges:
+def _occlusion_edges(scene: Rendered, labels: np.ndarray) -> OcclusionEdges:
     return OcclusionEdges(labels, robot_points(scene.frame, find_table(scene.frame, np.random.default_rng(0))))
 
 
 def test_the_inside_of_a_bowl_closes_at_its_near_wall(bowl: tuple[Rendered, np.ndarray]) -> None:
-    brinks = _brinks(*bowl)
-    assert brinks.span(NEAR, FAR, 40)
-    assert brinks.closes(NEAR, FAR, top=0.07)
+    edges = _occlusion_edges(*bowl)
+    assert edges.spans(NEAR, FAR, 40)
+    assert edges.closes(NEAR, FAR, top=0.07)
 
 
 def test_a_box_behind_a_box_does_not_close() -> None:
     boxes = (Thing("box", (0.4, 0.0), (0.08, 0.12, 0.1)), Thing("box", (0.55, 0.02), (0.08, 0.14, 0.1)))
     scene = render(boxes, noise=0.0, calibrated=True)
-    brinks = _brinks(scene, scene.labels)
-    assert brinks.span(NEAR, FAR, 40)
-    assert not brinks.closes(NEAR, FAR, top=0.1)
+    edges = _occlusion_edges(scene, scene.labels)
+    assert edges.spans(NEAR, FAR, 40)
+    assert not edges.closes(NEAR, FAR, top=0.1)
 
 
 def test_a_can_behind_a_box_of_its_height_stays_one_of_two() -> None:
@@ -45,10 +45,10 @@ def test_a_can_behind_a_box_of_its_height_stays_one_of_two() -> None:
 
 
 def test_a_renamed_part_keeps_its_edges(bowl: tuple[Rendered, np.ndarray]) -> None:
-    brinks = _brinks(*bowl)
-    brinks.rename(NEAR, 7)
-    assert brinks.closes(7, FAR, top=0.07)
-    assert not brinks.span(NEAR, FAR, 40)
+    edges = _occlusion_edges(*bowl)
+    edges.rename(NEAR, 7)
+    assert edges.closes(7, FAR, top=0.07)
+    assert not edges.spans(NEAR, FAR, 40)
 
 
 @pytest.mark.parametrize("wall", [0.006, 0.01])

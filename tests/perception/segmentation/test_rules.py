@@ -1,0 +1,65 @@
+"""Each rule of segmentation changes something, and can be switched off."""
+
+import numpy as np
+import pytest
+
+from grs_agents.errors import UnknownNameError
+from grs_agents.perception import RGBDFrame, find_table, segment
+from grs_agents.perception.configuration import DEFAULT, RULES
+from grs_agents.perception.segmentation.merging import merge_parts
+from tests.perception.conftest import Thing, render
+
+FRONT = Thing("box", (0.44, 0.0), (0.02, 0.05, 0.08))
+SCENES: dict[str, tuple[Thing, ...]] = {
+    "hollow_floor": (Thing("cylinder", (0.45, 0.05), (0.2, 0.2, 0.05), wall=0.004),),
+    "tab": (Thing("box", (0.5, 0.0), (0.1, 0.12, 0.16)), FRONT),
+    "cap": (Thing("box", (0.5, 0.0), (0.1, 0.12, 0.16)), Thing("box", (0.5, 0.0), (0.03, 0.04, 0.03), bottom=0.16)),
+    "ridge": (Thing("box", (0.5, 0.0), (0.1, 0.16, 0.12)), Thing("box", (0.5, 0.0), (0.02, 0.08, 0.03), bottom=0.12)),
+    "sensor_noise": (Thing("box", (0.4, 0.0), (0.03, 0.03, 0.0115)),),
+}
+
+
+def _frame(rule: str) -> RGBDFrame:
+    return render(SCENES[rule], noise=0.0, calibrated=True).frame
+
+
+@pytest.mark.parametrize("rule", SCENES)
+def test_a_rule_that_is_off_changes_the_segments(rule: str) -> None:
+    frame = _frame(rule)
+    table = find_table(frame, np.random.default_rng(0))
+    on = segment(frame, table)
+    off = segment(frame, table, DEFAULT.segmentation.without(rule))
+    assert (on != off).any()
+
+
+def _plate(x: float, y: float, z: float, length: float, width: float) -> np.ndarray:
+    """(20, 20, 3) points of a level plate."""
+    along, across = np.meshgrid(np.linspace(0, length, 20), np.linspace(0, width, 20))
+    return np.stack([x + along, y + across, np.full_like(along, z)], axis=-1)
+
+
+def _count(points: np.ndarray, labels: np.ndarray, *without: str) -> int:
+    return len(np.unique(merge_parts(labels, points, DEFAULT.segmentation.without(*without))))
+
+
+def test_the_walls_of_a_box_are_two_without_the_rule_of_the_common_rim() -> None:
+    x, y = np.meshgrid(np.linspace(0, 0.5, 120), np.linspace(0, 0.4, 110))
+    edge = np.minimum(np.minimum(x, 0.5 - x), np.minimum(y, 0.4 - y))
+    points = np.stack([x, y, np.where(edge < 0.012, 0.09, 0.012)], axis=-1)
+    labels = np.where(x < 0.25, 1, 2).astype(np.int32)
+    assert (_count(points, labels), _count(points, labels, "common_rim")) == (1, 2)
+
+
+def test_a_handle_is_a_part_of_its_own_without_the_rule_of_what_is_unsupported() -> None:
+    points = np.concatenate(
+        [_plate(0, 0, z, 0.1, 0.1) for z in (0.06, 0.08, 0.1)] + [_plate(0.095, 0.04, 0.097, 0.08, 0.02)]
+    )
+    labels = np.repeat(np.array([1, 1, 1, 2], np.int32), 20)[:, None] * np.ones(20, np.int32)
+    assert (_count(points, labels), _count(points, labels, "unsupported")) == (1, 2)
+
+
+def test_an_unknown_rule_is_told_with_those_there_are() -> None:
+    with pytest.raises(UnknownNameError) as error:
+        DEFAULT.segmentation.without("rims")
+    assert "common_rim" in str(error.value)
+    assert set(error.value.valid) == set(RULES)
