@@ -19,7 +19,7 @@ from grs_agents.perception.image_geometry import (
 from grs_agents.perception.segmentation.hollow_shapes import is_open
 from grs_agents.perception.segmentation.merging import merge_parts
 from grs_agents.perception.segmentation.occluded_pieces import join_occluded
-from grs_agents.perception.segmentation.patches import Depth, foreground, patches, smoothed
+from grs_agents.perception.segmentation.patches import foreground, patches, smoothed
 from grs_agents.perception.table import robot_points
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import reduced, restored
@@ -50,21 +50,13 @@ def objects_of(
     """
     smallest = int(config.filter.smallest * labels.size)
     flattest = float(np.clip(config.filter.deviations * table.residual, *config.filter.flattest))
-    pixels = pixels_of(labels)
-
-    def is_object(label: int, own: "np.ndarray[tuple[int], np.dtype[np.intp]]") -> bool:
-        if len(own) < smallest:
-            return False
-        cloud, depth = points.reshape(-1, 3).take(own, axis=0), smooth.depth.take(own)
-        if "sensor_noise" in config.rules and _is_sensor_noise(cloud, 4 * smallest, flattest):
-            return False
-        mixed = len(own) <= 4 * smallest and _are_flying_pixels(depth, smooth.camera.fx, config.filter.flying)
-        if "flying_pixels" in config.rules and mixed:
-            return False
-        return "entering" not in config.rules or not enters_from_outside(labels == label, points, config)
-
-    kept = [label for label, own in enumerate(pixels, 1) if is_object(label, own)]
-    numbers = np.zeros(len(pixels) + 1, np.int32)
+    heights = [points[..., 2].take(pixels) for pixels in pixels_of(labels)]
+    kept = [label for label, own in enumerate(heights, 1) if len(own) >= smallest]
+    if "sensor_noise" in config.rules:
+        kept = [label for label in kept if not _is_sensor_noise(heights[label - 1], 4 * smallest, flattest)]
+    if "entering" in config.rules:
+        kept = [label for label in kept if not enters_from_outside(labels == label, points, config)]
+    numbers = np.zeros(len(heights) + 1, np.int32)
     numbers[kept] = np.arange(1, len(kept) + 1)
     labels = numbers[labels]
     if "occluded" in config.rules:
@@ -104,16 +96,10 @@ def _known(points: Array) -> Array:
     return points[np.isfinite(points[:, 2])]
 
 
-def _is_sensor_noise(cloud: Array, small: int, flattest: float) -> bool:
-    """Whether a segment is a bump of the sensor's noise on the table."""
-    top = float(np.nanpercentile(cloud[:, 2], 95))
-    return top < flattest or (top < 2 * flattest and len(cloud) < small)
-
-
-def _are_flying_pixels(depth: Depth, focal: float, bound: float) -> bool:
-    """Whether (N,) pixels are a streak mixed of two surfaces: much deeper than it looks large."""
-    low, middle, high = np.percentile(depth[depth > 0], (5, 50, 95))
-    return bool(high - low > bound * np.sqrt(len(depth)) * middle / focal)
+def _is_sensor_noise(heights: Array, small: int, flattest: float) -> bool:
+    """Whether a segment, (N,) heights in m, is a bump of the sensor's noise on the table."""
+    top = float(np.nanpercentile(heights, 95))
+    return top < flattest or (top < 2 * flattest and len(heights) < small)
 
 
 def _with_hollow_floors(labels: Labels, points: Array, config: Segmentation) -> Labels:
