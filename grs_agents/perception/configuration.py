@@ -347,6 +347,10 @@ class Depenetration:
 
     free: float = 0.8  # of what counts as deep: what overlaps by less is apart
     steps: tuple[float, ...] = (0.002, 0.004, 0.006, 0.009, 0.013, 0.018, 0.025, 0.035)  # tried in turn: least first
+    last_steps: tuple[float, ...] = (0.05, 0.07, 0.1)  # and these, once nothing else took everything apart
+    # Overlaps up to each of these are left to easing. Which moves objects least hangs on the scene: they are tried in
+    # turn until nothing moves too far.
+    depths: tuple[float, ...] = (0.003, 0.012, 0.0015, 0.02)
     guessed: float = 4.0  # an object of unknown shape moves so many times as far: its place is known that much worse
     far: float = 0.01  # but not by more than this where something known need move less
     most: int = 12  # objects are moved

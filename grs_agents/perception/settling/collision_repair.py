@@ -13,22 +13,15 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Vec3
 from grs_agents.engine import mujoco
 from grs_agents.library import Library
+from grs_agents.perception.configuration import DEFAULT, CollisionRepair
 from grs_agents.perception.registration.registration import Registered, cost_of, register
 from grs_agents.perception.segmentation.candidates import quaternion
 from grs_agents.perception.settling.depenetration import depth_of, overlaps
-from grs_agents.perception.settling.settling import PlacedObject, instances, on_table, prepare
+from grs_agents.perception.settling.settling import PlacedObject, instances, on_table, world_of
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, UprightBox
-from grs_agents.sim.world.compilation import World, build, place
+from grs_agents.sim.world.compilation import World
 
 Floats = npt.NDArray[np.float64]
-DEEP = 0.006
-"""Things that are in each other by more than this (m) are not where they were registered."""
-DEEPEST = 0.015
-"""If they can be nowhere else, by more than this, one is not what it was taken for."""
-WORSE = 0.004
-"""A pose that costs more than the first one by more than this (m) does not show what was seen."""
-MOST = 8
-"""At most so many pairs are looked at."""
 
 
 @dataclass(frozen=True)
@@ -36,18 +29,18 @@ class KnownObject:
     """A thing whose asset is known.
 
     Attributes:
-        thing: its asset where it was registered.
+        placed: its asset where it was registered.
         upright: the box measured of it.
         mask: (H, W) its pixels.
     """
 
-    thing: PlacedObject
+    placed: PlacedObject
     upright: UprightBox
     mask: Mask
 
 
 @dataclass(frozen=True)
-class Disentangled:
+class CollisionRepairs:
     """What becomes of known things, by index.
 
     Attributes:
@@ -60,77 +53,93 @@ class Disentangled:
 
 
 def repair_collisions(
-    things: Sequence[KnownObject], frame: RGBDFrame, table: TableFrame, library: Library
-) -> Disentangled:
+    objects: Sequence[KnownObject],
+    frame: RGBDFrame,
+    table: TableFrame,
+    library: Library,
+    config: CollisionRepair = DEFAULT.settling.repair,
+) -> CollisionRepairs:
     """Which are not to stay in others.
 
     Of two that are in each other, that one is registered again of which this contradicts less of what was seen. Where
     it contradicts too much of either, both stay; but if they are deep in each other, the one that fits worse is wrong.
 
     Args:
-        things: as they were registered one by one.
+        objects: as they were registered one by one.
         frame, table: the photo and its pose.
         library: where their assets are looked up.
+        config: how deep is too deep.
 
     Raises:
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
-    here = [index for index, one in enumerate(things) if on_table(one.thing)]
-    crowd = _Crowd.of([things[index] for index in here], (frame, table), library)
-    looked: set[tuple[int, int]] = set()
+    on = [index for index, known in enumerate(objects) if on_table(known.placed)]
+    scene = _CollisionScene.of([objects[index] for index in on], (frame, table), library)
+    compared: set[tuple[int, int]] = set()
     moved: dict[int, Registered] = {}
     wrong: set[int] = set()
-    while len(looked) < MOST:
-        pair, depth = crowd.worst(looked)
-        if depth < DEEP:
+    while len(compared) < config.most:
+        pair, depth = scene.deepest_pair(compared)
+        if depth < config.deep:
             break
-        looked.add(pair)
-        if wrong & {here[number] for number in pair}:
+        compared.add(pair)
+        if wrong & set(pair):
             continue
-        tried = [(number, *crowd.again(number)) for number in pair]
-        better = [one for one in tried if one[2] < depth / 2 and one[3] < WORSE]
-        if better:
-            number, found, _, _ = min(better, key=lambda one: one[2] + one[3])
-            crowd.stand(number, found)
-            moved[here[number]] = found
-        elif depth > DEEPEST:
-            wrong.add(here[max(pair, key=crowd.cost)])
-    return Disentangled({index: found for index, found in moved.items() if index not in wrong}, frozenset(wrong))
+        repair = _better_pose(scene, pair, depth, config)
+        if repair is not None:
+            scene.move(*repair)
+            moved[repair[0]] = repair[1]
+        elif depth > config.deepest:
+            wrong.add(max(pair, key=scene.cost))
+    return CollisionRepairs(
+        {on[number]: pose for number, pose in moved.items() if number not in wrong},
+        frozenset(on[number] for number in wrong),
+    )
+
+
+def _better_pose(
+    scene: "_CollisionScene", pair: tuple[int, int], depth: float, config: CollisionRepair
+) -> tuple[int, Registered] | None:
+    """Which of two objects goes where, so that they are half as deep in each other and it still shows what was seen."""
+    tried = [(number, *scene.registered_again(number)) for number in pair]
+    better = [
+        (left + cost, number, pose) for number, pose, left, cost in tried if left < depth / 2 and cost < config.worse
+    ]
+    return min(better, key=lambda repair: repair[0])[1:] if better else None
 
 
 @dataclass(frozen=True)
-class _Crowd:
-    """The things in a world; ``poses`` says where each stands by now."""
+class _CollisionScene:
+    """Known objects in a world; ``poses`` says where each stands by now."""
 
-    things: Sequence[KnownObject]
+    objects: Sequence[KnownObject]
     poses: list[Pose]
     photo: tuple[RGBDFrame, TableFrame]
     library: Library
     world: World
 
     @classmethod
-    def of(cls, things: Sequence[KnownObject], photo: tuple[RGBDFrame, TableFrame], library: Library) -> "_Crowd":
-        items = instances([one.thing for one in things], library)
-        world = build(items, library)
-        place(world, items)
-        prepare(world)
-        return cls(things, [one.thing.pose for one in things], photo, library, world)
+    def of(
+        cls, objects: Sequence[KnownObject], photo: tuple[RGBDFrame, TableFrame], library: Library
+    ) -> "_CollisionScene":
+        world = world_of(instances([known.placed for known in objects], library), library)
+        return cls(objects, [known.placed.pose for known in objects], photo, library, world)
 
-    def worst(self, looked: Collection[tuple[int, int]]) -> tuple[tuple[int, int], float]:
+    def deepest_pair(self, compared: Collection[tuple[int, int]]) -> tuple[tuple[int, int], float]:
         """The two that are deepest in each other, lower number first, and how deep, m."""
         mujoco.mj_forward(self.world.model, self.world.data)
         found = {
             pair: depth
             for pair, depth in overlaps(self.world).items()
-            if pair not in looked and all(number in self.world.addresses for number in pair)
+            if pair not in compared and all(number in self.world.addresses for number in pair)
         }
         return max(found.items(), key=lambda one: one[1], default=((0, 0), 0.0))
 
-    def again(self, number: int) -> tuple[Registered, float, float]:
+    def registered_again(self, number: int) -> tuple[Registered, float, float]:
         """Where a thing is registered beside the others, how deep it is in them then, and how much dearer that is."""
-        one, (frame, table) = self.things[number], self.photo
-        asset, pose = one.thing.asset, self.poses[number]
+        one, (frame, table) = self.objects[number], self.photo
+        asset, pose = one.placed.asset, self.poses[number]
 
         def entered(poses: Floats) -> Floats:
             return np.array([self._depth(number, ((x, y, z), quaternion(turn))) for (x, y, z), turn in _parts(poses)])
@@ -142,18 +151,18 @@ class _Crowd:
 
     def cost(self, number: int) -> float:
         """How badly a thing where it stands fits what was seen, m."""
-        one, (frame, table) = self.things[number], self.photo
-        return cost_of(one.thing.asset, self.poses[number], self.library, one.upright, frame, table, one.mask)
+        one, (frame, table) = self.objects[number], self.photo
+        return cost_of(one.placed.asset, self.poses[number], self.library, one.upright, frame, table, one.mask)
 
-    def stand(self, number: int, found: Registered) -> None:
-        """Put a thing where it was found."""
+    def move(self, number: int, found: Registered) -> None:
+        """Put an object where it was registered."""
         self.poses[number] = (found.position, found.orientation)
         self._depth(number, self.poses[number])
 
     def _depth(self, number: int, pose: Pose) -> float:
         """How deep a thing is in others at a pose, where it stays, m."""
-        thing, start = PlacedObject(self.things[number].thing.asset, pose), self.world.addresses[number]
-        position, (x, y, z, w) = instances([thing], self.library)[0].pose
+        placed, start = PlacedObject(self.objects[number].placed.asset, pose), self.world.addresses[number]
+        position, (x, y, z, w) = instances([placed], self.library)[0].pose
         self.world.data.qpos[start : start + 7] = (*position, w, x, y, z)
         return depth_of(self.world, number)
 

@@ -1,4 +1,4 @@
-"""Take things apart that overlap deeply: the one that has to move least is moved by itself, all others stay."""
+"""Move objects apart that overlap deeply: the one that has to move least is moved by itself, all others stay."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -7,21 +7,12 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.engine import mujoco
+from grs_agents.perception.configuration import DEFAULT, Depenetration
 from grs_agents.sim.world.compilation import World
 
 Floats = npt.NDArray[np.float64]
 TABLE = -1
 """The number of the table, which cannot be moved."""
-FREE = 0.8
-"""What overlaps by less than this share of what is deep is apart."""
-STEPS = (0.002, 0.004, 0.006, 0.009, 0.013, 0.018, 0.025, 0.035)
-"""How far a thing is moved, m."""
-GUESSED = 4.0
-"""A thing of unknown shape is moved so many times as far as another one: its place is known that much worse."""
-FAR = 0.01
-"""But what is guessed is not moved by more than this (m) where something known need move less."""
-MOVES = 12
-"""At most so many things are moved."""
 DIRECTIONS: Floats = np.array(
     [(0.0, 0.0, 1.0)]
     + [
@@ -37,14 +28,14 @@ class Separation:
     """A way to take things apart.
 
     Attributes:
-        deep: overlaps up to this (m) are left to the easing.
+        deep: overlaps up to this (m) are left to easing.
         lift: what is in the table is lifted straight out of it first, whatever stands on that.
-        steps: how far a thing may be moved, m.
+        steps: how far an object may be moved, m.
     """
 
     deep: float
     lift: bool
-    steps: tuple[float, ...] = STEPS
+    steps: tuple[float, ...] = DEFAULT.settling.depenetration.steps
 
 
 def deepest_overlap(world: World) -> float:
@@ -52,36 +43,45 @@ def deepest_overlap(world: World) -> float:
     return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
 
 
-def separate(world: World, guessed: Collection[int], way: Separation) -> None:
-    """Move one thing after the other until none overlaps deeply, or none can be moved free of others.
+def separate(
+    world: World, guessed: Collection[int], way: Separation, config: Depenetration = DEFAULT.settling.depenetration
+) -> None:
+    """Move one object after the other until none overlaps deeply, or none can be moved free of others.
 
     Of two that overlap the one that has to move least is moved; what is ``guessed`` rather than what is known.
     """
     if way.lift:
         _lift(world, way.deep)
     stuck: set[tuple[int, int]] = set()
-    for _ in range(MOVES):
+    for _ in range(config.most):
         mujoco.mj_forward(world.model, world.data)
-        pair = _worst(world, stuck, way.deep)
+        pair = _deepest_pair(world, stuck, way.deep)
         if pair is None:
             return
-        free = FREE * way.deep
-        moves = [
-            (number, move)
-            for number in pair
-            if number in world.addresses and (move := _move_out(world, number, way.steps, free)) is not None
-        ]
-        if moves:
-            number, move = min(moves, key=lambda one: _dearness(one[1], one[0] in guessed))
-            if all(one in guessed for one in pair) and np.linalg.norm(move) >= FAR:
-                other = pair[0] if number == pair[1] else pair[1]
-                if other in world.addresses and _halved(world, number, other, move, free):
-                    continue
-            start = world.addresses[number]
-            world.data.qpos[start : start + 3] += move
-        else:
+        if not _move_apart(world, pair, guessed, way, config):
             stuck.add(pair)
     mujoco.mj_forward(world.model, world.data)
+
+
+def _move_apart(
+    world: World, pair: tuple[int, int], guessed: Collection[int], way: Separation, config: Depenetration
+) -> bool:
+    """Move one of two objects, or each half the way; whether one of them can be moved free of others."""
+    free = config.free * way.deep
+    moves = {
+        number: move
+        for number in pair
+        if number in world.addresses and (move := _move_out(world, number, way.steps, free)) is not None
+    }
+    if not moves:
+        return False
+    number = min(moves, key=lambda moved: _move_cost(moves[moved], moved in guessed, config))
+    other, move = pair[number == pair[0]], moves[number]
+    far = np.linalg.norm(move) >= config.far and other in world.addresses and set(pair) <= set(guessed)
+    if not (far and _move_both(world, number, other, move, free)):
+        start = world.addresses[number]
+        world.data.qpos[start : start + 3] += move
+    return True
 
 
 def _lift(world: World, deep: float) -> None:
@@ -92,10 +92,10 @@ def _lift(world: World, deep: float) -> None:
             world.data.qpos[world.addresses[number] + 2] += depth
 
 
-def _dearness(move: Floats, guessed: bool) -> float:
-    """What it costs to move a thing, m."""
+def _move_cost(move: Floats, guessed: bool, config: Depenetration) -> float:
+    """What it costs to move an object, m."""
     far = float(np.linalg.norm(move))
-    return far / GUESSED if guessed and far < FAR else far
+    return far / config.guessed if guessed and far < config.far else far
 
 
 def overlaps(world: World) -> dict[tuple[int, int], float]:
@@ -107,7 +107,7 @@ def overlaps(world: World) -> dict[tuple[int, int], float]:
     return found
 
 
-def _worst(world: World, stuck: set[tuple[int, int]], deep: float) -> tuple[int, int] | None:
+def _deepest_pair(world: World, stuck: set[tuple[int, int]], deep: float) -> tuple[int, int] | None:
     """The things, lower number first, that overlap most, if by more than ``deep`` m."""
     found = {
         pair: depth
@@ -121,21 +121,21 @@ def _move_out(world: World, number: int, steps: Sequence[float], free: float) ->
     """The shortest of the tried moves, (3,) m, after which a thing overlaps nothing by more than ``free`` m."""
     start = world.addresses[number]
     here = world.data.qpos[start : start + 3].copy()
-    found: Floats | None = None
+    shortest: Floats | None = None
     for step in steps:
-        depths = [_depth(world, number, here + step * direction) for direction in DIRECTIONS]
+        depths = [_depth_at(world, number, here + step * direction) for direction in DIRECTIONS]
         best = int(np.argmin(depths))
         if depths[best] < free:
-            found = step * DIRECTIONS[best]
+            shortest = step * DIRECTIONS[best]
             break
     world.data.qpos[start : start + 3] = here
     mujoco.mj_forward(world.model, world.data)
-    return found
+    return shortest
 
 
-def _halved(world: World, number: int, other: int, move: Floats, free: float) -> bool:
+def _move_both(world: World, number: int, other: int, move: Floats, free: float) -> bool:
     """Move two things half the way each, apart, if they overlap nothing by more than ``free`` m then."""
-    starts = [world.addresses[one] for one in (number, other)]
+    starts = [world.addresses[moved] for moved in (number, other)]
     before = [world.data.qpos[start : start + 3].copy() for start in starts]
     for start, half in zip(starts, (move / 2, -move / 2), strict=True):
         world.data.qpos[start : start + 3] += half
@@ -157,7 +157,7 @@ def depth_of(world: World, number: int) -> float:
     return max(0.0, float(-data.contact.dist[mine].min(initial=0.0)))
 
 
-def _depth(world: World, number: int, position: Sequence[float] | Floats) -> float:
+def _depth_at(world: World, number: int, position: Sequence[float] | Floats) -> float:
     """How deep a thing overlaps others with its centre at ``position``, m."""
     start = world.addresses[number]
     world.data.qpos[start : start + 3] = position

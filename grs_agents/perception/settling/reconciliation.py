@@ -1,4 +1,4 @@
-"""What stands for the segments of a photo, made to agree: pieces of known things are told, guessed boxes give way."""
+"""What stands for the segments of a photo, made to agree: pieces join known objects, guessed boxes are clipped."""
 
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
@@ -8,24 +8,14 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.library import Library
+from grs_agents.perception.configuration import DEFAULT, Reconciliation
 from grs_agents.perception.proxies.box_clipping import EstimatedVolume, clip_boxes
 from grs_agents.perception.proxies.neighbors import Surroundings
-from grs_agents.perception.registration.surface_inliers import asset_surface_at, surface_inliers
+from grs_agents.perception.registration.surface_inliers import AssetSurface, asset_surface_at, surface_inliers
 from grs_agents.perception.settling.settling import PlacedObject
 from grs_agents.perception.surfaces import Tree
 from grs_agents.perception.table import robot_points_at
-from grs_agents.perception.types import Mask, RGBDFrame, Solid, TableFrame, UprightBox
-
-INSIDE = 0.5
-"""What has more than this share of its points in the box of another, that is not hollow, is a piece of it."""
-ENTANGLED = 0.1
-"""So is what has more than this share of its own box there: boxes of two things can be clipped apart."""
-SHAPED = 0.008
-"""But for a thing whose points are farther off its box than this (m): one that leans does not fill its box."""
-FILLED = 0.5
-"""A guessed box of which a known thing fills more than this share is a piece of that."""
-TOUCHING, TOUCHED = 0.012, 10
-"""Pieces of one thing touch: at least so many points of one are nearer than this (m) to the other's."""
+from grs_agents.perception.types import Array, Mask, RGBDFrame, Solid, TableFrame, UprightBox
 
 
 @dataclass(frozen=True)
@@ -41,6 +31,10 @@ class Segment:
     known: PlacedObject | None
     hollow: bool = False
 
+    def surface(self, library: Library) -> AssetSurface | None:
+        """The surface of its asset."""
+        return None if self.known is None else asset_surface_at(self.known.asset, self.known.pose, library)
+
 
 @dataclass(frozen=True)
 class Reconciled:
@@ -50,7 +44,7 @@ class Reconciled:
         pieces: which are pieces of which others, whose assets explain all their points, or whose boxes hold most.
         claims: the space that each of the others without an asset fills.
         masks: (H, W) the pixels of each of those, with those of its pieces.
-        known: assets of the things of known shape that are no pieces, with their poses as in `Thing`.
+        known: assets of the things of known shape that are no pieces, with their poses as in `PlacedObject`.
         library: where their assets are looked up.
     """
 
@@ -72,79 +66,115 @@ def reconcile_segments(
     table: TableFrame,
     library: Library,
     united: Mapping[int, int] | None = None,
+    config: Reconciliation = DEFAULT.settling.reconciliation,
 ) -> Reconciled:
-    """Tell pieces of known things, and clip the boxes of what is not known by those and by each other.
+    """Find the pieces of known objects, and clip the boxes of what is not known by those and by each other.
 
     Args:
         segments: all of them.
         frame, table: the photo and its pose.
         library: where assets are looked up.
-        united: pieces of others, by index, as `carriers` tells them.
+        united: pieces of others, by index, as `supporting_segments` finds them.
+        config: when a segment is a piece of another.
 
     Raises:
         UnknownNameError: an asset is not in the library.
     """
-    clouds = [robot_points_at(frame, table, *np.nonzero(one.mask & (frame.depth > 0))) for one in segments]
-    shells = [
-        None if one.known is None else asset_surface_at(one.known.asset, one.known.pose, library) for one in segments
-    ]
-    pieces = surface_inliers(clouds, shells)
-    firm = [shell.points for index, shell in enumerate(shells) if shell is not None and index not in pieces]
-    unknown = [index for index, shell in enumerate(shells) if shell is None and index not in pieces]
-    solids = {index: Surroundings([(one.known.asset, one.known.pose)], (), library)
-              for index, one in enumerate(segments) if one.known is not None and index not in pieces}  # fmt: skip
-    known = Surroundings([one for solid in solids.values() for one in solid.known], (), library)
-    claims = [
-        EstimatedVolume(segments[index].box, segments[index].shape, clouds[index], segments[index].hollow).raised_onto(
-            known.occupied
-        )
-        for index in unknown
-    ]
-    fitted = clip_boxes(claims, np.concatenate([np.zeros((0, 3)), *firm]))
-    claimed = dict(zip(unknown, fitted, strict=True))
-    for piece, claim in list(claimed.items()):
-        filled = {index: float(solid.occupied(claim.grid_points).mean()) for index, solid in solids.items()}
-        whole = max(filled, key=lambda index: filled[index], default=piece)
-        if filled.get(whole, 0.0) > FILLED:
-            pieces[piece] = whole
-            del claimed[piece]
+    clouds = [robot_points_at(frame, table, *np.nonzero(segment.mask & (frame.depth > 0))) for segment in segments]
+    surfaces = [segment.surface(library) for segment in segments]
+    pieces = surface_inliers(clouds, surfaces)
+    solids = _solids(segments, pieces, library)
+    around = Surroundings([asset for solid in solids.values() for asset in solid.known], (), library)
+    boxes = _estimated(segments, clouds, pieces, around)
+    claimed = _clipped(boxes, [surfaces[index] for index in solids])
+    _drop_filled(claimed, pieces, solids, config)
     masks = {index: segments[index].mask for index in claimed}
-    for piece, whole in (united or {}).items():
-        _join(piece, whole, claimed, masks, pieces)
-    _unite(claimed, masks, pieces, segments)
-    return Reconciled(pieces, claimed, {index: masks[index] for index in claimed}, tuple(known.known), library)
+    for piece, other in (united or {}).items():
+        _join(piece, other, claimed, masks, pieces)
+    _join_contained(claimed, masks, pieces, segments, config)
+    return Reconciled(pieces, claimed, {index: masks[index] for index in claimed}, tuple(around.known), library)
 
 
-def supporting_segments(fell: AbstractSet[int], agreed: Reconciled) -> dict[int, int]:
+def _solids(segments: Sequence[Segment], pieces: Mapping[int, int], library: Library) -> dict[int, Surroundings]:
+    """The space that each known object fills that is no piece."""
+    return {
+        index: Surroundings([(segment.known.asset, segment.known.pose)], (), library)
+        for index, segment in enumerate(segments)
+        if segment.known is not None and index not in pieces
+    }
+
+
+def _estimated(
+    segments: Sequence[Segment], clouds: Sequence[Array], pieces: Mapping[int, int], around: Surroundings
+) -> dict[int, EstimatedVolume]:
+    """The space that each segment fills that has no asset and is no piece."""
+    return {
+        index: EstimatedVolume(segment.box, segment.shape, clouds[index], segment.hollow).standing(around.hold)
+        for index, segment in enumerate(segments)
+        if segment.known is None and index not in pieces
+    }
+
+
+def _clipped(
+    boxes: Mapping[int, EstimatedVolume], surfaces: Sequence[AssetSurface | None]
+) -> dict[int, EstimatedVolume]:
+    """The boxes, clipped by the surfaces of known objects and by each other."""
+    obstacles = np.concatenate([np.zeros((0, 3)), *(surface.points for surface in surfaces if surface is not None)])
+    return dict(zip(boxes, clip_boxes(list(boxes.values()), obstacles), strict=True))
+
+
+def _drop_filled(
+    claims: dict[int, EstimatedVolume],
+    pieces: dict[int, int],
+    solids: Mapping[int, Surroundings],
+    config: Reconciliation,
+) -> None:
+    """Make pieces of known objects of those boxes that one of them mostly fills."""
+    for piece, claim in list(claims.items()):
+        filled = {index: float(solid.hold(claim.space).mean()) for index, solid in solids.items()}
+        whole = max(filled, key=lambda index: filled[index], default=piece)
+        if filled.get(whole, 0.0) > config.filled:
+            pieces[piece] = whole
+            del claims[piece]
+
+
+def supporting_segments(
+    fell: AbstractSet[int], agreed: Reconciled, config: Reconciliation = DEFAULT.settling.reconciliation
+) -> dict[int, int]:
     """Pieces of other things: what falls by itself is carried by what it touches, so they are one.
 
     Args:
-        fell: things, by index, that fall in the twin.
+        fell: objects, by index, that fall in the twin.
         agreed: what became of them.
+        config: when they touch.
     """
     found: dict[int, int] = {}
     for piece in sorted(fell & agreed.claims.keys()):
         one = agreed.claims[piece]
         touching = {
-            index: int((Tree(other.points).nearest(one.points)[1] < TOUCHING**2).sum())
+            index: int((Tree(other.points).nearest(one.points)[1] < config.touching**2).sum())
             for index, other in agreed.claims.items()
             if index != piece and index not in found and not other.hollow
         }
         whole = max(touching, key=lambda index: touching[index], default=piece)
-        if touching.get(whole, 0) >= TOUCHED:
+        if touching.get(whole, 0) >= config.touched:
             found[piece] = whole
     return found
 
 
-def _unite(
-    claims: dict[int, EstimatedVolume], masks: dict[int, Mask], pieces: dict[int, int], segments: Sequence[Segment]
+def _join_contained(
+    claims: dict[int, EstimatedVolume],
+    masks: dict[int, Mask],
+    pieces: dict[int, int],
+    segments: Sequence[Segment],
+    config: Reconciliation,
 ) -> None:
     """Solid things are not inside each other: what still has most of its points in another's box belongs to it."""
     for piece in sorted(claims, key=lambda index: claims[index].volume):
         one = claims[piece]
-        fits = one.mean_distance < SHAPED
+        fits = one.off < config.misshapen
         shares = {
-            index: max(other.share_inside(one.points) / INSIDE, fits * other.share_inside(one.grid_points) / ENTANGLED)
+            index: max(other.share(one.points) / config.inside, fits * other.share(one.space) / config.overlapping)
             for index, other in claims.items()
             if index != piece and not segments[index].hollow and other.volume > one.volume
         }

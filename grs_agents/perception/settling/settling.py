@@ -2,32 +2,25 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.engine import mujoco
+from grs_agents.geometry.transforms import vec3
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception.settling.depenetration import STEPS, Separation, deepest_overlap, separate
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.configuration import Settling as Config
+from grs_agents.perception.settling.depenetration import Separation, deepest_overlap, separate
 from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world.compilation import World, build, place
 
-EASED = 0.0005
-"""Things are eased apart until they overlap by less than this, m."""
-EASING = 200
-"""In at most so many steps."""
-LONGEST = 2.0
-"""Simulated seconds in which everything should come to rest."""
-STILL = 0.01
-"""What is slower than this (m/s) rests."""
 CHUNK = 25
-ROLLING = 0.004
-"""Arm of the rolling resistance (m): nothing in a photo rolls."""
+"""So many steps of the simulation are made between two looks at the speeds."""
 
 
-def prepare(world: World) -> None:
+def prepare(world: World, config: Config = DEFAULT.settling) -> None:
     """Take the robot out of the way, and let nothing roll."""
     model, owners = world.model, np.asarray(world.owners)
     # What is eased apart never moves by itself, falls asleep at once, and would sleep through gravity.
@@ -36,10 +29,10 @@ def prepare(world: World) -> None:
     robot[model.geom("table").id] = False
     model.geom_contype[robot], model.geom_conaffinity[robot] = 0, 0
     model.geom_condim[owners >= 0] = 6
-    model.geom_friction[owners >= 0, 2] = ROLLING
+    model.geom_friction[owners >= 0, 2] = config.rolling
 
 
-def ease(world: World) -> None:
+def ease(world: World, config: Config = DEFAULT.settling) -> None:
     """Push overlaps apart, without gravity and without speed, so that nothing is thrown.
 
     And without friction: what sticks to what it is pushed out of goes farther.
@@ -47,23 +40,23 @@ def ease(world: World) -> None:
     model, data = world.model, world.data
     gravity, dimensions = np.array(model.opt.gravity), np.array(model.geom_condim)
     model.opt.gravity[:], model.geom_condim[:] = 0, 1
-    for _ in range(EASING):
+    for _ in range(config.easing_steps):
         data.qvel[:] = 0
         mujoco.mj_step(model, data)
-        if deepest_overlap(world) < EASED:
+        if deepest_overlap(world) < config.eased:
             break
     model.opt.gravity[:], model.geom_condim[:] = gravity, dimensions
     data.qvel[:] = 0
 
 
-def fall(world: World) -> bool:
+def fall(world: World, config: Config = DEFAULT.settling) -> bool:
     """Let gravity act until everything rests; whether it does in time."""
     model, data = world.model, world.data
     first, still = world.arm.dof, 0
-    for _ in range(int(LONGEST / model.opt.timestep / CHUNK)):
+    for _ in range(int(config.longest / model.opt.timestep / CHUNK)):
         mujoco.mj_step(model, data, CHUNK)
         speed = np.abs(data.qvel[first:].reshape(-1, 6)) * (1, 1, 1, 0.1, 0.1, 0.1)
-        still = still + 1 if speed.max(initial=0.0) < STILL else 0
+        still = still + 1 if speed.max(initial=0.0) < config.still else 0
         if still == 3:
             return True
     return False
@@ -81,33 +74,15 @@ class PlacedObject:
     guessed: bool = False
 
 
-CENTER, REACH = (0.4, 0.0), 1.1
-"""Only what lies within this distance (m) of the middle of the simulated table stands on it."""
-OVERLAP = 0.001
-TRIES = 3
-"""What overlaps by more than this (m) at rest is taken apart again, so many times in all."""
-WEDGED = 0.003
-"""What overlaps by less than this (m) after that is moved by little first."""
-FALLEN = 0.01
-"""What moves farther than this (m) was not at rest as it is described, or not there."""
-WAYS = (
-    *(Separation(deep, lift) for deep in (0.003, 0.012, 0.0015, 0.02) for lift in (True, False)),
-    Separation(0.003, lift=True, steps=(*STEPS, 0.05, 0.07, 0.1)),
-)
-"""Which of them moves things least hangs on the scene: they are tried in turn, until nothing moves too far."""
-MOST_HELD = 8
-"""At most so many things are taken to stand on something unseen."""
-
-
 @dataclass(frozen=True)
 class Placed:
     """Where a thing came to rest.
 
     Attributes:
-        pose: as in `Thing`.
+        pose: as in `PlacedObject`.
         drift: how far its centre moved, m.
         held: it would have fallen, and may stand on something that the photo does not show: it stays where it is.
-        fell: gravity alone moved it farther than `FALLEN`.
+        fell: gravity alone moved it farther than the configuration says.
     """
 
     pose: Pose
@@ -137,81 +112,72 @@ class RestState:
         return max((placed.drift for placed in self.placed if placed is not None), default=0.0)
 
 
-def on_table(thing: PlacedObject) -> bool:
-    """Whether the thing is over the simulated table."""
-    x, y, z = thing.pose[0]
-    return float(np.hypot(x - CENTER[0], y - CENTER[1])) < REACH and abs(z) < REACH
+def on_table(placed: PlacedObject, config: Config = DEFAULT.settling) -> bool:
+    """Whether the object is over the simulated table."""
+    x, y, z = placed.pose[0]
+    away = float(np.hypot(x - config.table_center[0], y - config.table_center[1]))
+    return away < config.table_reach and abs(z) < config.table_reach
 
 
-def instances(things: Sequence[PlacedObject], library: Library) -> list[InstanceObject]:
-    """The things as objects of a simulation; ids count from 0."""
+def instances(objects: Sequence[PlacedObject], library: Library) -> list[InstanceObject]:
+    """The objects as those of a simulation; ids count from 0."""
     return [
-        InstanceObject(id=number, asset=one.asset, pose=_shifted(one.pose, -_middle(one.asset, library)))
-        for number, one in enumerate(things)
+        InstanceObject(id=number, asset=placed.asset, pose=_shifted(placed.pose, -_middle(placed.asset, library)))
+        for number, placed in enumerate(objects)
     ]
 
 
+def world_of(items: Sequence[InstanceObject], library: Library, config: Config = DEFAULT.settling) -> World:
+    """A world of these objects without the robot, in which nothing rolls."""
+    world = build(items, library)
+    place(world, items)
+    prepare(world, config)
+    mujoco.mj_forward(world.model, world.data)
+    return world
+
+
 def settle(
-    things: Sequence[PlacedObject], library: Library, unseen: Callable[[PlacedObject], bool] | None = None
+    objects: Sequence[PlacedObject],
+    library: Library,
+    unseen: Callable[[PlacedObject], bool] | None = None,
+    config: Config = DEFAULT.settling,
 ) -> RestState:
-    """Let things come to rest, without the robot.
+    """Let objects come to rest, without the robot.
 
     Args:
-        things: as described.
+        objects: as described.
         library: where their assets are looked up.
-        unseen: whether a thing may stand on something that is not described; of those that may and fall, the lowest
+        unseen: whether an object may stand on something that is not described; of those that may and fall, the lowest
             are held in the air, one after the other, until no other falls.
+        config: how objects are moved apart, and when they are at rest.
 
     Raises:
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
-    found: list[RestState] = []
-    for way in WAYS:
-        rest = _settled(things, library, unseen, way)
-        if rest.penetration < OVERLAP and rest.farthest < FALLEN:
+    bounds = config.depenetration
+    ways = [Separation(deep, lift, bounds.steps) for deep in bounds.depths for lift in (True, False)]
+    ways.append(Separation(bounds.depths[0], lift=True, steps=(*bounds.steps, *bounds.last_steps)))
+    rests: list[RestState] = []
+    for way in ways:
+        rest = _Settler(objects, library, way, config).rest(unseen)
+        if rest.penetration < config.overlap and rest.farthest < config.fallen:
             return rest
-        found.append(rest)
-    return min(found, key=_dearness)
+        rests.append(rest)
 
+    def faults(rest: RestState) -> tuple[bool, int, float]:
+        """What is wrong, the worst first: overlaps, objects that moved too far, how far all did."""
+        drifts = [placed.drift for placed in rest.placed if placed is not None]
+        return rest.penetration >= config.overlap, sum(drift > config.fallen for drift in drifts), sum(drifts)
 
-def _dearness(rest: RestState) -> tuple[bool, int, float]:
-    """What is wrong with a scene at rest, the worst first: overlaps, things that moved too far, how far all did."""
-    drifts = [placed.drift for placed in rest.placed if placed is not None]
-    return rest.penetration >= OVERLAP, sum(drift > FALLEN for drift in drifts), sum(drifts)
-
-
-def _settled(
-    things: Sequence[PlacedObject], library: Library, unseen: Callable[[PlacedObject], bool] | None, way: Separation
-) -> RestState:
-    """The scene at rest, if it is taken apart in one way."""
-    here = [number for number, one in enumerate(things) if on_table(one)]
-    items, held, tried = instances([things[number] for number in here], library), set[int](), set[int]()
-    guessed = {item.id for item, number in zip(items, here, strict=True) if things[number].guessed}
-    fallen = begun = _fallen(items, (), guessed, library, way)
-    while unseen is not None and len(held) < MOST_HELD:
-        fell = [number for number in fallen.fell if number not in tried]
-        if not fell:
-            break
-        lowest = min(fell, key=lambda number: _bottom(begun.parted[number], library))
-        tried.add(lowest)
-        pose = _shifted(begun.parted[lowest].pose, _middle(items[lowest].asset, library))
-        if unseen(PlacedObject(items[lowest].asset, pose)):
-            held.add(lowest)
-            fallen = _fallen(begun.parted, held, guessed, library, way)
-    placed: list[Placed | None] = [None] * len(things)
-    for item, rest, number in zip(items, fallen.poses, here, strict=True):
-        pose = _shifted(rest, _middle(item.asset, library))
-        drift = float(np.linalg.norm(np.subtract(pose[0], things[number].pose[0])))
-        placed[number] = Placed(pose, drift, item.id in held, item.id in fallen.fell)
-    return RestState(tuple(placed), begun.found, fallen.penetration, fallen.still)
+    return min(rests, key=faults)
 
 
 @dataclass(frozen=True)
-class _Fall:
-    """Things taken apart before they fell, the poses in which they rest, and which of them fell, by number."""
+class _Drop:
+    """Objects moved apart before gravity acts, the poses in which they rest, and which of them fell, by number."""
 
-    parted: list[InstanceObject]
+    apart: list[InstanceObject]
     poses: list[Pose]
     fell: list[int]
     found: float
@@ -219,40 +185,78 @@ class _Fall:
     still: bool
 
 
-def _fallen(
-    items: Sequence[InstanceObject], held: Collection[int], guessed: Collection[int], library: Library, way: Separation
-) -> _Fall:
-    """Take things apart and let all fall but those that are held."""
-    items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
-    world = build(items, library)
-    place(world, items)
-    prepare(world)
-    mujoco.mj_forward(world.model, world.data)
-    found, still = deepest_overlap(world), False
-    first: list[Pose] = []
-    parted: list[Pose] = []
-    for attempt in range(TRIES):
-        if attempt and deepest_overlap(world) < WEDGED:
-            last = attempt == TRIES - 1
-            steps = tuple(step for step in way.steps if step < FALLEN or last)
-            separate(world, guessed, replace(way, deep=OVERLAP, steps=steps))
-        else:
-            separate(world, guessed, way)
-        ease(world)
-        parted = [_pose(world.data, world.bodies[item.id]) for item in items]
-        first = first or parted
-        still = fall(world)
-        mujoco.mj_forward(world.model, world.data)
-        if deepest_overlap(world) < OVERLAP:
-            break
-    poses = [_pose(world.data, world.bodies[item.id]) for item in items]
-    moved = [float(np.linalg.norm(np.subtract(one[0], two[0]))) for one, two in zip(first, poses, strict=True)]
-    fell = [item.id for item, far in zip(items, moved, strict=True) if far > FALLEN]
-    begun = [
-        item.model_copy(update={"pose": before if item.id in fell else after})
-        for item, before, after in zip(items, first, parted, strict=True)
-    ]
-    return _Fall(begun, poses, fell, found, deepest_overlap(world), still)
+class _Settler:
+    """Lets objects come to rest, moved apart in one way."""
+
+    def __init__(self, objects: Sequence[PlacedObject], library: Library, way: Separation, config: Config) -> None:
+        self.objects, self.library, self.way, self.config = objects, library, way, config
+        self.here = [number for number, placed in enumerate(objects) if on_table(placed, config)]
+        self.items = instances([objects[number] for number in self.here], library)
+        self.guessed = {item.id for item, number in zip(self.items, self.here, strict=True) if objects[number].guessed}
+
+    def rest(self, unseen: Callable[[PlacedObject], bool] | None) -> RestState:
+        """The scene at rest; ``unseen`` as in `settle`."""
+        first = self._drop(self.items, set())
+        last, held = (first, set[int]()) if unseen is None else self._held(first, unseen)
+        placed: list[Placed | None] = [None] * len(self.objects)
+        for item, resting, number in zip(self.items, last.poses, self.here, strict=True):
+            pose = _shifted(resting, _middle(item.asset, self.library))
+            drift = _distance(pose, self.objects[number].pose)
+            placed[number] = Placed(pose, drift, item.id in held, item.id in last.fell)
+        return RestState(tuple(placed), first.found, last.penetration, last.still)
+
+    def _held(self, first: _Drop, unseen: Callable[[PlacedObject], bool]) -> tuple[_Drop, set[int]]:
+        """The scene dropped again, with what may stand on something unseen held in the air: the lowest first."""
+        last, held, tried = first, set[int](), set[int]()
+        while len(held) < self.config.most_held and (fell := [number for number in last.fell if number not in tried]):
+            lowest = min(fell, key=lambda number: _bottom(first.apart[number], self.library))
+            tried.add(lowest)
+            asset = self.items[lowest].asset
+            if unseen(PlacedObject(asset, _shifted(first.apart[lowest].pose, _middle(asset, self.library)))):
+                held.add(lowest)
+                last = self._drop(first.apart, held)
+        return last, held
+
+    def _drop(self, items: Sequence[InstanceObject], held: Collection[int]) -> _Drop:
+        """Move objects apart and let all fall but those that are held."""
+        items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
+        world = world_of(items, self.library, self.config)
+        found, still = deepest_overlap(world), False
+        first: list[Pose] = []
+        apart: list[Pose] = []
+        for attempt in range(self.config.tries):
+            separate(world, self.guessed, self._separation(attempt, deepest_overlap(world)), self.config.depenetration)
+            ease(world, self.config)
+            apart = _poses(world, items)
+            first = first or apart
+            still = fall(world, self.config)
+            mujoco.mj_forward(world.model, world.data)
+            if deepest_overlap(world) < self.config.overlap:
+                break
+        poses = _poses(world, items)
+        fell = [
+            item.id
+            for item, before, after in zip(items, first, poses, strict=True)
+            if _distance(before, after) > self.config.fallen
+        ]
+        moved = [
+            item.model_copy(update={"pose": before if item.id in fell else after})
+            for item, before, after in zip(items, first, apart, strict=True)
+        ]
+        return _Drop(moved, poses, fell, found, deepest_overlap(world), still)
+
+    def _separation(self, attempt: int, overlap: float) -> Separation:
+        """How objects that overlap by ``overlap`` (m) are moved apart: what is wedged after a fall, by little first."""
+        if attempt == 0 or overlap >= self.config.wedged:
+            return self.way
+        last = attempt == self.config.tries - 1
+        steps = tuple(step for step in self.way.steps if step < self.config.fallen or last)
+        return replace(self.way, deep=self.config.overlap, steps=steps)
+
+
+def _distance(one: Pose, other: Pose) -> float:
+    """Between two positions, m."""
+    return float(np.linalg.norm(np.subtract(one[0], other[0])))
 
 
 def _bottom(item: InstanceObject, library: Library) -> float:
@@ -268,11 +272,13 @@ def _middle(asset: str, library: Library) -> "np.ndarray[tuple[int, ...], np.dty
 
 def _shifted(pose: Pose, offset: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> Pose:
     """A pose moved along its own axes."""
-    x, y, z = (float(value) for value in rotation_matrix(pose[1]) @ offset + pose[0])
-    return (x, y, z), pose[1]
+    return vec3(rotation_matrix(pose[1]) @ offset + pose[0]), pose[1]
 
 
-def _pose(data: Any, body: int) -> Pose:
-    x, y, z = (float(value) for value in data.xpos[body])
-    w, i, j, k = (float(value) for value in data.xquat[body])
-    return (x, y, z), (i, j, k, w)
+def _poses(world: World, items: Sequence[InstanceObject]) -> list[Pose]:
+    """Where the objects are by now."""
+    bodies = [world.bodies[item.id] for item in items]
+    return [
+        (vec3(world.data.xpos[body]), (float(i), float(j), float(k), float(w)))
+        for body, (w, i, j, k) in ((body, world.data.xquat[body]) for body in bodies)
+    ]

@@ -8,19 +8,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from grs_agents.library import Library
+from grs_agents.perception.configuration import DEFAULT, Settling
 from grs_agents.perception.settling.settling import PlacedObject, RestState, instances, on_table, settle
 from grs_agents.perception.settling.unseen_support import may_have_unseen_support
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, TwinReport
 from grs_agents.sim.world.rendering import Sight, cast
 
-NEAR = 0.02
-"""A pixel is right within this depth, m."""
-RAYS = 20_000
-"""At most so many pixels are compared, evenly drawn."""
-
 
 def fidelity(
-    things: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
+    objects: Sequence[PlacedObject],
+    library: Library,
+    frame: RGBDFrame,
+    table: TableFrame,
+    mask: Mask,
+    config: Settling = DEFAULT.settling,
 ) -> float | None:
     """The share of the measured pixels of ``mask`` (H, W) at which the things, seen by the photo's camera, are right.
 
@@ -33,19 +34,24 @@ def fidelity(
     rows, columns = np.nonzero(mask & (frame.depth > 0))
     if not len(rows):
         return None
-    step = -(-len(rows) // RAYS)
+    step = -(-len(rows) // config.rays)
     rows, columns = rows[::step], columns[::step]
     camera, pose = frame.camera, np.asarray(table.T_robot_cam)
     local = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=-1)
     directions = np.asarray((local @ pose[:3, :3].T)[None], np.float64)
-    sight = Sight(instances([one for one in things if on_table(one)], library), library)
+    sight = Sight(instances([placed for placed in objects if on_table(placed, config)], library), library)
     picture = cast(sight, pose[:3, 3].copy(), directions)
     off = np.abs(picture.depth[0] - frame.depth[rows, columns])
-    return float(((off <= NEAR) & (picture.owner[0] >= 0)).mean())
+    return float(((off <= config.near) & (picture.owner[0] >= 0)).mean())
 
 
 def report_of(
-    things: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
+    objects: Sequence[PlacedObject],
+    library: Library,
+    frame: RGBDFrame,
+    table: TableFrame,
+    mask: Mask,
+    config: Settling = DEFAULT.settling,
 ) -> tuple[RestState, TwinReport]:
     """The scene at rest, and its figures; ``mask`` (H, W) are the pixels of all objects.
 
@@ -53,14 +59,16 @@ def report_of(
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
-    rest = settle(things, library, lambda one: may_have_unseen_support(one, library, frame, table))
-    pairs = zip(things, rest.placed, strict=True)
-    resting = [one if placed is None else PlacedObject(one.asset, placed.pose) for one, placed in pairs]
+    rest = settle(objects, library, lambda placed: may_have_unseen_support(placed, library, frame, table), config)
+    resting = [
+        described if placed is None else PlacedObject(described.asset, placed.pose)
+        for described, placed in zip(objects, rest.placed, strict=True)
+    ]
     return rest, TwinReport(
         found=rest.found,
         penetration=rest.penetration,
         drift=rest.farthest,
-        fidelity=fidelity(resting, library, frame, table, mask),
+        fidelity=fidelity(resting, library, frame, table, mask, config),
         still=rest.still,
         held=sum(placed.held for placed in rest.placed if placed is not None),
     )

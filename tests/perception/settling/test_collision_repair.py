@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grs_agents.perception import Mask, UprightBox
-from grs_agents.perception.settling import Disentangled, KnownObject, PlacedObject, repair_collisions
+from grs_agents.perception.settling import CollisionRepairs, KnownObject, PlacedObject, repair_collisions
 from grs_agents.perception.types import RGBDFrame, TableFrame
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
@@ -47,11 +47,11 @@ def test_what_was_laid_into_another_thing_is_laid_beside_it(photo: tuple[RGBDFra
 def test_what_stands_side_by_side_stays(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
     frame, table, can, carton = photo
     things = [KnownObject(FRONT, box_of(FRONT), can), KnownObject(BEHIND, box_of(BEHIND), carton)]
-    assert repair_collisions(things, frame, table, LIBRARY) == Disentangled()
-    assert repair_collisions([], frame, table, LIBRARY) == Disentangled()
+    assert repair_collisions(things, frame, table, LIBRARY) == CollisionRepairs()
+    assert repair_collisions([], frame, table, LIBRARY) == CollisionRepairs()
 
 
 def test_of_two_in_one_place_the_one_that_fits_worse_is_wrong(photo: tuple[RGBDFrame, TableFrame, Mask, Mask]) -> None:
     frame, table, can, _ = photo
     twice = [KnownObject(FRONT, box_of(FRONT), can), KnownObject(moved(FRONT, 0.01, 0.0), box_of(FRONT), can)]
-    assert repair_collisions(twice, frame, table, LIBRARY) == Disentangled(wrong=frozenset({1}))
+    assert repair_collisions(twice, frame, table, LIBRARY) == CollisionRepairs(wrong=frozenset({1}))
