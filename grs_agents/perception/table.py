@@ -359,3 +359,13 @@ def projected(points: Array, camera: Camera, table: TableFrame) -> tuple[Array, 
     x, y, z = ((points - transform[:3, 3]) @ transform[:3, :3]).T
     depth = np.maximum(z, BEHIND)
     return x / depth * camera.fx + camera.cx, y / depth * camera.fy + camera.cy, depth
+
+
+def measured_depth(points: Array, frame: RGBDFrame, table: TableFrame) -> tuple[Array, Array]:
+    """(N,) depth (m) that the photo shows where it shows (N, 3) points, 0 where none is; and the points' own depth."""
+    columns, rows, depth = projected(points, frame.camera, table)
+    height, width = frame.depth.shape
+    columns = np.rint(np.clip(columns, -1, width)).astype(np.int64)
+    rows = np.rint(np.clip(rows, -1, height)).astype(np.int64)
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    return np.where(inside, frame.depth[rows.clip(0, height - 1), columns.clip(0, width - 1)], 0.0), depth

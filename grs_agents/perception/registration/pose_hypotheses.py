@@ -6,24 +6,19 @@ from functools import lru_cache
 import numpy as np
 
 from grs_agents.geometry.transforms import about_z, pose_of
+from grs_agents.perception.configuration import DEFAULT, PoseHypotheses
 from grs_agents.perception.registration.pose_cost import ObservedPoints
 from grs_agents.perception.surfaces import Symmetry, quarter_turns
 from grs_agents.perception.types import Array, UprightBox
 
-ALIKE = math.cos(math.radians(12))
-"""Normals of one plane are within 12 degrees of each other."""
-FACE = 0.1
-"""A second plane holds at least this share of the points."""
-OBLIQUE = 0.25
-"""A side is seen whose normal is nearer to the view than this sine."""
-SHORT = 0.015
-"""What is seen of an object is shorter than the asset by more than this (m), or longer: not all of it is its own."""
-LEVEL = math.cos(math.radians(6))
-"""A plane that is level within 6 degrees tells nothing that the measured box doesn't."""
-
 
 def pose_hypotheses(
-    half: Array, symmetry: Symmetry, upright: UprightBox, seen: ObservedPoints, normals: Array
+    half: Array,
+    symmetry: Symmetry,
+    upright: UprightBox,
+    seen: ObservedPoints,
+    normals: Array,
+    config: PoseHypotheses = DEFAULT.registration.hypotheses,
 ) -> Array:
     """(K, 4, 4) poses worth a try, each look of the asset once for each frame that it may be in.
 
@@ -33,43 +28,44 @@ def pose_hypotheses(
         upright: the box measured of the object.
         seen: what the camera saw of it.
         normals: (N, 3) unit, at the points of ``seen``.
+        config: when normals are of one plane, and which planes lean.
     """
-    turns = _looks(symmetry)
+    turns = _distinct_turns(symmetry.turns.tobytes(), symmetry.axes.tobytes())
     bottom, top = (upright.center[2] + side * upright.size[2] / 2 for side in (-1, 1))
-    found: list[Array] = []
+    poses: list[Array] = []
     for between in (0.0, math.pi / 4):
         for turn in turns:
             whole = about_z(upright.yaw + between) @ turn
             height = float(np.abs(turn[2]) @ half)
-            found.append(pose_of(whole, np.array([*upright.center[:2], bottom + height])))
+            poses.append(pose_of(whole, np.array([*upright.center[:2], bottom + height])))
             if top - height > bottom + height / 5:  # its bottom may be hidden: what is seen of it is its top
-                found.append(pose_of(whole, np.array([*upright.center[:2], top - height])))
-    frame = leaning_axes(seen, normals)
+                poses.append(pose_of(whole, np.array([*upright.center[:2], top - height])))
+    frame = leaning_axes(seen, normals, config)
     if frame is not None:
-        found += [pose_of(frame @ turn, _against(frame, np.abs(turn) @ half, seen)) for turn in turns]
-    return np.stack(found)
+        poses += [
+            pose_of(frame @ turn, _center_behind(frame, np.abs(turn) @ half, seen, config.oblique)) for turn in turns
+        ]
+    return np.stack(poses)
 
 
-def slid_hypotheses(poses: Array, half: Array, seen: ObservedPoints) -> Array:
+def slid_hypotheses(
+    poses: Array, half: Array, seen: ObservedPoints, config: PoseHypotheses = DEFAULT.registration.hypotheses
+) -> Array:
     """More (K, 4, 4) poses: where a part is hidden, what is seen may be either end of the asset."""
-    found: list[Array] = []
+    slid: list[Array] = []
     for pose in poses:
         local = (seen.points - pose[:3, 3]) @ pose[:3, :3]
         low, high = np.percentile(local, (2, 98), axis=0)
         for axis in range(3):
-            if abs(2 * half[axis] - (high - low)[axis]) < SHORT or abs(pose[2, axis]) > 0.7:
+            if abs(2 * half[axis] - (high - low)[axis]) < config.hidden or abs(pose[2, axis]) > 0.7:
                 continue
             for shift in (low[axis] + half[axis], high[axis] - half[axis]):
-                found.append(pose_of(pose[:3, :3], pose[:3, 3] + shift * pose[:3, axis]))
-    return np.stack(found) if found else poses[:0]
-
-
-def _looks(symmetry: Symmetry) -> list[Array]:
-    return [*_unlike(symmetry.turns.tobytes(), symmetry.axes.tobytes())]
+                slid.append(pose_of(pose[:3, :3], pose[:3, 3] + shift * pose[:3, axis]))
+    return np.stack(slid) if slid else poses[:0]
 
 
 @lru_cache(maxsize=128)
-def _unlike(turns: bytes, axes: bytes) -> tuple[Array, ...]:
+def _distinct_turns(turns: bytes, axes: bytes) -> tuple[Array, ...]:
     """The quarter turns of which no two look alike."""
     symmetry = Symmetry(np.frombuffer(turns).reshape(-1, 3, 3), np.frombuffer(axes).reshape(-1, 3))
     tried: list[Array] = []
@@ -79,19 +75,21 @@ def _unlike(turns: bytes, axes: bytes) -> tuple[Array, ...]:
     return tuple(tried)
 
 
-def leaning_axes(seen: ObservedPoints, normals: Array) -> Array | None:
-    """(3, 3) axes of a thing that leans: its largest plane's normal, that of one across it, and the third.
+def leaning_axes(
+    seen: ObservedPoints, normals: Array, config: PoseHypotheses = DEFAULT.registration.hypotheses
+) -> Array | None:
+    """(3, 3) axes of an object that leans: its largest plane's normal, that of one across it, and the third.
 
     ``None`` where a normal is vertical, as it is for what stands upright.
     """
     outwards = normals * -np.sign(np.einsum("ni,ni->n", normals, seen.points - seen.eye))[:, None]
-    alike = outwards @ outwards.T > ALIKE
-    first = _mean(outwards, alike[int(alike.sum(axis=1).argmax())])
-    across = np.abs(outwards @ first) < math.sin(math.acos(ALIKE))
+    alike = outwards @ outwards.T > math.cos(config.same_plane)
+    first = _mean_normal(outwards, alike[int(alike.sum(axis=1).argmax())])
+    across = np.abs(outwards @ first) < math.sin(config.same_plane)
     counts = (alike & across[:, None] & across).sum(axis=1)
     most = int(counts.argmax())
-    if counts[most] > FACE * len(outwards):
-        second = _mean(outwards, alike[most] & across)
+    if counts[most] > config.second_plane * len(outwards):
+        second = _mean_normal(outwards, alike[most] & across)
         second -= (second @ first) * first
     else:  # its longer side lies in the plane
         flat = seen.points - seen.points.mean(axis=0)
@@ -99,21 +97,21 @@ def leaning_axes(seen: ObservedPoints, normals: Array) -> Array | None:
         second = np.linalg.svd(flat, full_matrices=False)[2][0]
     second /= np.linalg.norm(second)
     axes = np.stack([second, np.cross(first, second), first], axis=1)
-    return None if np.abs(axes[2]).max() > LEVEL else axes
+    return None if np.abs(axes[2]).max() > math.cos(config.level) else axes
 
 
-def _mean(normals: Array, chosen: Array) -> Array:
+def _mean_normal(normals: Array, chosen: Array) -> Array:
     total = normals[np.asarray(chosen, np.bool_)].sum(axis=0)
     return total / max(float(np.linalg.norm(total)), 1e-9)
 
 
-def _against(axes: Array, half: Array, seen: ObservedPoints) -> Array:
+def _center_behind(axes: Array, half: Array, seen: ObservedPoints, oblique: float) -> Array:
     """Where the middle of a box of ``half`` extents along ``axes`` is whose nearer sides are the outermost points."""
     along = seen.points @ axes
     low, high = np.percentile(along, (2, 98), axis=0)
     to_eye = (seen.eye - seen.points.mean(axis=0)) @ axes
     far = float(np.linalg.norm(to_eye))
     middle = (low + high) / 2
-    near, away = to_eye > OBLIQUE * far, to_eye < -OBLIQUE * far
+    near, away = to_eye > oblique * far, to_eye < -oblique * far
     middle[near], middle[away] = (high - half)[near], (low + half)[away]
     return np.asarray(axes @ middle, np.float64)

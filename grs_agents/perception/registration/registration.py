@@ -7,45 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry.transforms import about, about_z, pose_of
+from grs_agents.geometry.transforms import about, about_z, pose_of, vec3
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
+from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.configuration import Registration as Config
 from grs_agents.perception.registration.pose_cost import ObservedPoints, costs, observed_points, residuals
 from grs_agents.perception.registration.pose_hypotheses import pose_hypotheses, slid_hypotheses
 from grs_agents.perception.segmentation.candidates import place_asset, quaternion
 from grs_agents.perception.surfaces import Cloud, Surface, Symmetry, Tree, align, surface_of, symmetry_of
 from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
 
-FEWEST = 30
-"""An object of fewer points is left where its box puts it."""
-TRIED = 4
-"""So many of the starts are aligned; the others look worse from the start."""
-COARSE, MEDIUM = 4, 2
-"""Starts are compared by one of so many samples, and poses once they are aligned."""
-SLID = 8
-"""So many of the starts are also tried with either end of the object at either end of the asset."""
-APART = 0.02
-"""Starts that look alike and are nearer than this (m) are one."""
-STEPS = ((0.008, 0.16), (0.004, 0.08), (0.002, 0.04), (0.001, 0.02))
-"""A pose is shifted by so many m, and turned by so many rad, to see whether that costs less."""
-REFINED = 2
-"""So many of the aligned poses are refined."""
-REACH = 0.03
-"""Partners of an alignment are at most so far apart, m."""
-LYING = 0.0015
-TILTED = 0.001
-"""A pose that is not upright, or rests on none of its sides, has to fit better by so much, m."""
-BETTER = 0.0003
-"""A registered pose that fits no better than the box by so much (m) is not taken."""
-SUNK = 0.004
-"""What reaches no deeper than this (m) below the table stands on it."""
-LEANING = math.radians(12)
-"""What leans less than this stands straight, unless it fits better leaning."""
-WORST = 0.015
-"""A residual above this (m) is no fit."""
-ENTERED = 0.004
-"""What enters another thing no deeper than this (m) touches it; poses are known no better."""
-ENTERED_WEIGHT = 0.5
 Entered = Callable[[Array], Array]
 """How deep an asset is in other things at each of (K, 4, 4) poses of the centre of its bounding box, (K,) m."""
 
@@ -82,7 +54,23 @@ class _Search:
     seen: ObservedPoints
     upright: UprightBox
     symmetry: Symmetry
+    config: Config
     entered: Entered | None = None
+
+    @classmethod
+    def of(
+        cls,
+        asset: str,
+        library: Library,
+        upright: UprightBox,
+        seen: ObservedPoints,
+        config: Config,
+        entered: Entered | None = None,
+    ) -> "_Search":
+        """The search for an asset of the library."""
+        surface = surface_of(asset, library)
+        tree, symmetry = Tree(surface.points), symmetry_of(asset, library)
+        return cls(surface, tree, seen, upright, symmetry, config, entered)
 
     @property
     def bottom(self) -> float:
@@ -90,18 +78,20 @@ class _Search:
         return self.upright.center[2] - self.upright.size[2] / 2
 
     def costs(self, poses: Array, factor: int = 1) -> Array:
-        """What `sighting.costs` says, and what is unlikely about each of (K, 4, 4) poses: (K,) m."""
+        """What `pose_cost.costs` says, and what is unlikely about each of (K, 4, 4) poses: (K,) m."""
         if self.entered is None:
             return self.seen_costs(poses, factor)
-        return self.seen_costs(poses, factor) + ENTERED_WEIGHT * np.maximum(self.entered(poses) - ENTERED, 0)
+        return self.seen_costs(poses, factor) + self.config.entered_weight * np.maximum(
+            self.entered(poses) - self.config.entered, 0
+        )
 
     def seen_costs(self, poses: Array, factor: int = 1) -> Array:
         """The same, whatever stands around."""
-        lying = LYING * (poses[:, 2, 2] < 0.9)
-        tilted = TILTED * (np.abs(poses[:, 2, :3]).max(axis=1) < math.cos(math.radians(0.1)))
+        lying = self.config.lying * (poses[:, 2, 2] < 0.9)
+        tilted = self.config.tilted * (np.abs(poses[:, 2, :3]).max(axis=1) < math.cos(math.radians(0.1)))
         seen = self.seen.coarse(factor)
         lowest = (self.surface.points[: seen.samples] @ poses[:, 2, :3].T).min(axis=0) + poses[:, 2, 3]
-        sunk = np.maximum(-lowest - SUNK, 0)
+        sunk = np.maximum(-lowest - self.config.sunk, 0)
         return costs(self.surface, self.tree, poses, seen) + lying + tilted + sunk
 
     def residual(self, pose: Array) -> float:
@@ -117,6 +107,7 @@ def register(
     table: TableFrame,
     mask: Mask,
     entered: Entered | None = None,
+    config: Config = DEFAULT.registration,
 ) -> Registered:
     """Lay an asset into the points of a mask (H, W).
 
@@ -127,45 +118,49 @@ def register(
         frame, table: the photo and its pose.
         mask: the object's pixels.
         entered: how deep the asset is in what is known to stand around, which it is not to be.
+        config: of the search.
 
     Raises:
         UnknownNameError: the library has no such asset.
     """
     position, orientation, size = place_asset(upright, library.asset(asset).size)
     begin = pose_of(rotation_matrix(orientation), np.array(position))
-    surface, symmetry, seen = (
-        surface_of(asset, library),
-        symmetry_of(asset, library),
-        observed_points(frame, table, mask),
-    )
-    search = _Search(surface, Tree(surface.points), seen, upright, symmetry, entered)
-    if len(seen.points) < FEWEST:
-        return Registered(position, orientation, size, 0.0, "box", _is_round(begin, symmetry))
+    seen = observed_points(frame, table, mask, config.cost)
+    search = _Search.of(asset, library, upright, seen, config, entered)
+    if len(seen.points) < config.fewest:
+        return Registered(position, orientation, size, 0.0, "box", _is_round(begin, search.symmetry))
     best = _searched(search)
     off, (registered, boxed) = search.residual(best), search.costs(np.stack([best, begin]))
-    if registered > boxed - BETTER or off > WORST:
+    if registered > boxed - config.better or off > config.worst:
         off, cost = search.residual(begin), float(search.seen_costs(begin[None])[0])
-        return Registered(position, orientation, size, off, "box", _is_round(begin, symmetry), cost)
-    x, y, z = (float(value) for value in best[:3, 3])
-    extents = _extents(best[:3, :3], surface)
-    cost = float(search.seen_costs(best[None])[0])
-    return Registered((x, y, z), quaternion(best[:3, :3]), extents, off, "registered", _is_round(best, symmetry), cost)
+        return Registered(position, orientation, size, off, "box", _is_round(begin, search.symmetry), cost)
+    return Registered(
+        vec3(best[:3, 3]),
+        quaternion(best[:3, :3]),
+        _extents(best[:3, :3], search.surface),
+        off,
+        "registered",
+        _is_round(best, search.symmetry),
+        float(search.seen_costs(best[None])[0]),
+    )
 
 
 def cost_of(
-    asset: str, pose: Pose, library: Library, upright: UprightBox, frame: RGBDFrame, table: TableFrame, mask: Mask
+    asset: str,
+    pose: Pose,
+    library: Library,
+    upright: UprightBox,
+    frame: RGBDFrame,
+    table: TableFrame,
+    mask: Mask,
+    config: Config = DEFAULT.registration,
 ) -> float:
     """What `Registered` calls its cost, m, of an asset whose bounding box has its centre and rotation at ``pose``.
 
     Raises:
         UnknownNameError: the library has no such asset.
     """
-    surface, symmetry, seen = (
-        surface_of(asset, library),
-        symmetry_of(asset, library),
-        observed_points(frame, table, mask),
-    )
-    search = _Search(surface, Tree(surface.points), seen, upright, symmetry)
+    search = _Search.of(asset, library, upright, observed_points(frame, table, mask, config.cost), config)
     return float(search.seen_costs(pose_of(rotation_matrix(pose[1]), np.array(pose[0]))[None])[0])
 
 
@@ -185,46 +180,49 @@ def _extents(turn: Array, surface: Surface) -> Vec3:
 
 def _searched(search: _Search) -> Array:
     """The pose (4, 4) that costs least."""
-    source = Cloud(search.seen.coarse(MEDIUM).points)
-    every = pose_hypotheses(
-        search.surface.half, search.symmetry, search.upright, search.seen.coarse(MEDIUM), source.normals
-    )
-    good = every[np.argsort(search.costs(every, COARSE), kind="stable")[:SLID]]
-    more = np.concatenate([good, slid_hypotheses(good, search.surface.half, search.seen)])
-    chosen = _unlike(more[np.argsort(search.costs(more, COARSE), kind="stable")], search.symmetry)
+    config, half = search.config, search.surface.half
+    seen = search.seen.coarse(config.medium)
+    source = Cloud(seen.points)
+    every = pose_hypotheses(half, search.symmetry, search.upright, seen, source.normals, config.hypotheses)
+    good = every[np.argsort(search.costs(every, config.coarse), kind="stable")[: config.slid]]
+    more = np.concatenate([good, slid_hypotheses(good, half, search.seen, config.hypotheses)])
+    chosen = _distinct(more[np.argsort(search.costs(more, config.coarse), kind="stable")], search)
     poses = [chosen[0]]
     for start in chosen:
         aligned = _aligned(search, start, source)
         straight = _straight(aligned, search)
         poses += [aligned] if straight is None else [aligned, straight]
     stack = np.stack(poses)
-    best = stack[np.argsort(search.costs(stack, MEDIUM), kind="stable")[:REFINED]]
-    refined = np.stack([_refined(one, search, STEPS, MEDIUM) for one in best])
-    return _refined(refined[int(search.costs(refined).argmin())], search, STEPS[-2:], 1)
+    best = stack[np.argsort(search.costs(stack, config.medium), kind="stable")[: config.refined]]
+    refined = np.stack([_refined(pose, search, config.steps, config.medium) for pose in best])
+    return _refined(refined[int(search.costs(refined).argmin())], search, config.steps[-2:], 1)
 
 
-def _unlike(poses: Array, symmetry: Symmetry) -> list[Array]:
-    """The first `TRIED` of (K, 4, 4) poses that are neither near each other nor look alike."""
-    chosen: list[Array] = []
+def _distinct(poses: Array, search: _Search) -> list[Array]:
+    """The first few of (K, 4, 4) poses that are neither near each other nor look alike."""
+    config, chosen = search.config, list[Array]()
     for pose in poses:
         if all(
-            np.linalg.norm(pose[:3, 3] - other[:3, 3]) > APART or symmetry.angle(pose[:3, :3], other[:3, :3]) > 20
+            np.linalg.norm(pose[:3, 3] - other[:3, 3]) > config.apart
+            or search.symmetry.angle(pose[:3, :3], other[:3, :3]) > config.look_angle
             for other in chosen
         ):
             chosen.append(pose)
-        if len(chosen) == TRIED:
+        if len(chosen) == config.aligned:
             break
     return chosen
 
 
 def _aligned(search: _Search, start: Array, source: Cloud) -> Array:
     """Align the points with the part of the surface that the camera sees at the pose before, twice."""
-    pose = start
-    for reach in (REACH, REACH / 2):
+    pose, config = start, search.config
+    for reach in (config.partner_distance, config.partner_distance / 2):
         turn = pose[:3, :3]
-        points, normals = (part[: len(part) // MEDIUM] for part in (search.surface.points, search.surface.normals))
+        points, normals = (
+            part[: len(part) // config.medium] for part in (search.surface.points, search.surface.normals)
+        )
         facing = np.einsum("ni,ni->n", normals @ turn.T, points @ turn.T + pose[:3, 3] - search.seen.eye) < 0
-        if facing.sum() < FEWEST:
+        if facing.sum() < config.fewest:
             return pose
         target = Cloud(points[facing])
         pose = _inverse(align(target, source, _inverse(pose), reach))
@@ -241,12 +239,12 @@ def _straight(pose: Array, search: _Search) -> Array | None:
     up = int(np.argmax(np.abs(turn[2])))
     axis = turn[:, up] * np.sign(turn[2, up])
     angle = math.acos(min(1.0, float(axis[2])))
-    if angle > LEANING:
+    if angle > search.config.leaning:
         return None
     whole = about(np.cross(axis, (0.0, 0.0, 1.0)), angle) @ turn
     height = float(np.abs(whole[2]) @ search.surface.half)
     bottom = float(pose[2, 3]) - height
-    rests = abs(bottom - search.bottom) < 0.015
+    rests = abs(bottom - search.bottom) < search.config.rests
     return pose_of(whole, np.array([pose[0, 3], pose[1, 3], (search.bottom if rests else bottom) + height]))
 
 

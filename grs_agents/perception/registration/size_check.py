@@ -8,21 +8,14 @@ from grs_agents.base import Pose
 from grs_agents.geometry.transforms import about_z
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.surfaces import corners_of
 from grs_agents.perception.types import Aabb, SceneObject, Solid, UprightBox
-
-CENTRE, SIZE = 0.02, 0.25
-"""The centre may be off by so much (m), each extent by such a share."""
-CERTAIN, NEAR = 0.95, 0.0025
-"""A match that is at least so likely, with its surface not farther than this (m) off the points, needs no box to agree.
-
-Of 118 matches on synthesised scenes whose box did not agree, 45 were so, 42 of them right; none of 41 on real scenes
-that show nothing of the library."""
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far a stand-in is off a measured box: its centre, m, and the extent that is worst, a share of the box's."""
+    """How far an asset is off a measured box: its centre, m, and the extent that is worst, a share of the box's."""
 
     centre: float
     size: float
@@ -30,7 +23,7 @@ class Deviation:
     @property
     def agrees(self) -> bool:
         """It is the size of what was measured, and there."""
-        return self.centre <= CENTRE and self.size <= SIZE
+        return self.centre <= DEFAULT.size.center and self.size <= DEFAULT.size.size
 
     def __str__(self) -> str:
         return f"centre {1000 * self.centre:.0f} mm, size {100 * self.size:.0f} % off"
@@ -63,7 +56,7 @@ def is_certain(one: SceneObject) -> bool:
     confidence = None if one.match is None else one.match.confidence
     if not one.matched or one.method != "registered" or confidence is None or one.residual is None:
         return False
-    return confidence >= CERTAIN and one.residual <= NEAR
+    return confidence >= DEFAULT.size.certain and one.residual <= DEFAULT.size.near
 
 
 def aligned(box: UprightBox, shape: Solid) -> Aabb:

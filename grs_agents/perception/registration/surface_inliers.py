@@ -8,13 +8,9 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
+from grs_agents.perception.configuration import DEFAULT, SurfaceExplanation
 from grs_agents.perception.surfaces import Tree, surface_of
 from grs_agents.perception.types import Array
-
-ON = 0.006
-"""A point nearer than this (m) to a surface lies on it."""
-SHARE = 0.8
-"""A piece of a thing has at least this share of its points on its surface."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +26,6 @@ class AssetSurface:
     points: Array
     normals: Array
     spacing: float
-
-    def share_on(self, cloud: Array) -> float:
-        """The share of (M, 3) points, m, that lie on it."""
-        return float((self.near(cloud, ON) < ON).mean()) if len(cloud) else 0.0
 
     def near(self, cloud: Array, reach: float) -> Array:
         """As `distances`, and infinite for points that are farther than ``reach`` m from the box around it."""
@@ -62,18 +54,25 @@ def asset_surface_at(asset: str, pose: Pose, library: Library) -> AssetSurface:
     return AssetSurface(surface.points @ turn.T + pose[0], surface.normals @ turn.T, surface.spacing)
 
 
-def surface_inliers(clouds: Sequence[Array], shells: Sequence[AssetSurface | None]) -> dict[int, int]:
-    """Which things are pieces of which, by index.
+def surface_inliers(
+    clouds: Sequence[Array],
+    surfaces: Sequence[AssetSurface | None],
+    config: SurfaceExplanation = DEFAULT.explanation,
+) -> dict[int, int]:
+    """Which objects are pieces of which, by index.
 
     Args:
-        clouds: (N, 3) measured points of each thing, m, robot frame.
-        shells: the surface of each thing's asset, where that is known.
+        clouds: (N, 3) measured points of each object, m, robot frame.
+        surfaces: the surface of each object's asset, where that is known.
+        config: what is on a surface.
     """
-    found: dict[int, int] = {}
+    pieces: dict[int, int] = {}
     for piece, cloud in enumerate(clouds):
-        for whole, shell in enumerate(shells):
-            larger = whole != piece and len(clouds[whole]) > len(cloud) and whole not in found
-            if shell is not None and larger and shell.share_on(cloud) >= SHARE:
-                found[piece] = whole
+        for whole, surface in enumerate(surfaces):
+            larger = whole != piece and len(clouds[whole]) > len(cloud) and whole not in pieces
+            if surface is None or not larger or not len(cloud):
+                continue
+            if (surface.near(cloud, config.on) < config.on).mean() >= config.piece:
+                pieces[piece] = whole
                 break
-    return found
+    return pieces

@@ -4,7 +4,7 @@ import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.perception import asset_surface_at, residual_candidates
-from grs_agents.perception.registration.residual_segments import ResidualCandidates, left_over
+from grs_agents.perception.registration.residual_segments import ResidualCandidates, residual_labels
 from grs_agents.perception.settling import PlacedObject
 from tests.perception.settling.photo import photo_of
 
@@ -25,7 +25,7 @@ def test_what_stands_against_a_known_thing_is_found_once_that_stands() -> None:
 
 def test_an_asset_that_stands_wrongly_tells_nothing() -> None:
     wrong = asset_surface_at(MILK.asset, ((0.55, 0.0, 0.15), (0.0, 0.0, 0.0, 1.0)), LIBRARY)
-    assert not left_over([MASK], [wrong], BOTH, TABLE)[0].any()
+    assert not residual_labels([MASK], [wrong], BOTH, TABLE)[0].any()
     assert residual_candidates([MASK], [None], BOTH, TABLE, 1) == ResidualCandidates()
 
 
@@ -44,9 +44,9 @@ def test_a_segment_that_joins_a_known_thing_and_another_is_divided() -> None:
 
 def test_a_thing_that_touches_a_known_one_is_not_divided() -> None:
     masks = [MASK & ~BLOCK_ALONE, BLOCK_ALONE & MASK]
-    assert left_over(masks, [asset_surface_at(MILK.asset, MILK.pose, LIBRARY), None], BOTH, TABLE)[1] == ()
+    assert residual_labels(masks, [asset_surface_at(MILK.asset, MILK.pose, LIBRARY), None], BOTH, TABLE)[1] == ()
 
 
 def test_a_thing_that_its_asset_explains_leaves_nothing() -> None:
     alone, table, mask = photo_of([MILK], LIBRARY)
-    assert not np.any(left_over([mask], [asset_surface_at(MILK.asset, MILK.pose, LIBRARY)], alone, table)[0])
+    assert not np.any(residual_labels([mask], [asset_surface_at(MILK.asset, MILK.pose, LIBRARY)], alone, table)[0])
