@@ -7,6 +7,7 @@ solid parts because MuJoCo takes a mesh for its convex hull, which would fill a 
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Final
 
 import cv2
@@ -15,23 +16,17 @@ import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.errors import ConfigError
+from grs_agents.perception.configuration import DEFAULT, BackgroundReconstruction
 from grs_agents.perception.image_geometry import components, within
-from grs_agents.perception.segmentation.patches import jumps, smoothed
+from grs_agents.perception.segmentation.patches import jump_edges, smoothed
 from grs_agents.perception.table import robot_points, tolerance
 from grs_agents.perception.types import Aabb, Array, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import reduced
 
 Faces = npt.NDArray[np.int64]
 Grid = npt.NDArray[np.float32]
-TRUNCATION: Final = 3.0
-"""Farther than so many voxels behind a surface nothing is known."""
-MOST_VOXELS: Final = 8_000_000
-"""Of more the grid is made coarser: it holds one float and one flag each."""
-MOST_FACES: Final = 20_000
 REACH: Final = 2
 """The slope of a surface at a pixel is taken between the pixels this far to both sides."""
-FLATTEST: Final = 0.05
-"""Flatter than this (metres of distance for each metre of depth) a surface is not taken to be seen."""
 SLAB: Final = 16
 """So many layers of voxels are looked up at a time."""
 
@@ -43,16 +38,14 @@ class Mesh:
     vertices: Array
     faces: Faces
 
-    def simplified(self, cell: float) -> "Mesh":
+    def simplified(self, cell: float, most_faces: int) -> "Mesh":
         """The vertices in each cell of ``cell`` metres become one, at their mean; coarser until faces are few."""
-        while True:
-            found = _clustered(self, cell)
-            if len(found.faces) <= MOST_FACES:
-                return found
+        while len((mesh := _clustered(self, cell)).faces) > most_faces:
             cell *= 1.5
+        return mesh
 
 
-def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float) -> Mesh:
+def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float, config: BackgroundReconstruction) -> Mesh:
     """The surface that the pixels ``left``, (H, W), show; it is open where something hides what is behind.
 
     Args:
@@ -60,6 +53,7 @@ def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float) ->
         table: tells where its camera is.
         left: pixels of the surface; at least one.
         voxel: edge of the grid's cells, metres; larger where the grid would be too large.
+        config: how large the grid may be, and what is seen.
 
     Raises:
         ConfigError: scikit-image is not installed.
@@ -67,16 +61,15 @@ def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float) ->
     measure = _measure()
     cloud = robot_points(frame, table)[left]
     low, high = cloud.min(axis=0), cloud.max(axis=0)
-    while np.prod(np.ceil((high - low) / voxel) + 5) > MOST_VOXELS:
+    while np.prod(np.ceil((high - low) / voxel) + 5) > config.most_voxels:
         voxel *= 1.25
     origin = low - 2 * voxel
     shape = tuple(int(count) for count in np.ceil((high - low) / voxel) + 5)
-    distance, known = signed_distance(frame, table, left, origin, voxel, (shape[0], shape[1], shape[2]))
+    grid = (origin, voxel, (shape[0], shape[1], shape[2]))
+    distance, known = signed_distance(frame, table, left, grid, config)
     cells = np.ones(tuple(count - 1 for count in shape), np.bool_)
-    for x in (0, 1):
-        for y in (0, 1):
-            for z in (0, 1):
-                cells &= known[x : x + cells.shape[0], y : y + cells.shape[1], z : z + cells.shape[2]]
+    for x, y, z in product((0, 1), repeat=3):
+        cells &= known[x : x + cells.shape[0], y : y + cells.shape[1], z : z + cells.shape[2]]
     if not (cells.any() and distance.min() < 0 < distance.max()):
         return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
     vertices, faces, _, _ = measure.marching_cubes(distance, 0.0)
@@ -89,22 +82,27 @@ def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float) ->
 
 
 def signed_distance(
-    frame: RGBDFrame, table: TableFrame, left: Mask, origin: Array, voxel: float, shape: tuple[int, int, int]
+    frame: RGBDFrame,
+    table: TableFrame,
+    left: Mask,
+    grid: tuple[Array, float, tuple[int, int, int]],
+    config: BackgroundReconstruction,
 ) -> tuple[Grid, npt.NDArray[np.bool_]]:
-    """The signed distance in voxels, positive before the surface, and where it is known; both ``shape``.
+    """The signed distance in voxels, positive before the surface, and where it is known; both of the grid's shape.
 
     It is the distance to the plane of the surface in a voxel's pixel: along the ray alone, what is seen at a grazing
     angle would be lost between two voxels.
 
     Args:
         frame, table, left: as of `surface_of`.
-        origin: (3,) of the first voxel's centre, metres, robot frame.
-        voxel: distance of two centres, metres.
-        shape: counts along x, y, z.
+        grid: (3,) of the first voxel's centre, metres, robot frame; the distance of two centres, metres; counts along
+            x, y, z.
+        config: how far behind a surface is known.
     """
+    origin, voxel, shape = grid
     pose, camera = np.asarray(table.T_robot_cam), frame.camera
-    facing = _facing(frame)
-    distance = np.full(shape, TRUNCATION, np.float32)
+    facing = _facing(frame, config.flattest)
+    distance = np.full(shape, config.truncation, np.float32)
     known = np.zeros(shape, np.bool_)
     for start in range(0, shape[0], SLAB):
         layers = range(start, min(start + SLAB, shape[0]))
@@ -117,12 +115,12 @@ def signed_distance(
         seen &= (rows >= 0) & (rows < camera.height)
         rows, columns = np.where(seen, rows, 0), np.where(seen, columns, 0)
         gap = (frame.depth[rows, columns] - places[..., 2]) * facing[rows, columns] / voxel
-        known[layers.start : layers.stop] = seen & left[rows, columns] & (gap > -TRUNCATION)
-        distance[layers.start : layers.stop] = np.clip(gap, -TRUNCATION, TRUNCATION)
+        known[layers.start : layers.stop] = seen & left[rows, columns] & (gap > -config.truncation)
+        distance[layers.start : layers.stop] = np.clip(gap, -config.truncation, config.truncation)
     return distance, known
 
 
-def _facing(frame: RGBDFrame) -> Array:
+def _facing(frame: RGBDFrame, flattest: float) -> Array:
     """(H, W) metres perpendicular to the surface for each metre of depth."""
     points = frame.points()
     across, down = np.zeros_like(points), np.zeros_like(points)
@@ -131,7 +129,7 @@ def _facing(frame: RGBDFrame) -> Array:
     normal = np.cross(across, down)
     length = np.maximum(np.linalg.norm(normal, axis=-1), 1e-12)
     along = np.abs((normal * points).sum(axis=-1)) / length
-    return np.clip(along / np.maximum(points[..., 2], 1e-6), FLATTEST, 2.0)
+    return np.clip(along / np.maximum(points[..., 2], 1e-6), flattest, 2.0)
 
 
 def _measure() -> Any:
@@ -172,15 +170,11 @@ def _compact(vertices: Array, faces: Faces) -> Mesh:
     return Mesh(vertices[used], numbers.reshape(-1, 3).astype(np.int64))
 
 
-MOST: Final = 200
-"""Boxes; of more the cells are made larger."""
-THICKNESS: Final = 0.01
-"""A box is at least this thick (m)."""
 _Cells = npt.NDArray[np.int32]
 
 
-def boxes_around(points: Array, cell: float) -> Array:
-    """(B, 2, 3) lowest and highest corners (m) of at most `MOST` boxes that hold all (N, 3) ``points``.
+def boxes_around(points: Array, cell: float, config: BackgroundReconstruction = DEFAULT.background) -> Array:
+    """(B, 2, 3) lowest and highest corners (m) of a bounded number of boxes that hold all (N, 3) ``points``.
 
     Space is cut into cells; cells with points are joined to the largest blocks that are full, and each block is shrunk
     to its points, so that a wall along an axis is as thin as it was measured.
@@ -188,20 +182,21 @@ def boxes_around(points: Array, cell: float) -> Array:
     Args:
         points: metres.
         cell: edge of a cell, metres; larger where there would be too many boxes.
+        config: how many, and how thin.
     """
     if not len(points):
         return np.zeros((0, 2, 3))
     while True:
         index = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
         blocks = _blocks(index)
-        if blocks.max() <= MOST:
+        if blocks.max() <= config.most_boxes:
             break
         cell *= 1.25
     owner = blocks[index[:, 0], index[:, 1], index[:, 2]] - 1
     low, high = np.full((owner.max() + 1, 3), np.inf), np.full((owner.max() + 1, 3), -np.inf)
     np.minimum.at(low, owner, points)
     np.maximum.at(high, owner, points)
-    thin = np.maximum(THICKNESS - (high - low), 0) / 2
+    thin = np.maximum(config.thickness - (high - low), 0) / 2
     return np.stack([low - thin, high + thin], axis=1)
 
 
@@ -246,18 +241,6 @@ def _grown(
     return end
 
 
-SPAN: Final = (np.array([-2.0, -2.0, -1.0]), np.array([2.0, 2.0, 2.0]))
-"""Corners (m, robot frame) of the space around the robot that is reconstructed."""
-MARGIN: Final = 0.05
-"""The background keeps this far (m) away from objects."""
-CLEAR: Final = 0.02
-"""What of it is solid, after its simplification, still keeps this far (m) away from them."""
-EDGE: Final = 200
-"""Pixels around an object, as a share of the picture's width (1/EDGE), that may mix it with what is behind it."""
-SMALLEST: Final = 0.0004
-"""The least share of the picture that a piece of the background covers."""
-
-
 @dataclass(frozen=True)
 class Background:
     """A reconstructed background, in the robot frame.
@@ -276,7 +259,13 @@ class Background:
 
 
 def reconstruct(
-    frame: RGBDFrame, table: TableFrame, objects: Mask, boxes: Sequence[Aabb], arm: Array, voxel: float
+    frame: RGBDFrame,
+    table: TableFrame,
+    objects: Mask,
+    boxes: Sequence[Aabb],
+    arm: Array,
+    voxel: float,
+    config: BackgroundReconstruction = DEFAULT.background,
 ) -> Background | None:
     """Reconstruct what is left of a photo after its objects and its table are taken out.
 
@@ -287,6 +276,7 @@ def reconstruct(
         boxes: around the objects; the background keeps away from them.
         arm: (N, 4) centres and radii (m, robot frame) of spheres around the arm at home; it keeps away from them too.
         voxel: edge of the cells of the signed distance, metres.
+        config: how large all may be, and how far from objects and arm.
 
     Returns:
         ``None`` if nothing is left.
@@ -303,20 +293,22 @@ def reconstruct(
     points = robot_points(smooth, table)
     lows, highs = np.array([one.low for one in boxes]).reshape(-1, 3), np.array([one.high for one in boxes])
     keep_out = np.stack([lows, highs.reshape(-1, 3)], axis=1)
-    left = left_over(smooth, points, taken, keep_out, arm)
+    left = background_pixels(smooth, points, taken, keep_out, arm, config)
     if not left.any():
         return None
-    raw = surface_of(smooth, table, left, voxel)
-    solid = boxes_around(raw.vertices, 2 * voxel)
-    solid = solid[~_touching(solid, keep_out, arm, CLEAR)]
+    raw = surface_of(smooth, table, left, voxel, config)
+    solid = boxes_around(raw.vertices, 2 * voxel, config)
+    solid = solid[~_touching(solid, keep_out, arm, config.clear)]
     if not len(solid):
         return None
     mean = small.rgb[left].mean(axis=0) / 255
     color = (float(mean[0]), float(mean[1]), float(mean[2]))
-    return Background(raw.simplified(2 * voxel), solid, color, int(left.sum()))
+    return Background(raw.simplified(2 * voxel, config.most_faces), solid, color, int(left.sum()))
 
 
-def left_over(frame: RGBDFrame, points: Array, objects: Mask, boxes: Array, arm: Array) -> Mask:
+def background_pixels(
+    frame: RGBDFrame, points: Array, objects: Mask, boxes: Array, arm: Array, config: BackgroundReconstruction
+) -> Mask:
     """(H, W) pixels of surfaces around the robot that are neither objects nor table.
 
     Args:
@@ -325,24 +317,21 @@ def left_over(frame: RGBDFrame, points: Array, objects: Mask, boxes: Array, arm:
         objects: (H, W) pixels of objects.
         boxes: (N, 2, 3) corners around the objects, metres.
         arm: (N, 4) spheres around the arm at home.
+        config: how far from objects and arm.
     """
-    size = 2 * max(2, frame.depth.shape[1] // EDGE) + 1
+    size = 2 * max(2, frame.depth.shape[1] // config.edge) + 1
     near_objects = cv2.dilate(objects.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    below, right = jumps(frame.depth)
-    cut = below | right
-    cut[1:] |= below[:-1]
-    cut[:, 1:] |= right[:, :-1]
     table = np.abs(np.nan_to_num(points[..., 2], nan=0.0)) < 2 * tolerance(frame.depth.astype(np.float64))
-    left = (frame.depth > 0) & ~near_objects & ~cut & ~table
+    left = (frame.depth > 0) & ~near_objects & ~jump_edges(frame.depth) & ~table
     rows, columns = np.nonzero(left)
     cloud = points[rows, columns]
-    kept = within(cloud, *SPAN)
+    kept = within(cloud, np.array(config.low), np.array(config.high))
     for low, high in boxes:
-        kept &= ~within(cloud, low - MARGIN, high + MARGIN)
+        kept &= ~within(cloud, low - config.margin, high + config.margin)
     for x, y, z, radius in arm:
-        kept &= ((cloud - (x, y, z)) ** 2).sum(axis=1) > (radius + MARGIN) ** 2
+        kept &= ((cloud - (x, y, z)) ** 2).sum(axis=1) > (radius + config.margin) ** 2
     left[rows, columns] = kept
-    return components(left.astype(np.uint8), int(SMALLEST * left.size)) > 0
+    return components(left.astype(np.uint8), int(config.smallest * left.size)) > 0
 
 
 def _touching(solid: Array, boxes: Array, arm: Array, margin: float) -> Mask:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.geometry.transforms import about
 from grs_agents.library import Library
 from grs_agents.library.posed_meshes import visible_corners
 from grs_agents.perception.types import Array
@@ -63,14 +64,8 @@ def corners_of(name: str, library: Library) -> Array:
 def _surface(data: bytes, count: int) -> Surface:
     corners = np.frombuffer(data).reshape(count, 3, 3)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    rng = np.random.default_rng(0)
-    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    doubled = np.linalg.norm(crosses, axis=1)
-    chosen = rng.choice(len(corners), size=SAMPLES, p=doubled / doubled.sum())
-    weights = rng.dirichlet((1.0, 1.0, 1.0), size=SAMPLES)
-    points = np.einsum("ni,nij->nj", weights, corners[chosen]) - (low + high) / 2
-    normals = crosses[chosen] / doubled[chosen, None]
-    return Surface(points, normals, (high - low) / 2, float(np.sqrt(doubled.sum() / 2 / SAMPLES)))
+    points, normals, area = _sampled(corners, SAMPLES, np.random.default_rng(0))
+    return Surface(points - (low + high) / 2, normals, (high - low) / 2, float(np.sqrt(area / SAMPLES)))
 
 
 _NEIGHBOURS = 12
@@ -111,11 +106,19 @@ class Tree:
 
 def align(target: Cloud, source: Cloud, start: Array, reach: float) -> Array:
     """The transform (4, 4) that lays ``source`` on ``target``, from ``start``; partners are within ``reach`` m."""
-    found = _library().align(
-        target.cloud, source.cloud, target.tree, start, registration_type="GICP", max_correspondence_distance=reach,
-        num_threads=1, max_iterations=20, rotation_epsilon=0.002, translation_epsilon=0.0002,
-    )  # fmt: skip
-    pose = np.asarray(found.T_target_source, np.float64)
+    fit = _library().align(
+        target.cloud,
+        source.cloud,
+        target.tree,
+        start,
+        registration_type="GICP",
+        max_correspondence_distance=reach,
+        num_threads=1,
+        max_iterations=20,
+        rotation_epsilon=0.002,
+        translation_epsilon=0.0002,
+    )
+    pose = np.asarray(fit.T_target_source, np.float64)
     return pose if np.isfinite(pose).all() else start
 
 
@@ -160,7 +163,7 @@ def _symmetry(data: bytes, count: int) -> Symmetry:
     corners = np.frombuffer(data).reshape(count, 3, 3)
     middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
     rng = np.random.default_rng(0)
-    coarse, fine = _sampled(corners, _COARSE, rng) - middle, _sampled(corners, _FINE, rng) - middle
+    coarse, fine = (_sampled(corners, count, rng)[0] - middle for count in (_COARSE, _FINE))
     tree = Tree(fine)
     bound = _distance(coarse, tree) + _SLACK
     half = np.ptp(corners.reshape(-1, 3), axis=0) / 2
@@ -172,7 +175,7 @@ def _symmetry(data: bytes, count: int) -> Symmetry:
         return _distance(coarse @ rotation.T, tree) < bound
 
     turns = [turn for turn in quarter_turns() if same(turn)]
-    axes = [axis for axis in np.eye(3) if all(same(_turn(axis, angle)) for angle in (0.5, 1.0, 1.9))]
+    axes = [axis for axis in np.eye(3) if all(same(about(axis, angle)) for angle in (0.5, 1.0, 1.9))]
     return Symmetry(np.array(turns), np.array(axes).reshape(-1, 3))
 
 
@@ -186,18 +189,14 @@ def quarter_turns() -> list[Floats]:
     return [matrix for matrix in found if np.linalg.det(matrix) > 0]
 
 
-def _turn(axis: Floats, angle: float) -> Floats:
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-
-def _sampled(corners: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """(count, 3) points spread evenly over triangles (T, 3, 3)."""
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    chosen = corners[rng.choice(len(corners), size=count, p=areas / areas.sum())]
+def _sampled(corners: Floats, count: int, rng: np.random.Generator) -> tuple[Floats, Floats, float]:
+    """(count, 3) points spread evenly over triangles (T, 3, 3), their unit normals, and the area of the triangles."""
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = np.linalg.norm(crosses, axis=1)
+    chosen = rng.choice(len(corners), size=count, p=doubled / doubled.sum())
     weights = rng.dirichlet((1.0, 1.0, 1.0), size=count)
-    return np.einsum("ni,nij->nj", weights, chosen)
+    points = np.einsum("ni,nij->nj", weights, corners[chosen])
+    return points, crosses[chosen] / doubled[chosen, None], float(doubled.sum() / 2)
 
 
 def _distance(points: Floats, tree: Tree) -> float:

@@ -35,10 +35,9 @@ def camera(yaw: float = 0.0, width: int = 320, height: int = 240) -> Camera:
     pose[:3, 3] = np.array([0.5, 0.0, 0.1]) - 1.1 * forward
     focal = 0.75 * width
     matrix = tuple(tuple(float(value) for value in row) for row in pose)
-    return Camera(
-        fx=focal, fy=focal, cx=(width - 1) / 2, cy=(height - 1) / 2, width=width, height=height, depth_scale=0.0005,
-        T_robot_cam=matrix,
-    )  # fmt: skip
+    center = {"cx": (width - 1) / 2, "cy": (height - 1) / 2}
+    size = {"width": width, "height": height}
+    return Camera(fx=focal, fy=focal, **center, **size, depth_scale=0.0005, T_robot_cam=matrix)
 
 
 def photo(

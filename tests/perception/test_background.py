@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import ConfigError
 from grs_agents.perception import Aabb, Background, find_table, reconstruct
-from grs_agents.perception.background import CLEAR, MOST, boxes_around
+from grs_agents.perception.background import boxes_around
+from grs_agents.perception.configuration import DEFAULT
 from tests.perception import room
 from tests.perception.room import Floats
 
@@ -63,7 +64,7 @@ def test_the_surface_is_near_what_is_seen(yaw: float, noise: float) -> None:
     assert (to_boxes(true, found.boxes) <= NEAR).mean() >= 0.9
     real = to_boxes(found.mesh.vertices, room.BOXES[list(room.ROOM)])
     assert (real <= NEAR).mean() >= 0.97
-    assert 0 < len(found.boxes) <= MOST
+    assert 0 < len(found.boxes) <= DEFAULT.background.most_boxes
     assert len(found.mesh.faces) < 10_000
 
 
@@ -72,9 +73,11 @@ def test_it_keeps_away_from_objects_and_arm() -> None:
     found, _ = made(0.0, 0.0, arm)
     for number in room.THINGS:
         low, high = room.BOXES[number]
-        meets = (found.boxes[:, 0] < high + CLEAR) & (found.boxes[:, 1] > low - CLEAR)
+        meets = (found.boxes[:, 0] < high + DEFAULT.background.clear) & (
+            found.boxes[:, 1] > low - DEFAULT.background.clear
+        )
         assert not meets.all(axis=1).any()
-    assert to_boxes(arm[:, :3], found.boxes)[0] >= arm[0, 3] + CLEAR - 1e-9
+    assert to_boxes(arm[:, :3], found.boxes)[0] >= arm[0, 3] + DEFAULT.background.clear - 1e-9
     assert np.linalg.norm(found.mesh.vertices - arm[0, :3], axis=1).min() > arm[0, 3]
 
 
@@ -98,7 +101,7 @@ def test_without_scikit_image_the_extra_is_named(monkeypatch: pytest.MonkeyPatch
 def test_few_boxes_hold_all_points(seed: int, count: int, cell: float) -> None:
     points = np.random.default_rng(seed).uniform(-1, 1, (count, 3))
     boxes = boxes_around(points, cell)
-    assert 0 < len(boxes) <= MOST
+    assert 0 < len(boxes) <= DEFAULT.background.most_boxes
     assert to_boxes(points, boxes).max() < 1e-9
     assert (boxes[:, 0] < boxes[:, 1]).all()
 
