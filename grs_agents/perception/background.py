@@ -50,7 +50,7 @@ def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float, co
 
     Args:
         frame: the photo.
-        table: tells where its camera is.
+        table: where its camera is.
         left: pixels of the surface; at least one.
         voxel: edge of the grid's cells, metres; larger where the grid would be too large.
         config: how large the grid may be, and what is seen.

@@ -261,7 +261,7 @@ class PoseHypotheses:
     second_plane: float = 0.1  # of the points: a second plane holds at least this many
     oblique: float = 0.25  # a side is seen whose normal is nearer to the view than this sine
     hidden: float = 0.015  # what is seen is shorter than the asset by more than this, or longer: part of it is hidden
-    level: float = math.radians(6)  # a plane that is level within this tells nothing that the measured box doesn't
+    level: float = math.radians(6)  # a plane that is level within this adds nothing to the measured box
 
 
 @dataclass(frozen=True)
@@ -299,7 +299,7 @@ class SurfaceExplanation:
     on: float = 0.006  # a point nearer to a surface lies on it
     piece: float = 0.8  # of its points lie on the surface that a segment is a piece of
     off: float = 0.012  # points farther from a surface are not its own; sensors and poses are better than that
-    explained: float = 0.5  # an asset that explains less of its segment is the wrong one: it tells nothing
+    explained: float = 0.5  # an asset that explains less of its segment is the wrong one: it says nothing
     shown: float = 0.35  # of its near surface at least this share is where one was measured
     in_free_space: float = 0.1  # and at most this share before it
     smallest: float = 0.0006  # of the picture: something left over covers at least so much

@@ -171,7 +171,7 @@ def _symmetry(data: bytes, count: int) -> Symmetry:
     def same(rotation: Floats) -> bool:
         quarter = bool(np.allclose(np.abs(rotation) % 1, 0))
         if quarter and np.abs(np.abs(rotation) @ half - half).max() > 2 * _SLACK:
-            return False  # told by its extents alone
+            return False  # its extents alone say so
         return _distance(coarse @ rotation.T, tree) < bound
 
     turns = [turn for turn in quarter_turns() if same(turn)]

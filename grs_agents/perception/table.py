@@ -61,7 +61,7 @@ def find_table(
     """Find the level planes by RANSAC, each refined by least squares, and take one of them for the table.
 
     With ``T_robot_cam`` the robot frame is the given one, moved along z so that the table top is z = 0. Without it the
-    frame is laid on the plane: z up, x along the camera's view, y to the left; the origin is below the camera until
+    frame is put on the plane: z up, x along the camera's view, y to the left; the origin is below the camera until
     `place_robot` moves it.
 
     Args:

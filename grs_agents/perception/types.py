@@ -113,7 +113,7 @@ class RGBDFrame:
 
 Solid = Literal["box", "cylinder"]
 PoseMethod = Literal["registered", "box", "proxy"]
-"""A mesh laid into the points; the asset laid into the measured box; or a solid that is the measured box."""
+"""A mesh registered to the points; the asset placed in the measured box; or a solid that is the measured box."""
 RelationKind = Literal["on", "in", "touching"]
 
 
@@ -164,10 +164,10 @@ class TableFrame(Frozen):
 
     Attributes:
         T_robot_cam: 4x4 transform from the camera frame (OpenCV axes) to the robot frame, metres.
-        origin: ``calibrated`` (given in camera.json) or ``table_plane`` (laid on the table found in the photo).
+        origin: ``calibrated`` (given in camera.json) or ``table_plane`` (on the table found in the photo).
         residual: root mean square distance of the table's points to its plane, metres.
         inliers: share of the measured pixels that lie on the table.
-        height: z of the table top in the robot frame, metres; 0 when laid on it.
+        height: z of the table top in the robot frame, metres; 0 where the frame is on it.
         note: what a reader should know.
         planes: the level planes that may be the table, the lowest first; empty where none were looked for.
     """
@@ -233,7 +233,7 @@ class CandidateRecord(Frozen):
 
 
 class Shown(Frozen):
-    """An asset as a matcher is told of it; ``size`` in m, upright."""
+    """An asset as a matcher is shown it; ``size`` in m, upright."""
 
     name: str
     description: str
@@ -338,7 +338,7 @@ class TwinReport(Frozen):
         fidelity: share of the objects' pixels at which the twin at rest, seen by the photo's camera, is within 2 cm of
             the measured depth; ``None`` if nothing was measured.
         still: everything came to rest.
-        held: so many things would have fallen, and may stand on something that the photo does not show: they stay.
+        held: so many objects would have fallen, and may stand on something that the photo does not show: they stay.
     """
 
     found: float

@@ -19,7 +19,7 @@ from grs_agents.perception.surfaces import Cloud, Surface, Symmetry, Tree, align
 from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
 
 Entered = Callable[[Array], Array]
-"""How deep an asset is in other things at each of (K, 4, 4) poses of the centre of its bounding box, (K,) m."""
+"""How deep an asset is in other objects at each of (K, 4, 4) poses of the centre of its bounding box, (K,) m."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Registered:
 
 @dataclass(frozen=True)
 class _Search:
-    """An asset's surface, what was seen of the object, and the known things around it."""
+    """An asset's surface, what was seen of the object, and the known objects around it."""
 
     surface: Surface
     tree: Tree

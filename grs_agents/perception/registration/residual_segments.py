@@ -1,4 +1,4 @@
-"""What of a segment its asset does not explain: another thing that stands in, on or against it in the photo."""
+"""What of a segment its asset does not explain: another object that stands in, on or against it in the photo."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -35,8 +35,8 @@ class ResidualCandidates:
     """What is found once assets stand.
 
     Attributes:
-        candidates: so far they were taken for parts of other things.
-        divided: segments without an asset, by index, that are these and parts of things whose assets are known.
+        candidates: so far they were taken for parts of other objects.
+        divided: segments without an asset, by index, that are these and parts of objects whose assets are known.
     """
 
     candidates: tuple[Candidate, ...] = ()

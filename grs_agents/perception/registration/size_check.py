@@ -52,7 +52,7 @@ def size_deviation(asset: str, pose: Pose, library: Library, measured: UprightBo
 
 
 def is_certain(one: SceneObject) -> bool:
-    """Whether its asset is known so well that more of it than was measured may be hidden behind other things."""
+    """Whether its asset is known so well that more of it than was measured may be hidden behind other objects."""
     confidence = None if one.match is None else one.match.confidence
     if not one.matched or one.method != "registered" or confidence is None or one.residual is None:
         return False

@@ -1,4 +1,4 @@
-"""Segments that are pieces of a thing whose asset is known: their points lie on its surface."""
+"""Segments that are pieces of an object whose asset is known: their points lie on its surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -181,7 +181,7 @@ def _crop(frame: RGBDFrame, mask: Mask, margin: float = 0.15) -> "np.ndarray[tup
 def place_robot(
     table: TableFrame, candidates: Sequence[Candidate], config: Measuring = DEFAULT.measuring
 ) -> tuple[TableFrame, tuple[Candidate, ...]]:
-    """Move a frame that was laid on the table so that the middle of the objects is in the arm's workspace.
+    """Move a frame that is on the table so that the middle of the objects is in the arm's workspace.
 
     A calibrated frame is left as it is.
     """

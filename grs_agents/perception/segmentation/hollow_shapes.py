@@ -37,7 +37,7 @@ def is_open(cloud: Array, table: Array, config: HollowShape = HOLLOW) -> bool:
 def is_solid(cloud: Array, config: HollowShape = HOLLOW) -> bool:
     """Whether (N, 3) points are the top of an object of its own: all of its footprint is seen, highest in its middle.
 
-    The inside of a hollow thing is lowest there, a wall is too thin to have a middle, and a floor lies on the table.
+    The inside of a hollow object is lowest there, a wall is too thin to have a middle, and a floor lies on the table.
     """
     hull = hull_of(cloud)
     area = float(cv2.contourArea(hull.astype(np.float32)))

@@ -80,7 +80,7 @@ def foreground(points: Array, depth: Depth, eye: Array, config: Foreground = DEF
 def _is_over_table(points: Array, hull: Array, eye: Array, beyond: float) -> Mask:
     """Which of (N, 3) points are over the table, or near it and hide it from the camera's ``eye``.
 
-    The near part of the table may be out of the picture, below the things that stand on it.
+    The near part of the table may be out of the picture, below the objects that stand on it.
     """
     over = inside_hull(points[:, :2], hull, margin=0.02)
     rest = points.compress(~over, axis=0)
@@ -91,7 +91,7 @@ def _is_over_table(points: Array, hull: Array, eye: Array, beyond: float) -> Mas
 
 
 def _standing(above: Mask, inside: Mask, depth: Depth) -> Mask:
-    """Whole surfaces of which most is over the table: things reach beyond what is seen of it."""
+    """Whole surfaces of which most is over the table: objects reach beyond what is seen of it."""
     blobs = components((above & ~jump_edges(depth)).astype(np.uint8), 1)
     total = np.bincount(blobs.ravel())
     over = np.bincount(blobs[inside], minlength=len(total))

@@ -1,6 +1,6 @@
 """Assets that were registered into each other: one of them is somewhere else, and is registered again beside the other.
 
-Each thing is registered by itself first, and what another thing hides says nothing against a pose: one that is half
+Each object is registered by itself first, and what another object hides says nothing against a pose: one that is half
 hidden may come to stand in what hides it.
 """
 
@@ -26,7 +26,7 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class KnownObject:
-    """A thing whose asset is known.
+    """An object whose asset is known.
 
     Attributes:
         placed: its asset where it was registered.
@@ -41,7 +41,7 @@ class KnownObject:
 
 @dataclass(frozen=True)
 class CollisionRepairs:
-    """What becomes of known things, by index.
+    """What becomes of known objects, by index.
 
     Attributes:
         moved: where those stand that were registered into others.
@@ -137,7 +137,7 @@ class _CollisionScene:
         return max(found.items(), key=lambda one: one[1], default=((0, 0), 0.0))
 
     def registered_again(self, number: int) -> tuple[Registered, float, float]:
-        """Where a thing is registered beside the others, how deep it is in them then, and how much dearer that is."""
+        """Where an object is registered beside the others, how deep it is in them then, and how much dearer that is."""
         one, (frame, table) = self.objects[number], self.photo
         asset, pose = one.placed.asset, self.poses[number]
 
@@ -150,7 +150,7 @@ class _CollisionScene:
         return found, left, found.cost - self.cost(number)
 
     def cost(self, number: int) -> float:
-        """How badly a thing where it stands fits what was seen, m."""
+        """How badly an object where it stands fits what was seen, m."""
         one, (frame, table) = self.objects[number], self.photo
         return cost_of(one.placed.asset, self.poses[number], self.library, one.upright, frame, table, one.mask)
 
@@ -160,7 +160,7 @@ class _CollisionScene:
         self._depth(number, self.poses[number])
 
     def _depth(self, number: int, pose: Pose) -> float:
-        """How deep a thing is in others at a pose, where it stays, m."""
+        """How deep an object is in others at a pose, where it stays, m."""
         placed, start = PlacedObject(self.objects[number].placed.asset, pose), self.world.addresses[number]
         position, (x, y, z, w) = instances([placed], self.library)[0].pose
         self.world.data.qpos[start : start + 7] = (*position, w, x, y, z)

@@ -25,7 +25,7 @@ DIRECTIONS: Floats = np.array(
 
 @dataclass(frozen=True)
 class Separation:
-    """A way to take things apart.
+    """A way to take objects apart.
 
     Attributes:
         deep: overlaps up to this (m) are left to easing.
@@ -99,7 +99,7 @@ def _move_cost(move: Floats, guessed: bool, config: Depenetration) -> float:
 
 
 def overlaps(world: World) -> dict[tuple[int, int], float]:
-    """How deep any two things are in each other, m, by their numbers, the lower first."""
+    """How deep any two objects are in each other, m, by their numbers, the lower first."""
     found: dict[tuple[int, int], float] = {}
     for geoms, distance in zip(world.data.contact.geom, world.data.contact.dist, strict=True):
         one, other = sorted(world.owners[int(geom)] for geom in geoms)
@@ -108,7 +108,7 @@ def overlaps(world: World) -> dict[tuple[int, int], float]:
 
 
 def _deepest_pair(world: World, stuck: set[tuple[int, int]], deep: float) -> tuple[int, int] | None:
-    """The things, lower number first, that overlap most, if by more than ``deep`` m."""
+    """The objects, lower number first, that overlap most, if by more than ``deep`` m."""
     found = {
         pair: depth
         for pair, depth in overlaps(world).items()
@@ -118,7 +118,7 @@ def _deepest_pair(world: World, stuck: set[tuple[int, int]], deep: float) -> tup
 
 
 def _move_out(world: World, number: int, steps: Sequence[float], free: float) -> Floats | None:
-    """The shortest of the tried moves, (3,) m, after which a thing overlaps nothing by more than ``free`` m."""
+    """The shortest of the tried moves, (3,) m, after which an object overlaps nothing by more than ``free`` m."""
     start = world.addresses[number]
     here = world.data.qpos[start : start + 3].copy()
     shortest: Floats | None = None
@@ -134,7 +134,7 @@ def _move_out(world: World, number: int, steps: Sequence[float], free: float) ->
 
 
 def _move_both(world: World, number: int, other: int, move: Floats, free: float) -> bool:
-    """Move two things half the way each, apart, if they overlap nothing by more than ``free`` m then."""
+    """Move two objects half the way each, apart, if they overlap nothing by more than ``free`` m then."""
     starts = [world.addresses[moved] for moved in (number, other)]
     before = [world.data.qpos[start : start + 3].copy() for start in starts]
     for start, half in zip(starts, (move / 2, -move / 2), strict=True):
@@ -148,7 +148,7 @@ def _move_both(world: World, number: int, other: int, move: Floats, free: float)
 
 
 def depth_of(world: World, number: int) -> float:
-    """How deep a thing overlaps others where it has been put, m."""
+    """How deep an object overlaps others where it has been put, m."""
     model, data = world.model, world.data
     mujoco.mj_kinematics(model, data)
     mujoco.mj_collision(model, data)
@@ -158,7 +158,7 @@ def depth_of(world: World, number: int) -> float:
 
 
 def _depth_at(world: World, number: int, position: Sequence[float] | Floats) -> float:
-    """How deep a thing overlaps others with its centre at ``position``, m."""
+    """How deep an object overlaps others with its centre at ``position``, m."""
     start = world.addresses[number]
     world.data.qpos[start : start + 3] = position
     return depth_of(world, number)

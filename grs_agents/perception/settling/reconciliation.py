@@ -44,7 +44,7 @@ class Reconciled:
         pieces: which are pieces of which others, whose assets explain all their points, or whose boxes hold most.
         claims: the space that each of the others without an asset fills.
         masks: (H, W) the pixels of each of those, with those of its pieces.
-        known: assets of the things of known shape that are no pieces, with their poses as in `PlacedObject`.
+        known: assets of the objects of known shape that are no pieces, with their poses as in `PlacedObject`.
         library: where their assets are looked up.
     """
 
@@ -55,7 +55,7 @@ class Reconciled:
     library: Library
 
     def around(self, index: int) -> Surroundings:
-        """What stands around the thing whose claim has that index."""
+        """What stands around the object whose claim has that index."""
         others = [claim for number, claim in self.claims.items() if number != index]
         return Surroundings(self.known, others, self.library)
 
@@ -141,7 +141,7 @@ def _drop_filled(
 def supporting_segments(
     fell: AbstractSet[int], agreed: Reconciled, config: Reconciliation = DEFAULT.settling.reconciliation
 ) -> dict[int, int]:
-    """Pieces of other things: what falls by itself is carried by what it touches, so they are one.
+    """Pieces of other objects: what falls by itself is carried by what it touches, so they are one.
 
     Args:
         fell: objects, by index, that fall in the twin.
@@ -169,7 +169,7 @@ def _join_contained(
     segments: Sequence[Segment],
     config: Reconciliation,
 ) -> None:
-    """Solid things are not inside each other: what still has most of its points in another's box belongs to it."""
+    """Solid objects are not inside each other: what still has most of its points in another's box belongs to it."""
     for piece in sorted(claims, key=lambda index: claims[index].volume):
         one = claims[piece]
         fits = one.off < config.misshapen
@@ -186,8 +186,8 @@ def _join_contained(
 def _join(
     piece: int, whole: int, claims: dict[int, EstimatedVolume], masks: dict[int, Mask], pieces: dict[int, int]
 ) -> None:
-    """Make one thing of two."""
-    claims[whole] = claims[whole].extended_by(claims[piece].points)
+    """Make one object of two."""
+    claims[whole] = claims[whole].joined(claims[piece].points)
     masks[whole] = masks[whole] | masks[piece]
     pieces[piece] = whole
     del claims[piece]

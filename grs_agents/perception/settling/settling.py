@@ -66,7 +66,7 @@ def fall(world: World, config: Config = DEFAULT.settling) -> bool:
 class PlacedObject:
     """An asset, and where the centre of its bounding box is (m) with its rotation (xyzw).
 
-    ``guessed``: it stands for a thing of unknown shape, whose place is known less well.
+    ``guessed``: it stands for an object of unknown shape, whose place is known less well.
     """
 
     asset: str
@@ -76,7 +76,7 @@ class PlacedObject:
 
 @dataclass(frozen=True)
 class Placed:
-    """Where a thing came to rest.
+    """Where an object came to rest.
 
     Attributes:
         pose: as in `PlacedObject`.
@@ -96,7 +96,7 @@ class RestState:
     """A scene at rest.
 
     Attributes:
-        placed: for each thing; ``None`` for what is off the simulated table.
+        placed: for each object; ``None`` for what is off the simulated table.
         found, penetration: the deepest overlap before and after, m.
         still: everything came to rest.
     """

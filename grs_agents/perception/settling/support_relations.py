@@ -1,4 +1,4 @@
-"""Which object lies on, in or against which, told by the surfaces of what stands for them."""
+"""Which object lies on, in or against which, by the surfaces of what stands for them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -23,7 +23,7 @@ def fidelity(
     mask: Mask,
     config: Settling = DEFAULT.settling,
 ) -> float | None:
-    """The share of the measured pixels of ``mask`` (H, W) at which the things, seen by the photo's camera, are right.
+    """The share of the measured pixels of ``mask`` (H, W) at which the objects, seen by the photo's camera, are right.
 
     ``None`` if nothing is measured there.
 

@@ -33,8 +33,8 @@ def test_stacked_and_touching_things_are_told_apart(stacked: Rendered) -> None:
     assert min(_ious(labels, stacked.labels)) > 0.75
 
 
-@pytest.mark.parametrize(("depth", "objects"), [(0.02, 1), (0.05, 2)], ids=["fin", "box"])
-def test_a_fin_in_front_of_a_box_is_part_of_it_and_a_smaller_box_is_not(depth: float, objects: int) -> None:
+@pytest.mark.parametrize(("depth", "objects"), [(0.02, 1), (0.05, 2)], ids=["tab", "box"])
+def test_a_tab_in_front_of_a_box_is_part_of_it_and_a_smaller_box_is_not(depth: float, objects: int) -> None:
     box = Thing("box", (0.5, 0.0), (0.1, 0.12, 0.16))
     front = Thing("box", (0.45 - depth / 2, 0.0), (depth, 0.05, 0.08))
     assert _segment(render((box, front), calibrated=True).frame).max() == objects

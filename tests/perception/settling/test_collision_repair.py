@@ -1,4 +1,4 @@
-"""Of two assets that were registered into each other, the one that was laid wrongly is laid anew."""
+"""Of two assets that were registered into each other, the one that was registered wrongly is registered again."""
 
 from dataclasses import replace
 

@@ -17,7 +17,7 @@ def at(asset: str, x: float, y: float, bottom: float = 0.0) -> tuple[str, Pose]:
     return asset, ((x, y, bottom + float(high[2] - low[2]) / 2), HERE)
 
 
-def told(*things: tuple[str, Pose]) -> tuple[Relation, ...]:
+def relations_of(*things: tuple[str, Pose]) -> tuple[Relation, ...]:
     """The relations of things called a, b, ..."""
     return relations([body_of(chr(97 + number), *thing, LIBRARY) for number, thing in enumerate(things)])
 
@@ -30,20 +30,20 @@ def test_what_is_stacked_is_on(swapped: bool) -> None:
     height = float(np.ptp(np.array(LIBRARY.model(TUNA).bounds), axis=0)[2])
     things = [at(BLOCK, 0.5, 0.0, bottom=height), at(TUNA, 0.5, 0.0)]
     upper, lower = ("b", "a") if swapped else ("a", "b")
-    found = told(*(reversed(things) if swapped else things))
+    found = relations_of(*(reversed(things) if swapped else things))
     assert found == (Relation(kind="on", subject=upper, reference=lower),)
 
 
 def test_what_a_container_holds_is_in() -> None:
-    found = told(at(BLOCK, 0.5, 0.0, bottom=0.006), at(BOX, 0.5, 0.0))
+    found = relations_of(at(BLOCK, 0.5, 0.0, bottom=0.006), at(BOX, 0.5, 0.0))
     assert found == (Relation(kind="in", subject="a", reference="b"),)
 
 
 def test_what_stands_side_by_side_touches_once() -> None:
     width = float(np.ptp(np.array(LIBRARY.model(BLOCK).bounds), axis=0)[0])
-    found = told(at(BLOCK, 0.5, 0.0), at(BLOCK, 0.5 + width, 0.0))
+    found = relations_of(at(BLOCK, 0.5, 0.0), at(BLOCK, 0.5 + width, 0.0))
     assert found == (Relation(kind="touching", subject="a", reference="b"),)
 
 
 def test_what_stands_apart_has_no_relation() -> None:
-    assert told(at(BLOCK, 0.4, 0.2), at(MILK, 0.6, -0.2), at(TUNA, 0.4, -0.1)) == ()
+    assert relations_of(at(BLOCK, 0.4, 0.2), at(MILK, 0.6, -0.2), at(TUNA, 0.4, -0.1)) == ()
