@@ -54,7 +54,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     count = options.synthesised if options.synthesised is not None else 0 if options.scenes else 10
     made = recipes(count, options.seed, options.objects, size=options.size)
-    work = Work(options.segment, options.seed, options.repeats, options.model, tuple(options.without))
+    work = MeasurementOptions(options.segment, options.seed, options.repeats, options.model, tuple(options.without))
     orders = [
         *orders_of(options.scenes, work, options.images),
         *synthesised_orders(made, options.out, work),

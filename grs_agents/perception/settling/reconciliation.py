@@ -109,7 +109,7 @@ def _estimated(
 ) -> dict[int, EstimatedVolume]:
     """The space that each segment fills that has no asset and is no piece."""
     return {
-        index: EstimatedVolume(segment.box, segment.shape, clouds[index], segment.hollow).standing(around.hold)
+        index: EstimatedVolume(segment.box, segment.shape, clouds[index], segment.hollow).raised_onto(around.occupied)
         for index, segment in enumerate(segments)
         if segment.known is None and index not in pieces
     }
@@ -131,7 +131,7 @@ def _drop_filled(
 ) -> None:
     """Make pieces of known objects of those boxes that one of them mostly fills."""
     for piece, claim in list(claims.items()):
-        filled = {index: float(solid.hold(claim.space).mean()) for index, solid in solids.items()}
+        filled = {index: float(solid.occupied(claim.grid_points).mean()) for index, solid in solids.items()}
         whole = max(filled, key=lambda index: filled[index], default=piece)
         if filled.get(whole, 0.0) > config.filled:
             pieces[piece] = whole
@@ -172,9 +172,12 @@ def _join_contained(
     """Solid objects are not inside each other: what still has most of its points in another's box belongs to it."""
     for piece in sorted(claims, key=lambda index: claims[index].volume):
         one = claims[piece]
-        fits = one.off < config.misshapen
+        fits = one.mean_distance < config.misshapen
         shares = {
-            index: max(other.share(one.points) / config.inside, fits * other.share(one.space) / config.overlapping)
+            index: max(
+                other.share_inside(one.points) / config.inside,
+                fits * other.share_inside(one.grid_points) / config.overlapping,
+            )
             for index, other in claims.items()
             if index != piece and not segments[index].hollow and other.volume > one.volume
         }
@@ -187,7 +190,7 @@ def _join(
     piece: int, whole: int, claims: dict[int, EstimatedVolume], masks: dict[int, Mask], pieces: dict[int, int]
 ) -> None:
     """Make one object of two."""
-    claims[whole] = claims[whole].joined(claims[piece].points)
+    claims[whole] = claims[whole].extended_by(claims[piece].points)
     masks[whole] = masks[whole] | masks[piece]
     pieces[piece] = whole
     del claims[piece]
