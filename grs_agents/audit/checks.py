@@ -1,5 +1,6 @@
 """The checks: pure functions from instances and rollouts to findings."""
 
+from collections import Counter
 from collections.abc import Sequence
 
 from grs_agents.agents import TaskDefinition
@@ -9,6 +10,7 @@ from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import Goal, Rollout, TaskInstance
+from grs_agents.sim.instance.episode import Episode
 from grs_agents.sim.world.compilation import TIMESTEP
 
 IDLE = 0.5
@@ -78,16 +80,22 @@ def _instantiated(instances: Sequence[TaskInstance], failures: Sequence[str], co
 
 def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
     episodes = [rollout.episode for rollout in rollouts]
-    shown = ", ".join(f"{one.strict:.2f} (published {one.reward:.2f}, {one.outcome})" for one in episodes) or "none"
-    solved = all(min(one.strict, one.reward) >= config.reward and one.outcome == "success" for one in episodes)
-    shortfalls = dict.fromkeys(clause for one in episodes for clause in one.shortfalls)
-    detail = f"strict scores {shown}; each of {config.seeds} must reach {config.reward} with every goal met"
-    weakest = min((one.weakest for one in episodes), default=0.0)
-    solved = solved and weakest >= GOAL
+    scores = (
+        ", ".join(f"{episode.strict:.2f} (published {episode.reward:.2f}, {episode.outcome})" for episode in episodes)
+        or "none"
+    )
+    detail = f"strict scores {scores}; each of {config.seeds} must reach {config.reward} with every goal met"
+    weakest = min((episode.weakest for episode in episodes), default=0.0)
     if weakest < GOAL:
         detail += f", the weakest goal is at {weakest:.2f}, at least {GOAL} is asked of each"
-    detail += f"; short of it: {'; '.join(shortfalls)}" if shortfalls else ""
+    if shortfalls := dict.fromkeys(clause for episode in episodes for clause in episode.shortfalls):
+        detail += f"; short of it: {'; '.join(shortfalls)}"
+    solved = all(_is_solved(episode, config.reward) for episode in episodes) and weakest >= GOAL
     return Finding(check="solved", passed=len(episodes) == config.seeds and solved, detail=detail)
+
+
+def _is_solved(episode: Episode, least: float) -> bool:
+    return min(episode.strict, episode.reward) >= least and episode.outcome == "success"
 
 
 def _not_idle(rollouts: Sequence[Rollout]) -> Finding:
@@ -102,20 +110,20 @@ def _not_idle(rollouts: Sequence[Rollout]) -> Finding:
 def _moved(instances: Sequence[TaskInstance], rollouts: Sequence[Rollout], scene: SceneDescription | None) -> Finding:
     """A task from a photo moves two of its objects, if two are in reach; others move two if their goals ask for two."""
     if scene is not None:
-        seen = {thing.asset for thing in scene.objects}
+        seen = {item.asset for item in scene.objects}
         counts = [sum(name in seen for name in rollout.moved) for rollout in rollouts]
-        could = sum(thing.reachable for thing in scene.objects)
-        why = f"{could} are in reach"
+        movable = sum(item.reachable for item in scene.objects)
+        why = f"{movable} are in reach"
     else:
         counts = [len(rollout.moved) for rollout in rollouts]
-        could = min((sum(map(_asked, instance.goals)) for instance in instances), default=0)
-        why = f"the goals ask for {could}"
-    needed = max(1, min(2, could))
+        movable = min((sum(map(_objects_to_move, instance.goals)) for instance in instances), default=0)
+        why = f"the goals ask for {movable}"
+    needed = max(1, min(2, movable))
     detail = f"objects moved by the robot: {counts}; at least {needed} must be, {why}"
     return Finding(check="moved", passed=bool(counts) and min(counts) >= needed, detail=detail)
 
 
-def _asked(goal: Goal) -> int:
+def _objects_to_move(goal: Goal) -> int:
     """How many objects have to move for a goal, wherever they start: not a stack's lowest nor the ends of a line."""
     kind = goal.relation.kind if goal.relation is not None else ""
     return len(goal.objects) - {"stacked": 1, "aligned": 2}.get(kind, 0)
@@ -134,10 +142,10 @@ def _on_table(rollouts: Sequence[Rollout]) -> Finding:
 
 def _as_in_library(instances: Sequence[TaskInstance], library: Library) -> Finding:
     """Values for what is no template would change nothing, a time step of its own would change any physics."""
-    templates = set(library.templates())
-    things = [thing for instance in instances for thing in instance.objects]
-    faults = [f"there is no asset {name}" for name in sorted({one.asset for one in things if one.asset not in library})]
-    filled = {one.asset for one in things if one.fill and one.asset in library and one.asset not in templates}
+    items = [item for instance in instances for item in instance.objects]
+    unknown = {item.asset for item in items if item.asset not in library}
+    filled = {item.asset for item in items if item.fill} - unknown - set(library.templates())
+    faults = [f"there is no asset {name}" for name in sorted(unknown)]
     faults += [f"{name} is no template" for name in sorted(filled)]
     steps = {instance.timestep for instance in instances} - {TIMESTEP}
     faults += [f"a time step of {step} s instead of {TIMESTEP} s" for step in sorted(steps)]
@@ -149,7 +157,7 @@ def _assets_of_task(instances: Sequence[TaskInstance], task: TaskDefinition) -> 
     wanted = set(task.assets)
     faults: set[str] = set()
     for instance in instances:
-        used = {thing.asset for thing in instance.objects}
+        used = {item.asset for item in instance.objects}
         faults |= {f"{name} is not in the task definition" for name in used - wanted}
         faults |= {f"{name} is in the task definition but not used" for name in wanted - used}
     detail = "; ".join(sorted(faults)) or f"the {len(wanted)} assets of the task definition, no others"
@@ -157,18 +165,15 @@ def _assets_of_task(instances: Sequence[TaskInstance], task: TaskDefinition) -> 
 
 
 def _assets_of_scene(instances: Sequence[TaskInstance], scene: SceneDescription, library: Library) -> Finding:
-    seen = {thing.asset for thing in scene.objects}
+    seen = Counter(item.asset for item in scene.objects)
     fixtures = {asset.name for asset in library.assets() if asset.fixture}
-    foreign: list[str] = []
-    for instance in instances:
-        counts: dict[str, int] = {}
-        for thing in instance.objects:
-            counts[thing.asset] = counts.get(thing.asset, 0) + 1
-        for name, count in counts.items():
-            limit = sum(place.asset == name for place in scene.objects)
-            if name not in fixtures and count > limit:
-                foreign.append(f"{name} ({count} used, {limit} in the photo)")
+    absent = {
+        f"{name} ({count} used, {seen[name]} in the photo)"
+        for instance in instances
+        for name, count in Counter(item.asset for item in instance.objects).items()
+        if name not in fixtures and count > seen[name]
+    }
     detail = f"the photo shows {len(seen)} assets"
-    if foreign:
-        detail += f"; not there: {', '.join(sorted(set(foreign)))}"
-    return Finding(check="assets_of_scene", passed=not foreign, detail=detail)
+    if absent:
+        detail += f"; not there: {', '.join(sorted(absent))}"
+    return Finding(check="assets_of_scene", passed=not absent, detail=detail)

@@ -2,7 +2,9 @@
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -11,12 +13,15 @@ from grs_agents import terminal
 from grs_agents.agents.asset_describer import describe_assets, plan, with_words
 from grs_agents.cli.assets_import import chosen_assets, library_root
 from grs_agents.config import Config
-from grs_agents.errors import ConfigError, InputError
-from grs_agents.library import Asset
+from grs_agents.errors import ConfigError, GrsError, InputError
+from grs_agents.library import Asset, Library
 from grs_agents.library.asset import read_manifest
 from grs_agents.library.importing.journal import write_entries
 from grs_agents.models import chat_model
 from grs_agents.terminal import say, say_json
+
+if TYPE_CHECKING:
+    from grs_agents.perception.matching.asset_index import AssetIndex
 
 ROLE = "describe"
 
@@ -34,13 +39,7 @@ def describe_library(
     """
     root = library_root(library)
     known, chosen = chosen_assets(library, names, False)
-    mine = {asset.name for asset in read_manifest(root).assets} if root.is_dir() else set[str]()
-    assets = [asset for asset in chosen if asset.name in mine]
-    if not assets:
-        raise InputError(
-            "none of these assets is your own; those that GRS ships have their descriptions",
-            "import some: grs assets import SOURCE",
-        )
+    assets = _own_assets(chosen, root)
     spec = config.model_for(ROLE)
     model = chat_model(spec, config.seed)
     todo = plan(root, assets, spec.model, again)
@@ -53,29 +52,40 @@ def describe_library(
         say("the offline model tells names and measurements, it does not look at the pictures", error=True)
     elif todo.todo and not yes:
         _confirm()
-    entries: list[Asset] = [with_words(_of(assets, one.asset), one.words) for one in todo.done]
-    silent, told = 0, [one.model_dump(mode="json") for one in todo.done]
+    by_name = {asset.name: asset for asset in assets}
+    entries = [with_words(by_name[described.asset], described.words) for described in todo.done]
+    records = list(todo.done)
+    unanswered = 0
     try:
-        for asset, found in describe_assets(root, known, todo.todo, model, spec.model, _complain):
-            silent += found is None
+        for asset, described in describe_assets(root, known, todo.todo, model, spec.model, partial(say, error=True)):
             entries.append(asset)
-            if found is not None:
-                told.append(found.model_dump(mode="json"))
-                if not as_json:
-                    say(f"{asset.name}: {asset.description}")
+            if described is None:
+                unanswered += 1
+                continue
+            records.append(described)
+            if not as_json:
+                say(f"{asset.name}: {asset.description}")
     finally:
         write_entries(root, entries)
     if as_json:
-        say_json(told)
-    return 1 if silent else 0
+        say_json([described.model_dump(mode="json") for described in records])
+    return 1 if unanswered else 0
 
 
-def _of(assets: Sequence[Asset], name: str) -> Asset:
-    return next(asset for asset in assets if asset.name == name)
+def _own_assets(assets: Sequence[Asset], root: Path) -> list[Asset]:
+    """The assets that the library ``root`` itself lists.
 
-
-def _complain(text: str) -> None:
-    say(text, error=True)
+    Raises:
+        InputError: it lists none of them.
+    """
+    listed = {asset.name for asset in read_manifest(root).assets} if root.is_dir() else set[str]()
+    own = [asset for asset in assets if asset.name in listed]
+    if not own:
+        raise InputError(
+            "none of these assets is your own; those that GRS ships have their descriptions",
+            "import some: grs assets import SOURCE",
+        )
+    return own
 
 
 def _confirm() -> None:
@@ -105,11 +115,8 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
     Raises:
         InputError: the folder holds something else, or faiss is not installed.
     """
-    from grs_agents.errors import GrsError, InputError
-    from grs_agents.library import Library
-    from grs_agents.perception.matching.asset_appearance import appearance_of
-    from grs_agents.perception.matching.asset_index import AssetIndex, Vectors, embed
-    from grs_agents.perception.matching.feature_matcher import matchable_assets
+    from grs_agents.perception.matching.asset_index import AssetIndex
+    from grs_agents.perception.matching.feature_matcher import offered
 
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is no folder", "name a new folder, or one that holds an index")
@@ -118,26 +125,36 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
     known = set(index.names())
     wanted = [name for name in assets if again or name not in known]
     gone = sorted(known - set(assets))
+    broken = _add_to_index(index, [assets[name] for name in wanted], library)
+    added = len(wanted) - len(broken)
+    index.remove(gone)
+    if index.crowded:
+        index.compact()
+    if as_json:
+        figures = {"assets": len(index), "added": added, "removed": len(gone), "broken": broken}
+        say_json({"folder": str(folder), **figures})
+    else:
+        say(f"{folder}: {len(index)} assets, {added} added, {len(gone)} removed")
+        for name, reason in broken.items():
+            say(f"  {name}: {reason}")
+    return 1 if broken else 0
+
+
+def _add_to_index(index: "AssetIndex", assets: Sequence[Asset], library: Library) -> dict[str, str]:
+    """Add the vectors of each asset, and return why an asset has none, by its name."""
+    from grs_agents.perception.matching.asset_appearance import appearance_of
+    from grs_agents.perception.matching.asset_index import Vectors, embed
+
     vectors: dict[str, Vectors] = {}
     broken: dict[str, str] = {}
     columns = (TextColumn("indexing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=terminal.console(error=True)) as progress:
-        for name in progress.track(wanted):
+        for asset in progress.track(assets):
             try:
-                look = appearance_of(name, library).views.mean(axis=0)
-                vectors[name] = embed(assets[name].description, look, assets[name].size)
+                look = appearance_of(asset.name, library).views.mean(axis=0)
+                vectors[asset.name] = embed(asset.description, look, asset.size)
             except GrsError as error:
-                broken[name] = str(error)
+                broken[asset.name] = str(error)
     if vectors:
         index.add(list(vectors), np.stack(list(vectors.values())))
-    index.remove(gone)
-    if index.crowded:
-        index.compact()
-    told = {"folder": str(folder), "assets": len(index), "added": len(vectors), "removed": len(gone), "broken": broken}
-    if as_json:
-        say_json(told)
-    else:
-        say(f"{folder}: {len(index)} assets, {len(vectors)} added, {len(gone)} removed")
-        for name, reason in broken.items():
-            say(f"  {name}: {reason}")
-    return 1 if broken else 0
+    return broken

@@ -98,18 +98,22 @@ def chosen_assets(library: Path | None, names: Sequence[str], shipped: bool) -> 
         InputError: there is nothing of that name, or no library of one's own.
     """
     root, known = library_root(library), Library()
-    if root.is_dir() and root.resolve() not in [one.resolve() for one in known.roots]:
-        known = known.overlay(root)
-    elif not root.is_dir() and library is not None:
+    own: Sequence[Asset] = ()
+    if root.is_dir():
+        own = Library(root).assets()
+        if root.resolve() not in [other.resolve() for other in known.roots]:
+            known = known.overlay(root)
+    elif library is not None:
         raise InputError(f"there is no asset library in {library}", "import one: grs assets import SOURCE")
-    mine = Library(root).assets() if root.is_dir() else ()
     if not names:
-        return known, list(known.assets() if shipped or not mine else mine)
-    found: list[Asset] = []
-    for name in names:
-        group = [one for one in known.assets() if one.name.startswith(f"{name.rstrip('/')}/")]
-        found += group or [known.asset(name)]
-    return known, found
+        return known, list(known.assets() if shipped or not own else own)
+    return known, [asset for name in names for asset in _named_assets(known, name)]
+
+
+def _named_assets(library: Library, name: str) -> list[Asset]:
+    """The assets of the collection ``name``, or the asset of that name."""
+    collection = [asset for asset in library.assets() if asset.name.startswith(f"{name.rstrip('/')}/")]
+    return collection or [library.asset(name)]
 
 
 _WIDE = 120

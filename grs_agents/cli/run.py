@@ -4,7 +4,7 @@ import shlex
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -183,7 +183,7 @@ def check_program(program: Program, chosen: Effective, as_json: bool) -> int:
         }
         say_json(value)
     else:
-        _print(report, audit, accepted)
+        _print_check(report, audit, accepted)
     return 0 if accepted else 1
 
 
@@ -194,23 +194,31 @@ def _as_in(run: Path, chosen: Effective) -> Config:
     return validated({**chosen.config.model_dump(), **same})
 
 
-def _print(report: TestReport | None, audit: AuditReport, accepted: bool) -> None:
+def _print_check(report: TestReport | None, audit: AuditReport, accepted: bool) -> None:
     console = terminal.console()
     table = Table(box=None, pad_edge=False, header_style="bold", title="accepted" if accepted else "rejected")
     for column in ("check", "result", "detail"):
         table.add_column(column, overflow="fold", no_wrap=column != "detail")
-    for case in report.cases if report is not None else ():  # their class is the same for all, and long
-        table.add_row(*map(Text, (case.id.rpartition(".")[2], case.outcome, case.message)))
-    if report is not None and not report.cases:
-        table.add_row(*map(Text, ("tests", report.outcome, report.message)))
-    for finding in audit.findings:
-        table.add_row(*map(Text, (finding.check, "passed" if finding.passed else "failed", finding.detail)))
-    for rollout in audit.rollouts:
-        episode = rollout.episode
-        table.add_row(
-            *map(Text, (f"seed {rollout.seed}", episode.outcome, f"reward {episode.reward:.2f}: {episode.detail}"))
-        )
-    for warning in dict.fromkeys(warning for rollout in audit.rollouts for warning in rollout.warnings):
-        table.add_row(*map(Text, ("warning", "", warning)))
+    for row in (*_test_rows(report), *_audit_rows(audit)):
+        table.add_row(*map(Text, row))
     console.print(table)
     console.print(Text(audit.about))
+
+
+def _test_rows(report: TestReport | None) -> Iterator[tuple[str, str, str]]:
+    if report is None:
+        return
+    if not report.cases:
+        yield "tests", report.outcome, report.message
+    for case in report.cases:  # their class is the same for all, and long
+        yield case.id.rpartition(".")[2], case.outcome, case.message
+
+
+def _audit_rows(audit: AuditReport) -> Iterator[tuple[str, str, str]]:
+    for finding in audit.findings:
+        yield finding.check, "passed" if finding.passed else "failed", finding.detail
+    for rollout in audit.rollouts:
+        episode = rollout.episode
+        yield f"seed {rollout.seed}", episode.outcome, f"reward {episode.reward:.2f}: {episode.detail}"
+    for warning in dict.fromkeys(warning for rollout in audit.rollouts for warning in rollout.warnings):
+        yield "warning", "", warning

@@ -189,9 +189,8 @@ def replace_by_proxy(
     reason = f"{one.asset} was matched ({one.evidence}), but {why}"
     update = {"match": "no_asset", "asset": None, "runner_up": one.asset, "reason": reason}
     reply = (one.match or MatchEvidence(match="no_asset")).model_copy(update=update)
-    words = Description(is_object=True, description=one.description, color=one.color,
-                        shape=record.shape, category=one.category)  # fmt: skip
-    found = Matched(record, words, reply)
+    named = {"description": one.description, "color": one.color, "category": one.category}
+    found = Matched(record, Description(is_object=True, shape=record.shape, **named), reply)
     if reason := drop_reason(found, services.config.match.proxies):
         return DroppedCandidate(id=one.id, reason=reason)
     return object_of(found, services, taken, photo)

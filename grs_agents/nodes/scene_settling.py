@@ -98,7 +98,7 @@ def _apart(objects: Sequence[SceneObject], scene: _Scene) -> tuple[tuple[SceneOb
     """
     known = [index for index, one in enumerate(objects) if one.matched]
     things = [
-        KnownObject(_thing(one), scene.records[one.id].upright, scene.mask(one))
+        KnownObject(_placed_object(one), scene.records[one.id].upright, scene.mask(one))
         for one in (objects[index] for index in known)
     ]
     placed: dict[int, SceneObject] = dict(enumerate(objects))
@@ -126,41 +126,46 @@ def _settled(
 
     ``united`` are pieces of others, by index.
     """
-    services = scene.services
-    segments = [
-        Segment(
-            scene.mask(one),
-            scene.records[one.id].upright,
-            scene.records[one.id].shape,
-            _thing(one) if one.matched else None,
-            scene.records[one.id].hollow,
-        )
-        for one in objects
-    ]
-    agreed = reconcile_segments(segments, scene.frame, scene.table, services.library, united)
-    here = [index for index in range(len(objects)) if index not in agreed.pieces]
-    placed = [_written(objects[index], index, agreed, scene, bool(united)) for index in here]
+    segments = [_segment_of(item, scene) for item in objects]
+    agreed = reconcile_segments(segments, scene.frame, scene.table, scene.services.library, united)
+    kept = [index for index in range(len(objects)) if index not in agreed.pieces]
+    placed = [_with_fitted_proxy(objects[index], index, agreed, scene, bool(united)) for index in kept]
     dropped = tuple(
         DroppedCandidate(id=objects[piece].id, reason=f"a piece of {objects[whole].name}")
         for piece, whole in agreed.pieces.items()
     )
-    library = services.library  # with the proxies that were written again
-    bodies = [body_of(one.name, one.asset, (one.position, one.orientation), library) for one in placed]
-    stood = SettledScene(tuple(placed), relations(bodies), dropped=dropped)
+    mask = np.any([segment.mask for segment in segments], axis=0)
+    stood, fallen = _at_rest(placed, mask, scene)
+    return replace(stood, dropped=dropped), supporting_segments({kept[index] for index in fallen}, agreed)
+
+
+def _segment_of(item: SceneObject, scene: _Scene) -> Segment:
+    record = scene.records[item.id]
+    placed = _placed_object(item) if item.matched else None
+    return Segment(scene.mask(item), record.upright, record.shape, placed, record.hollow)
+
+
+def _at_rest(objects: Sequence[SceneObject], mask: Mask, scene: _Scene) -> tuple[SettledScene, set[int]]:
+    """The objects where they come to rest in MuJoCo, and the indices of those that fell.
+
+    ``mask`` (H, W) are the pixels of all segments, at which the twin is compared with the photo.
+    """
+    library = scene.services.library  # with the proxies that were written again
+    bodies = [body_of(item.name, item.asset, (item.position, item.orientation), library) for item in objects]
+    stood = SettledScene(tuple(objects), relations(bodies))
     try:
-        mask = np.any([one.mask for one in segments], axis=0)
-        rest, twin = report_of([_thing(one) for one in placed], library, scene.frame, scene.table, mask)
+        rest, twin = report_of([_placed_object(item) for item in objects], library, scene.frame, scene.table, mask)
     except GrsError as error:
-        return replace(stood, warnings=(f"the scene has no twin: {error.message}",)), {}
+        return replace(stood, warnings=(f"the scene has no twin: {error.message}",)), set()
     resting = tuple(
-        one if at is None else one.model_copy(update={"settled": at.pose, "drift": at.drift})
-        for one, at in zip(placed, rest.placed, strict=True)
+        item if end is None else item.model_copy(update={"settled": end.pose, "drift": end.drift})
+        for item, end in zip(objects, rest.placed, strict=True)
     )
-    fell = {index for index, at in zip(here, rest.placed, strict=True) if at is not None and at.fell}
-    return replace(stood, objects=resting, twin=twin), supporting_segments(fell, agreed)
+    fallen = {index for index, end in enumerate(rest.placed) if end is not None and end.fell}
+    return replace(stood, objects=resting, twin=twin), fallen
 
 
-def _written(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene, again: bool) -> SceneObject:
+def _with_fitted_proxy(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene, again: bool) -> SceneObject:
     """An object; its proxy, if it has one that does not fill the space that is left for it, written again.
 
     With ``again`` in any case: what was written before may have been for less space.
@@ -188,5 +193,5 @@ def _written(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene, ag
     )
 
 
-def _thing(one: SceneObject) -> PlacedObject:
+def _placed_object(one: SceneObject) -> PlacedObject:
     return PlacedObject(one.asset, (one.position, one.orientation), guessed=not one.matched)

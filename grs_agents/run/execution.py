@@ -162,8 +162,8 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
             )
         )
         settings: dict[str, Any] = {"recursion_limit": 25 + 4 * config.max_fixes}
-        begin: State = {**order.given, "scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0,
-                        "history": []}  # fmt: skip
+        given = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
+        begin: State = {**order.given, **given}
         if order.nested:
             state.update(graph.invoke(begin, settings, context=services))
             return

@@ -43,7 +43,7 @@ class Scrubber:
 
     Attributes:
         secrets: values that are replaced wherever they are.
-        paths: prefixes of paths and what stands for each, longest first.
+        paths: prefixes of paths and what replaces each, longest first.
     """
 
     secrets: tuple[str, ...]
@@ -54,8 +54,8 @@ class Scrubber:
         for secret in self.secrets:
             text = text.replace(secret, REMOVED)
         text = _KEYS.sub(REMOVED, text)
-        for path, stand_in in self.paths:
-            text = re.sub(rf"{re.escape(path)}(?![\w.-])", lambda _, word=stand_in: word, text)
+        for path, word in self.paths:
+            text = re.sub(rf"{re.escape(path)}(?![\w.-])", lambda _, word=word: word, text)
         return _HOMES.sub("~", text)
 
     def leaks(self, data: bytes) -> str:
@@ -82,14 +82,19 @@ def scrubber(
         environment: where their values are, and those of every variable that is called a key, token or password.
         home: the home folder, that of the user by default; it becomes ``~``.
     """
-    names = {*key_variables, *(name for name in environment if _NAMES.search(name))}
+    names = {*key_variables, *filter(_NAMES.search, environment)}
     values = {environment.get(name, "").strip() for name in names}
     secrets = {value for value in values if len(value) >= _SHORTEST and not Path(value).exists()}
-    known = {str(folder.resolve()): ".", str((home or Path.home()).resolve()): "~", str(home or Path.home()): "~"}
-    spelt = {**known, **{json.dumps(path)[1:-1]: word for path, word in known.items()}}
-    paths = sorted(((path, word) for path, word in spelt.items() if len(path) > 1), key=lambda one: -len(one[0]))
-    spoken = secrets | {json.dumps(value)[1:-1] for value in secrets}
-    return Scrubber(tuple(sorted(spoken, key=len, reverse=True)), tuple(paths))
+    home = home or Path.home()
+    words = {str(folder.resolve()): ".", str(home.resolve()): "~", str(home): "~"}
+    words |= {_in_json(path): word for path, word in words.items()}
+    paths = sorted((path for path in words if len(path) > 1), key=len, reverse=True)
+    secrets |= set(map(_in_json, secrets))
+    return Scrubber(tuple(sorted(secrets, key=len, reverse=True)), tuple((path, words[path]) for path in paths))
+
+
+def _in_json(text: str) -> str:
+    return json.dumps(text)[1:-1]
 
 
 def picture_alone(data: bytes) -> bytes:
@@ -154,12 +159,8 @@ def share(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Se
     left_out: list[str] = []
     with tempfile.TemporaryDirectory() as temporary:
         copy = Path(temporary) / scrubber.clean(folder.resolve().name)
-        for file in sorted(folder.rglob("*")):
-            name = file.relative_to(folder)
-            if not file.is_file() or file.is_symlink() or name.name in _MADE or name.suffix == ".zip":
-                continue
-            hidden = any(part.startswith(".") for part in name.parts) or visible(str(name)) != str(name)
-            before = None if hidden or name.suffix not in _KINDS else read_bytes(file)
+        for name in _files_of(folder):
+            before = read_bytes(folder / name) if _is_readable(name) else None
             data = None if before is None else _cleaned(name, before, scrubber)
             if data is None:
                 left_out.append(str(name))
@@ -175,6 +176,18 @@ def share(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Se
         raise unwritable(out, error) from error
     with zipfile.ZipFile(packed) as archive:
         return Shared(out, len(archive.namelist()), len(packed.getvalue()), tuple(changed), tuple(left_out))
+
+
+def _files_of(folder: Path) -> list[Path]:
+    """The files of a run, relative to its folder, without what is made anew, links and earlier zip files."""
+    files = (file for file in sorted(folder.rglob("*")) if file.is_file() and not file.is_symlink())
+    return [file.relative_to(folder) for file in files if file.name not in _MADE and file.suffix != ".zip"]
+
+
+def _is_readable(name: Path) -> bool:
+    """Whether a file is of a kind that can be looked through, under a name that hides nothing."""
+    hidden = any(part.startswith(".") for part in name.parts) or visible(str(name)) != str(name)
+    return not hidden and name.suffix in _KINDS
 
 
 def _cleaned(name: Path, data: bytes, scrubber: Scrubber) -> bytes | None:

@@ -51,14 +51,17 @@ def brief(value: Any, depth: int = 2) -> Any:
         return f"{len(value.splitlines())} lines, {len(value)} characters"
     if isinstance(value, list):
         items = cast("list[Any]", value)
-        short = depth > 0 and len(items) <= _FEW and not any(isinstance(item, list | dict) for item in items)
-        return [brief(item, 0) for item in items] if short else f"{len(items)} items"
+        return [brief(item, 0) for item in items] if depth > 0 and _is_short(items) else f"{len(items)} items"
     if isinstance(value, dict):
         fields = cast("dict[str, Any]", value)
         if depth == 0 or len(fields) > _MANY:
             return f"{len(fields)} fields"
         return {key: brief(item, depth - 1) for key, item in fields.items()}
     return value
+
+
+def _is_short(items: list[Any]) -> bool:
+    return len(items) <= _FEW and not any(isinstance(item, list | dict) for item in items)
 
 
 _LONG, _FEW, _MANY = 160, 4, 16

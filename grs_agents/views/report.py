@@ -10,16 +10,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.errors import GrsError, InputError
-from grs_agents.foreign import present, read_bytes
+from grs_agents.errors import GrsError
+from grs_agents.foreign import member, present, read_bytes
 from grs_agents.foreign.pictures import read_picture
 from grs_agents.library import Library
-from grs_agents.sim.instance.instance import TaskInstance
 from grs_agents.terminal import visible
 from grs_agents.trace import (
     Decision,
@@ -33,11 +32,22 @@ from grs_agents.trace import (
     TaskDefined,
     TestsRun,
 )
-from grs_agents.views.common.scene_objects import Rectangle, label_of, name_of, rectangles, twin_objects, twin_picture
+from grs_agents.views.common.event_documents import finding_verdict
+from grs_agents.views.common.motion import instance_of
+from grs_agents.views.common.scene_objects import (
+    Rectangle,
+    label_of,
+    name_of,
+    rectangles,
+    size_of,
+    twin_objects,
+    twin_picture,
+)
 from grs_agents.views.common.step_text import sections
 from grs_agents.views.common.steps import Step, steps
 from grs_agents.views.film.film import Shot, pictures
 
+AuditEvent = TypeVar("AuditEvent", Rollout, Finding)
 Verdict = Literal["", "good", "bad"]
 """The class, and so the colour, of what went well or wrong."""
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
@@ -201,15 +211,13 @@ def photo(events: Sequence[Event], sources: Sources) -> Iterator[str]:
     if any(shown):
         yield f'<div class="row">{"".join(shown)}</div>'
     if objects:
-        yield table(["", "name", "size (cm)", "asset", "description"], [_row(*one) for one in enumerate(objects)], (0,))
+        rows = [_object_cells(index, item) for index, item in enumerate(objects)]
+        yield table(["", "name", "size (cm)", "asset", "description"], rows, (0,))
 
 
-def _row(index: int, item: dict[str, Any]) -> tuple[object, ...]:
-    size = ""
-    if item.get("box"):
-        extents = np.subtract(item["box"]["high"], item["box"]["low"]) * 100
-        size = " x ".join(f"{extent:.1f}" for extent in extents)
-    return label_of(item, index), name_of(item), size, item.get("asset") or "", item.get("description") or ""
+def _object_cells(index: int, item: dict[str, Any]) -> tuple[object, ...]:
+    asset, description = item.get("asset") or "", item.get("description") or ""
+    return label_of(item, index), name_of(item), size_of(item), asset, description
 
 
 def _photo(files: dict[str, str], objects: Sequence[dict[str, Any]], folder: Path) -> str:
@@ -237,56 +245,38 @@ def _simulated(
     """The task as the camera of the photo would see it; of a run that came to none, the objects found."""
     if not camera.get("T_robot_cam"):
         return ""
-    played = [event for event in last_rollouts(events) if event.instance]
+    played = [event for event in last_audit(events, Rollout) if event.instance]
     try:
         if played:
-            instance = read_instance(sources.folder, played[0])
-            things, background = list(instance.objects), instance.background
+            instance = instance_of(member(sources.folder, played[0].instance or ""))
+            objects_shown, background = list(instance.objects), instance.background
             caption = f"The same view of the task, seed {instance.seed}, before the robot moves"
         else:
-            things = twin_objects(objects, sources.library)
+            objects_shown = twin_objects(objects, sources.library)
             caption = "The same view of what was found: the asset that stands for each object"
-        image = twin_picture(things, sources.library, camera, background) if things else None
+        image = twin_picture(objects_shown, sources.library, camera, background) if objects_shown else None
     except GrsError as error:
         return paragraph(f"The simulation cannot be drawn: {error}", "quiet")
     return "" if image is None else picture(image, caption)
 
 
-def last_rollouts(events: Sequence[Event]) -> list[Rollout]:
-    """The rollouts of the last audit."""
-    found: list[Rollout] = []
-    for event in events:
-        if isinstance(event, NodeStarted) and event.node == "audit":
-            found.clear()
-        elif isinstance(event, Rollout):
-            found.append(event)
-    return found
-
-
-def read_instance(folder: Path, event: Rollout) -> TaskInstance:
-    """The task that a rollout solved.
-
-    Raises:
-        InputError: its file is missing or damaged.
-    """
-    file = folder / (event.instance or "")
-    try:
-        return TaskInstance.model_validate_json(file.read_bytes())
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file} is no task instance: {error}", "make the run again") from error
+def last_audit(events: Sequence[Event], kind: type[AuditEvent]) -> list[AuditEvent]:
+    """The rollouts, or the findings, of the last audit."""
+    starts = [index for index, event in enumerate(events) if isinstance(event, NodeStarted) and event.node == "audit"]
+    return [event for event in events[starts[-1] if starts else 0 :] if isinstance(event, kind)]
 
 
 def rollouts(events: Sequence[Event], sources: Sources) -> Iterator[str]:
     """Each rollout of the last audit: before, after and its figures; of the first one a film strip."""
-    found = last_rollouts(events)
-    for event in found:
+    played = last_audit(events, Rollout)
+    for event in played:
         verdict = f"Seed {event.seed}: {event.outcome}, reward {event.reward:.2f} after {event.steps} steps; "
         yield paragraph(
             f"{verdict}doing nothing earns {event.idle_reward:.2f}; moved {', '.join(event.moved) or 'nothing'}",
             "" if event.outcome == "success" else "bad",
         )
         drawn = event.instance and event.recording and present(sources.folder, event.recording)
-        yield from _stills(event, sources, strip=event is found[0]) if drawn else ()
+        yield from _stills(event, sources, strip=event is played[0]) if drawn else ()
 
 
 def _stills(event: Rollout, sources: Sources, strip: bool) -> Iterator[str]:
@@ -356,13 +346,15 @@ def _task(events: Sequence[Event]) -> Iterator[str]:
 
 
 def _steps(rows: Sequence[Step]) -> str:
-    cells = [
-        (step.number, step.attempt, f"{step.node}{f' ×{step.visit}' if step.visit > 1 else ''}", _status(step),
-         f"{step.seconds:.1f}", f"{step.tokens:,}" if step.tokens else "", step.detail[:1000])
-        for step in rows
-    ]  # fmt: skip
     heads = ["#", "fix", "step", "status", "seconds", "tokens", "what came of it"]
-    return table(heads, cells, (0, 1, 4, 5), [_verdict(not step.trouble) for step in rows]) if rows else ""
+    verdicts = [_verdict(not step.trouble) for step in rows]
+    return table(heads, map(_step_cells, rows), (0, 1, 4, 5), verdicts) if rows else ""
+
+
+def _step_cells(step: Step) -> tuple[object, ...]:
+    name = f"{step.node} ×{step.visit}" if step.visit > 1 else step.node
+    tokens = f"{step.tokens:,}" if step.tokens else ""
+    return step.number, step.attempt, name, _status(step), f"{step.seconds:.1f}", tokens, step.detail[:1000]
 
 
 def _status(step: Step) -> str:
@@ -393,14 +385,10 @@ def _tests(rows: Sequence[Step]) -> Iterator[str]:
 
 def _findings(events: Sequence[Event]) -> str:
     """What the last audit found."""
-    found: list[Finding] = []
-    for event in events:
-        if isinstance(event, NodeStarted) and event.node == "audit":
-            found.clear()
-        elif isinstance(event, Finding):
-            found.append(event)
-    cells = [(event.check, "passed" if event.passed else "failed", event.detail) for event in found]
-    return table(["check", "", "detail"], cells, verdicts=[_verdict(event.passed) for event in found]) if cells else ""
+    findings = last_audit(events, Finding)
+    cells = [(finding.check, finding_verdict(finding), finding.detail) for finding in findings]
+    verdicts = [_verdict(finding.passed) for finding in findings]
+    return table(["check", "", "detail"], cells, verdicts=verdicts) if cells else ""
 
 
 def _programs(events: Sequence[Event], folder: Path) -> Iterator[str]:

@@ -99,10 +99,10 @@ class SpanView:
         self, name: str, parent: Any, attributes: dict[str, Any], at: int | None = None, kind: str = "INTERNAL"
     ) -> Any:
         context = self._trace.set_span_in_context(parent) if parent is not None else None
+        kind_of_span = getattr(self._trace.SpanKind, kind)
         return self._tracer.start_span(
-            name, context=context, kind=getattr(self._trace.SpanKind, kind), attributes=attributes,
-            start_time=at or self._last,
-        )  # fmt: skip
+            name, context=context, kind=kind_of_span, attributes=attributes, start_time=at or self._last
+        )
 
     def _end(self, span: Any, error: str = "") -> None:
         if span is None:

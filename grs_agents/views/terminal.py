@@ -1,7 +1,7 @@
 """A run in the terminal: live progress, the final summary, and the whole run as a tree of tries, steps and events."""
 
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from itertools import groupby
 from typing import Any
@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from grs_agents import terminal
-from grs_agents.trace import Event, NodeEnded, ProgramVersion, RunEnded, RunStarted
+from grs_agents.trace import Event, NodeEnded, ProgramVersion, Reply, RunEnded, RunStarted
 from grs_agents.views.common.safe_text import one_line
 from grs_agents.views.common.steps import Status, Step, Steps
 
@@ -119,10 +119,7 @@ class Progress:
 
 def _latest_visits(rows: list[Step]) -> list[Step]:
     """The latest visit of each node, in the order of the nodes' first visits."""
-    latest: dict[str, Step] = {}
-    for step in rows:
-        latest[step.node] = step
-    return list(latest.values())
+    return list({step.node: step for step in rows}.values())
 
 
 def summary_table(run: dict[str, Any]) -> Table:
@@ -179,26 +176,40 @@ def _add_step(table: Table, step: Step, last: bool) -> None:
         table.add_row("", Text(f"{trunk}{stem}{leaf[0]}"), *leaf[1:], style="dim")
 
 
-def _calls(step: Step) -> list[tuple[str, str, str, str, Text]]:
+Leaf = tuple[str, str, str, str, Text]
+"""The cells of a model call or of a program: what, seconds, tokens, cost, detail."""
+
+
+def _calls(step: Step) -> list[Leaf]:
     """One leaf for each role that was asked."""
-    rows: list[tuple[str, str, str, str, Text]] = []
-    for role in dict.fromkeys(reply.role for reply in step.replies):
-        replies = [reply for reply in step.replies if reply.role == role]
-        costs = [reply.cost for reply in replies if reply.cost is not None]
-        tokens = sum(reply.input_tokens + reply.output_tokens for reply in replies)
-        count = f" ×{len(replies)}" if len(replies) > 1 else ""
-        cached = sum(reply.cached_tokens for reply in replies)
-        unused = sum(bool(reply.error) for reply in replies)
-        said = [replies[0].model, f"{cached} tokens from the cache" if cached else "", f"{unused} not used"]
-        detail = Text(one_line(", ".join(part for part in said[: 2 + bool(unused)] if part)))
-        seconds = f"{sum(reply.seconds for reply in replies):.1f}"
-        rows.append((f"ask {role}{count}", seconds, f"{tokens:,}", f"${sum(costs):.4f}" if costs else "", detail))
-    return rows
+    replies: dict[str, list[Reply]] = {}
+    for reply in step.replies:
+        replies.setdefault(reply.role, []).append(reply)
+    return [_call(role, answers) for role, answers in replies.items()]
 
 
-def _programs(step: Step) -> list[tuple[str, str, str, str, Text]]:
+def _call(role: str, replies: list[Reply]) -> Leaf:
+    tokens = sum(reply.input_tokens + reply.output_tokens for reply in replies)
+    count = f" ×{len(replies)}" if len(replies) > 1 else ""
+    details = [replies[0].model]
+    if cached := sum(reply.cached_tokens for reply in replies):
+        details.append(f"{cached} tokens from the cache")
+    if unused := sum(bool(reply.error) for reply in replies):
+        details.append(f"{unused} not used")
+    seconds = f"{sum(reply.seconds for reply in replies):.1f}"
+    cost = _dollars(reply.cost for reply in replies)
+    return f"ask {role}{count}", seconds, f"{tokens:,}", cost, Text(one_line(", ".join(details)))
+
+
+def _dollars(costs: Iterable[float | None]) -> str:
+    """The sum of the costs that are known; empty if none is."""
+    known = [cost for cost in costs if cost is not None]
+    return f"${sum(known):.4f}" if known else ""
+
+
+def _programs(step: Step) -> list[Leaf]:
     """One leaf for each program that was written."""
-    rows: list[tuple[str, str, str, str, Text]] = []
+    rows: list[Leaf] = []
     for event in step.events:
         if isinstance(event, ProgramVersion):
             lines = [line for line in event.diff.splitlines() if not line.startswith(("+++", "---"))]
@@ -210,9 +221,8 @@ def _programs(step: Step) -> list[tuple[str, str, str, str, Text]]:
 def _spent(steps: list[Step]) -> tuple[str, str, str]:
     """Seconds, tokens and cost of ``steps``."""
     tokens = sum(step.tokens for step in steps)
-    costs = [step.cost for step in steps if step.cost is not None]
     seconds = f"{sum(step.seconds for step in steps):.1f}"
-    return seconds, f"{tokens:,}" if tokens else "", f"${sum(costs):.4f}" if costs else ""
+    return seconds, f"{tokens:,}" if tokens else "", _dollars(step.cost for step in steps)
 
 
 def step_record(step: Step) -> dict[str, Any]:

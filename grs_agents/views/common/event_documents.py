@@ -1,5 +1,6 @@
 """Events as Markdown for the viewer's text panels."""
 
+from collections import Counter
 from typing import Any, cast
 
 from grs_agents.trace import (
@@ -73,9 +74,7 @@ def tests(event: TestsRun) -> str:
     """A test report as a table, then each traceback."""
     report = event.report
     cases = cases_of(event)
-    counts = count_cases(cases)
-    summary = ", ".join(f"{number} {outcome}" for outcome, number in counts.items())
-    parts = [f"### Tests: {report.get('outcome', '?')}", summary, str(report.get("message") or "")]
+    parts = [f"### Tests: {report.get('outcome', '?')}", case_counts(event), str(report.get("message") or "")]
     if cases:
         rows = [
             f"| **{cell(case.get('outcome'))}** | {cell(_short(case))} | {case.get('seconds') or 0:.2f} "
@@ -109,20 +108,20 @@ def cases_of(event: TestsRun) -> list[dict[str, Any]]:
     return cases or []
 
 
-def count_cases(cases: list[dict[str, Any]]) -> dict[str, int]:
-    """How many test cases there are of each outcome."""
-    counts: dict[str, int] = {}
-    for case in cases:
-        outcome = str(case.get("outcome"))
-        counts[outcome] = counts.get(outcome, 0) + 1
-    return counts
+def case_counts(event: TestsRun) -> str:
+    """How many test cases of a report ended how, e.g. ``2 passed, 1 failed``; empty if none ran."""
+    outcomes = Counter(str(case.get("outcome")) for case in cases_of(event))
+    return ", ".join(f"{number} {outcome}" for outcome, number in outcomes.items())
 
 
 def audit(findings: list[Finding]) -> str:
     """What the audit has found so far, as a table."""
-    rows = [f"| {cell(each.check)} | **{_verdict(each)}** | {cell(each.detail)} |" for each in findings]
+    rows = [
+        f"| {cell(finding.check)} | **{finding_verdict(finding)}** | {cell(finding.detail)} |" for finding in findings
+    ]
     return document("\n".join(["### Audit", "", "| check | | detail |", "|---|---|---|", *rows]))
 
 
-def _verdict(finding: Finding) -> str:
+def finding_verdict(finding: Finding) -> str:
+    """How a check of the audit came out, in a word."""
     return "passed" if finding.passed else "failed"

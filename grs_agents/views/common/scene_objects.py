@@ -39,6 +39,13 @@ def name_of(item: dict[str, Any]) -> str:
     return str(item.get("name") or item.get("description") or f"object {item.get('id', '')}")
 
 
+def size_of(item: dict[str, Any], unknown: str = "") -> str:
+    """The extents of an object's box in centimetres, e.g. ``4.0 x 4.0 x 4.0``; ``unknown`` where it has none."""
+    if not item.get("box"):
+        return unknown
+    return " x ".join(f"{extent:.1f}" for extent in np.subtract(item["box"]["high"], item["box"]["low"]) * 100)
+
+
 def rectangles(labels: npt.NDArray[Any]) -> dict[int, Rectangle]:
     """The box around each label of a label picture (H, W), 0 left out."""
     found: dict[int, Rectangle] = {}

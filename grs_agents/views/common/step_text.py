@@ -20,7 +20,7 @@ from grs_agents.trace import (
     TaskDefined,
     TestsRun,
 )
-from grs_agents.views.common.event_documents import cases_of, count_cases
+from grs_agents.views.common.event_documents import case_counts, cases_of, finding_verdict
 from grs_agents.views.common.steps import Step
 
 
@@ -59,37 +59,48 @@ def sections(step: Step) -> Iterator[Section]:
 def _section(event: Event) -> Section | None:
     match event:
         case Prompt():
-            pictures = "".join(f"\n[picture {name}]" for name in event.images)
-            found = Section(f"prompt of {event.role} to {event.model} (call {event.call})", event.text + pictures)
+            section = _prompt_section(event)
         case Reply():
-            found = Section(_reply_heading(event), event.text + (f"\n\nnot used: {event.error}" if event.error else ""))
+            section = _reply_section(event)
         case ProgramVersion():
-            found = Section(f"{event.program} version {event.number}, {event.path}", event.diff)
+            section = Section(f"{event.program} version {event.number}, {event.path}", event.diff)
         case TestsRun():
-            found = Section(f"tests: {event.report.get('outcome')}", _tests(event))
+            section = Section(f"tests: {event.report.get('outcome')}", _tests(event))
         case Decision():
-            found = Section(f"decision of policy {event.policy}: {event.verdict}", event.explanation)
+            section = Section(f"decision of policy {event.policy}: {event.verdict}", event.explanation)
         case TaskDefined():
-            found = Section("task", json.dumps(event.task, indent=2, ensure_ascii=False))
+            section = Section("task", json.dumps(event.task, indent=2, ensure_ascii=False))
         case SceneStage():
-            files = "\n".join(f"[{kind} {name}]" for kind, name in event.files.items())
-            found = Section(f"scene: {event.stage}", files)
+            section = _scene_section(event)
         case Rollout():
-            moved = f"moved {', '.join(event.moved)}" if event.moved else "moved nothing"
-            text = f"{event.steps} steps, doing nothing earns {event.idle_reward:.2f}; {moved}"
-            found = Section(f"rollout of seed {event.seed}: {event.outcome}, reward {event.reward:.2f}", text)
+            section = _rollout_section(event)
         case Finding():
-            found = Section(f"audit, {event.check}: {'passed' if event.passed else 'failed'}", event.detail)
+            section = Section(f"audit, {event.check}: {finding_verdict(event)}", event.detail)
         case Note():
-            found = Section(event.level, event.text)
+            section = Section(event.level, event.text)
         case NodeEnded():
-            found = _ending(event)
+            section = _state_section(event)
         case _:
-            found = None
-    return found
+            section = None
+    return section
 
 
-def _ending(event: NodeEnded) -> Section | None:
+def _prompt_section(event: Prompt) -> Section:
+    pictures = "".join(f"\n[picture {name}]" for name in event.images)
+    return Section(f"prompt of {event.role} to {event.model} (call {event.call})", event.text + pictures)
+
+
+def _scene_section(event: SceneStage) -> Section:
+    return Section(f"scene: {event.stage}", "\n".join(f"[{kind} {name}]" for kind, name in event.files.items()))
+
+
+def _rollout_section(event: Rollout) -> Section:
+    moved = f"moved {', '.join(event.moved)}" if event.moved else "moved nothing"
+    text = f"{event.steps} steps, doing nothing earns {event.idle_reward:.2f}; {moved}"
+    return Section(f"rollout of seed {event.seed}: {event.outcome}, reward {event.reward:.2f}", text)
+
+
+def _state_section(event: NodeEnded) -> Section | None:
     """What the node made of the state, or the error that ended it."""
     if event.error:
         return Section("error", event.error)
@@ -97,19 +108,17 @@ def _ending(event: NodeEnded) -> Section | None:
     return Section("state", "\n".join(lines)) if lines else None
 
 
-def _reply_heading(event: Reply) -> str:
+def _reply_section(event: Reply) -> Section:
     cached = f" ({event.cached_tokens} from the cache)" if event.cached_tokens else ""
     cost = "" if event.cost is None else f", ${event.cost:.4f}"
     ending = f", {event.finish_reason}" if event.finish_reason else ""
     spent = f"{event.input_tokens} tokens in{cached}, {event.output_tokens} out{cost}, {event.seconds:.1f} s{ending}"
-    return f"reply of {event.model} to {event.role} (call {event.call}): {spent}"
+    heading = f"reply of {event.model} to {event.role} (call {event.call}): {spent}"
+    return Section(heading, event.text + (f"\n\nnot used: {event.error}" if event.error else ""))
 
 
 def _tests(event: TestsRun) -> str:
-    cases = cases_of(event)
-    summary = ", ".join(f"{number} {outcome}" for outcome, number in count_cases(cases).items())
-    parts = [summary, str(event.report.get("message") or "")]
-    parts.extend(_case(case) for case in cases)
+    parts = [case_counts(event), str(event.report.get("message") or ""), *map(_case, cases_of(event))]
     return "\n\n".join(part for part in parts if part)
 
 

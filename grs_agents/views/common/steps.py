@@ -20,7 +20,7 @@ from grs_agents.trace import (
     TaskDefined,
     TestsRun,
 )
-from grs_agents.views.common.event_documents import cases_of, count_cases
+from grs_agents.views.common.event_documents import case_counts
 
 Status = Literal["running", "done", "failed", "interrupted"]
 
@@ -140,19 +140,15 @@ class Steps:
 
 def phrase(event: Event) -> str:
     """What ``event`` adds to a step, as a phrase; empty for events that speak for themselves."""
-    text = ""
     match event:
         case SceneStage():
-            objects: list[Any] | None = event.summary.get("objects")
-            text = event.stage if objects is None else f"{event.stage}: {len(objects)} objects"
+            text = _scene_phrase(event)
         case TaskDefined():
-            text = str(event.task.get("task-name") or event.task.get("name") or "")
+            text = str(event.task.get("task-name") or "")
         case ProgramVersion():
             text = f"{event.program} v{event.number}"
         case TestsRun():
-            counts = count_cases(cases_of(event))
-            text = ", ".join(f"{number} {outcome}" for outcome, number in counts.items())
-            text = text or str(event.report.get("outcome"))
+            text = case_counts(event) or str(event.report.get("outcome"))
         case Decision():
             text = f"→ {event.verdict}: {event.explanation}"
         case Rollout():
@@ -163,9 +159,14 @@ def phrase(event: Event) -> str:
             text = f"reply of {event.role} not used: {error}"
         case Note(level="warning" | "error"):
             text = event.text
-        case _:
-            pass
+        case _:  # it speaks for itself
+            text = ""
     return text
+
+
+def _scene_phrase(event: SceneStage) -> str:
+    objects: list[Any] | None = event.summary.get("objects")
+    return event.stage if objects is None else f"{event.stage}: {len(objects)} objects"
 
 
 def steps(events: list[Event]) -> list[Step]:
@@ -179,9 +180,14 @@ def steps(events: list[Event]) -> list[Step]:
 Level = Literal["DEBUG", "INFO", "WARN", "ERROR"]
 _NOTE_LEVELS: dict[str, Level] = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _MARKS = {
-    "run_started": "●", "run_ended": "●", "node_started": "▶", "node_ended": "■", "prompt": "→", "reply": "←",
+    "run_started": "●",
+    "run_ended": "●",
+    "node_started": "▶",
+    "node_ended": "■",
+    "prompt": "→",
+    "reply": "←",
     "finding": "✓",
-}  # fmt: skip
+}
 
 
 def line(event: Event) -> str:
@@ -190,7 +196,6 @@ def line(event: Event) -> str:
 
 
 def _words(event: Event) -> str:
-    text = ""
     match event:
         case RunStarted():
             text = f"run {event.run_id} starts"

@@ -77,17 +77,9 @@ class Stage:
             if props.push:
                 fit_spatula(spec)
         for item in props.objects:
-            body = spec.worldbody.add_body(name=f"object_{item.id}", mocap=True)
-            shapes = compilation.model_of(item, library)
-            for index, shape in enumerate(shapes.visuals or shapes.colliders):
-                paint = _color(item, shape, library, props.textures)
-                _add_shape(spec, body, shape, library, f"object_{item.id}_{index}", paint)
+            _add_object(spec, item, library, props.textures)
         if props.background is not None:
-            body = spec.worldbody.add_body(name="background")
-            for index, shape in enumerate(library.model(props.background).visuals):
-                geom = _add_shape(spec, body, shape, library, f"background_{index}", shape.color or _GREY)
-                if shape.kind == "mesh":  # it is open, so it has no volume
-                    spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+            _add_background(spec, props.background, library)
         try:
             self.model: Any = spec.compile()
         except ValueError as error:  # meshes and textures of a run's own that MuJoCo does not take
@@ -172,10 +164,25 @@ def _color(item: InstanceObject, shape: Shape, library: Library, textures: bool)
 
 
 def _add_sky(spec: Any) -> None:
-    spec.add_texture(
-        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=(0.93, 0.95, 0.97), rgb2=(0.75, 0.79, 0.84), width=64, height=64,
-    )  # fmt: skip
+    kind, gradient = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
+    above, below = (0.93, 0.95, 0.97), (0.75, 0.79, 0.84)
+    spec.add_texture(name="sky", type=kind, builtin=gradient, rgb1=above, rgb2=below, width=64, height=64)
+
+
+def _add_object(spec: Any, item: InstanceObject, library: Library, textures: bool) -> None:
+    body = spec.worldbody.add_body(name=f"object_{item.id}", mocap=True)
+    shapes = compilation.model_of(item, library)
+    for index, shape in enumerate(shapes.visuals or shapes.colliders):
+        color = _color(item, shape, library, textures)
+        _add_shape(spec, body, shape, library, f"object_{item.id}_{index}", color)
+
+
+def _add_background(spec: Any, name: str, library: Library) -> None:
+    body = spec.worldbody.add_body(name="background")
+    for index, shape in enumerate(library.model(name).visuals):
+        geom = _add_shape(spec, body, shape, library, f"background_{index}", shape.color or _GREY)
+        if shape.kind == "mesh":  # it is open, so it has no volume
+            spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 
 
 def _add_shape(spec: Any, body: Any, shape: Shape, library: Library, name: str, color: tuple[float, ...] | None) -> Any:
@@ -203,9 +210,8 @@ def paint(
     """(H, W, 3) colours that rays (H, W, 3) from ``eye`` (m) meet, lit from above."""
     shape, count = directions.shape[:2], directions.shape[0] * directions.shape[1]
     geom, distance, normal = np.full(count, -1, np.int32), np.empty(count), np.empty(3 * count)
-    mujoco.mj_multiRay(
-        model, data, eye, np.ascontiguousarray(directions).ravel(), _GROUPS, 1, -1, geom, distance, normal, count, 1e10,
-    )  # fmt: skip
+    flat = np.ascontiguousarray(directions).ravel()
+    mujoco.mj_multiRay(model, data, eye, flat, _GROUPS, 1, -1, geom, distance, normal, count, 1e10)
     hit = geom >= 0
     shade = np.clip(np.abs(normal.reshape(-1, 3) @ _LIGHT), 0.3, 1.0)
     color = np.where(hit[:, None], np.asarray(model.geom_rgba)[geom, :3] * shade[:, None], _SKY)

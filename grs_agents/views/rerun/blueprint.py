@@ -42,9 +42,8 @@ class _Views:
     prefix: str = ""
 
     def overview(self) -> rrb.Vertical:
-        verdicts = rrb.Tabs(self._text("DECISION"), self._text("TASK"), self._text("OBJECTS"), self._text("AUDIT"))
-        texts = rrb.Tabs(*map(self._text, ("SIMULATION", "TESTS")), self._diff(), self._text("REPORT"),
-                         *map(self._text, ("PROMPT", "REPLY")))  # fmt: skip
+        verdicts = rrb.Tabs(*self._texts("DECISION TASK OBJECTS AUDIT"))
+        texts = rrb.Tabs(*self._texts("SIMULATION TESTS"), self._diff(), *self._texts("REPORT PROMPT REPLY"))
         pictures = rrb.Vertical(
             rrb.Tabs(self._boxes(), self._twin(), self._space()), self._rollout(), row_shares=[5, 6]
         )
@@ -66,9 +65,7 @@ class _Views:
         )
 
     def programs(self) -> rrb.Vertical:
-        shown = rrb.Horizontal(
-            self._text("TASK"), self._text("SIMULATION"), self._text("TESTS"), column_shares=[2, 3, 3]
-        )
+        shown = rrb.Horizontal(*self._texts("TASK SIMULATION TESTS"), column_shares=[2, 3, 3])
         return rrb.Vertical(shown, name="2 Task and programs")
 
     def fixes(self) -> rrb.Vertical:
@@ -87,23 +84,25 @@ class _Views:
         picture = rrb.Spatial2DView(origin=self._at(Paths.IMAGE), name="Picture of the prompt")
         tokens = rrb.TimeSeriesView(origin=self._at(f"{Paths.METRICS}/tokens"), name="Tokens")
         beside = rrb.Vertical(picture, tokens, row_shares=[3, 2])
-        texts = (self._text("PROMPT"), self._text("REPLY"))
-        return rrb.Horizontal(*texts, beside, column_shares=[3, 3, 2], name="Models")
+        return rrb.Horizontal(*self._texts("PROMPT REPLY"), beside, column_shares=[3, 3, 2], name="Models")
 
     def column(self, name: str) -> rrb.Vertical:
         """A run beside another."""
-        top = rrb.Tabs(self._machine(name), self._text("TASK"), self._text("DECISION"), self._text("AUDIT"))
-        shown = rrb.Tabs(
-            self._rollout(), self._boxes(), self._twin(), self._text("SIMULATION"), self._text("TESTS"), self._diff(),
-            self._text("REPORT"), self._text("PROMPT"), self._text("REPLY"),
-        )  # fmt: skip
+        top = rrb.Tabs(self._machine(name), *self._texts("TASK DECISION AUDIT"))
+        pictures = (self._rollout(), self._boxes(), self._twin())
+        texts = (*self._texts("SIMULATION TESTS"), self._diff(), *self._texts("REPORT PROMPT REPLY"))
+        shown = rrb.Tabs(*pictures, *texts)
         return rrb.Vertical(top, shown, self._lane(), row_shares=[3, 5, 1.4], name=name)
 
     def _at(self, path: str) -> str:
         return f"{self.prefix}{path}"
 
     def _text(self, what: str) -> rrb.TextDocumentView:
-        return rrb.TextDocumentView(origin=self._at(getattr(Paths, what)), name=_TITLES[what])
+        title = "Test report" if what == "REPORT" else what.capitalize()
+        return rrb.TextDocumentView(origin=self._at(getattr(Paths, what)), name=title)
+
+    def _texts(self, names: str) -> list[rrb.TextDocumentView]:
+        return [self._text(name) for name in names.split()]
 
     def _diff(self) -> rrb.TextLogView:
         columns = rrb.archetypes.TextLogColumns(text_log_columns=["Body"])
@@ -179,10 +178,6 @@ class _Views:
 
 
 _PHOTO = ("rgb", "masks", "boxes")
-_TITLES = {
-    "DECISION": "Decision", "TASK": "Task", "OBJECTS": "Objects", "AUDIT": "Audit", "SIMULATION": "Simulation",
-    "TESTS": "Tests", "REPORT": "Test report", "PROMPT": "Prompt", "REPLY": "Reply",
-}  # fmt: skip
 
 
 def _eye(position: Vec3, target: Vec3) -> rrb.archetypes.EyeControls3D:

@@ -118,8 +118,8 @@ class Rows:
                 self._timer.cancel()
             waiting, self._waiting, self._timer = self._waiting, {}, None
             for (path, kind), rows in waiting.items():
-                self._stream.send_columns(path, time_columns([moment for moment, _ in rows]),
-                                          _columns(kind, [values for _, values in rows]), strict=True)  # fmt: skip
+                times = time_columns([moment for moment, _ in rows])
+                self._stream.send_columns(path, times, _columns(kind, [values for _, values in rows]), strict=True)
 
 
 def _columns(kind: type[Archetype], rows: list[Values]) -> rr.ComponentColumnList:

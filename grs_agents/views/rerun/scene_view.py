@@ -15,7 +15,15 @@ from grs_agents.foreign import pictures as foreign
 from grs_agents.library import Library
 from grs_agents.trace import SceneStage
 from grs_agents.views.common.safe_text import cell, document, drawable
-from grs_agents.views.common.scene_objects import changed, label_of, name_of, rectangles, run_library, twin_objects
+from grs_agents.views.common.scene_objects import (
+    changed,
+    label_of,
+    name_of,
+    rectangles,
+    run_library,
+    size_of,
+    twin_objects,
+)
 from grs_agents.views.rerun.recording import Paths, Recording
 from grs_agents.views.rerun.rollout_view import show_asset
 
@@ -213,12 +221,8 @@ def _objects(objects: list[dict[str, Any]]) -> str:
     """The objects as a table; its numbers are those on the photo, since names would cover one another there."""
     rows = ["### Objects in the photo", "", "| | name | size (cm) | asset |", "|---|---|---|---|"]
     for index, item in enumerate(objects):
-        size = "?"
-        if item.get("box"):
-            extents = np.subtract(item["box"]["high"], item["box"]["low"]) * 100
-            size = " x ".join(f"{extent:.1f}" for extent in extents)
         asset = cell(item.get("asset") or "")
-        rows.append(f"| {label_of(item, index)} | {cell(name_of(item))} | {size} | {asset} |")
+        rows.append(f"| {label_of(item, index)} | {cell(name_of(item))} | {size_of(item, '?')} | {asset} |")
     return document("\n".join(rows))
 
 
