@@ -88,9 +88,10 @@ def test_a_seed_gives_one_instance_whatever_was_drawn_elsewhere(example: Example
 
 def test_most_programs_differ_from_seed_to_seed(library: Library) -> None:
     same = [
-        example.name for example in EXAMPLES
+        example.name
+        for example in EXAMPLES
         if instance_of(example, 2, library).objects == instance_of(example, 3, library).objects
-    ]  # fmt: skip
+    ]
     assert len(same) < len(EXAMPLES) / 4, same
 
 

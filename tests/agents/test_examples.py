@@ -11,13 +11,17 @@ FOLDER = content_root() / "prompts" / "examples"
 TASKS = {
     "stack_cans": ("stack-the-cans", "Stack the cans of corn, peaches and tuna.", ("HOPE/Corn.urdf", "HOPE/Tuna.urdf")),
     "sort_blocks_into_zones": (
-        "sort-by-color", "Sort the red and blue blocks into the zones of their colors.", ("zone/zone-template.urdf",),
+        "sort-by-color",
+        "Sort the red and blue blocks into the zones of their colors.",
+        ("zone/zone-template.urdf",),
     ),
     "pack_into_container": (
-        "pack-groceries", "Put groceries in the open box.", ("HOPE/Butter.urdf", "container/container-template.urdf"),
+        "pack-groceries",
+        "Put groceries in the open box.",
+        ("HOPE/Butter.urdf", "container/container-template.urdf"),
     ),
     "towers_of_hanoi": ("hanoi", "Move the tower of disks to the other peg.", ("hanoi/stand.urdf",)),
-}  # fmt: skip
+}
 
 
 def task(name: str, description: str, assets: tuple[str, ...]) -> TaskDefinition:

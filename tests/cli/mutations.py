@@ -14,10 +14,32 @@ import numpy as np
 
 Random = np.random.Generator
 ODD: tuple[Any, ...] = (
-    None, True, -1, 0, 1e308, -1e308, 10**40, 2**63, "", "x" * 10_000, "/etc/passwd", "../../../../etc/passwd", "a\0b",
-    "\x1b]0;owned\x07\x9b31m\u202eevil", "[red]markup[/red]", [0], {"x": 0}, [1, [2, [3]]], {"a": {"b": 1}}, [1e999],
-    "\ud800", [0.0, 0.0, 0.0], "/dev/zero", ".", "run.json",
-)  # fmt: skip
+    None,
+    True,
+    -1,
+    0,
+    1e308,
+    -1e308,
+    10**40,
+    2**63,
+    "",
+    "x" * 10_000,
+    "/etc/passwd",
+    "../../../../etc/passwd",
+    "a\0b",
+    "\x1b]0;owned\x07\x9b31m\u202eevil",
+    "[red]markup[/red]",
+    [0],
+    {"x": 0},
+    [1, [2, [3]]],
+    {"a": {"b": 1}},
+    [1e999],
+    "\ud800",
+    [0.0, 0.0, 0.0],
+    "/dev/zero",
+    ".",
+    "run.json",
+)
 
 
 def pick(random: Random, things: Any) -> Any:
@@ -170,9 +192,21 @@ def inflate(folder: Path, random: Random) -> None:
 
 
 KINDS: tuple[Callable[[Path, Random], None], ...] = (
-    flip, cut, revalue, revalue, revalue, revalue, rename, link, special, forge_array, deep, misname, huge_picture,
+    flip,
+    cut,
+    revalue,
+    revalue,
+    revalue,
+    revalue,
+    rename,
+    link,
+    special,
+    forge_array,
+    deep,
+    misname,
+    huge_picture,
     inflate,
-)  # fmt: skip
+)
 
 
 def mutate(folder: Path, seed: int) -> str:

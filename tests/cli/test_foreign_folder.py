@@ -32,9 +32,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     script.after_fix()
     script.log.close()
     RunRecord(
-        id="sample-run", status="interrupted", command="run", source="/photo", graph="grs",
-        config=Config().model_dump(mode="json"), versions={}, seeds=(0, 1),
-    ).write(folder)  # fmt: skip
+        id="sample-run",
+        status="interrupted",
+        command="run",
+        source="/photo",
+        graph="grs",
+        config=Config().model_dump(mode="json"),
+        versions={},
+        seeds=(0, 1),
+    ).write(folder)
     return folder
 
 

@@ -176,9 +176,15 @@ def test_check_knows_the_assets_of_a_run(tmp_path: Path) -> None:
     run = tmp_path / "run"
     name = write_proxy(run / "assets", "crate_1", "box", (0.05, 0.05, 0.05), (0.8, 0.1, 0.1), "a crate").name
     RunRecord(
-        id="run", status="accepted", command="run", source="a", graph="grs", versions={}, seeds=(5,),
+        id="run",
+        status="accepted",
+        command="run",
+        source="a",
+        graph="grs",
+        versions={},
+        seeds=(5,),
         config=Config(seed=5).model_dump(mode="json"),
-    ).write(run)  # fmt: skip
+    ).write(run)
     (run / "simulation.py").write_text(PROGRAM.replace("block/red_block.urdf", name))
     (run / "test_simulation.py").write_text(TESTS.format(name="task_code", bound=0.99))
     (tmp_path / "mine.py").write_text((run / "simulation.py").read_text())

@@ -39,10 +39,17 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     script.after_fix()
     script.log.close()
     RunRecord(
-        id="sample-run", status="accepted", reason=f"said {KEY}", exit_status=0, command="run",
-        source="/home/ada/photo", graph="grs", config=Config().model_dump(mode="json"),
-        versions={"grs-agents": "0"}, seeds=(0, 1),
-    ).write(folder)  # fmt: skip
+        id="sample-run",
+        status="accepted",
+        reason=f"said {KEY}",
+        exit_status=0,
+        command="run",
+        source="/home/ada/photo",
+        graph="grs",
+        config=Config().model_dump(mode="json"),
+        versions={"grs-agents": "0"},
+        seeds=(0, 1),
+    ).write(folder)
     return folder
 
 

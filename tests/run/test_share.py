@@ -48,8 +48,14 @@ def test_keys_are_replaced_wherever_they_stand(tmp_path: Path, key: str) -> None
 
 def test_home_folders_of_anybody_are_replaced(tmp_path: Path) -> None:
     cleaner = a_scrubber(tmp_path)
-    for path in ("/home/ada/photos", "/Users/Ada Lovelace/x".replace(" ", ""), r"C:\Users\ada\x", r"C:\\Users\\ada\\x",
-                 "/somewhere/ada/photos", "/somewhere/ada"):  # fmt: skip
+    for path in (
+        "/home/ada/photos",
+        "/Users/Ada Lovelace/x".replace(" ", ""),
+        r"C:\Users\ada\x",
+        r"C:\\Users\\ada\\x",
+        "/somewhere/ada/photos",
+        "/somewhere/ada",
+    ):
         cleaned = cleaner.clean(f'"{path}"')
         assert "ada" not in cleaned.lower() and "~" in cleaned, cleaned
         assert cleaner.leaks(path.encode()) == "the path of a home folder"

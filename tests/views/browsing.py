@@ -17,11 +17,11 @@ import numpy.typing as npt
 from tests.views.looking import free_port
 
 # Rerun draws with WebGL, here in software; the rest keeps Chromium from looking for its maker's servers.
-_ARGUMENTS = (
-    "--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--window-size=800,500",
-)  # fmt: skip
+_ARGUMENTS = """
+    --headless --no-sandbox --disable-quic --no-first-run --disable-background-networking
+    --disable-component-update --disable-sync --use-angle=swiftshader --enable-unsafe-swiftshader
+    --window-size=800,500
+""".split()
 PATIENCE = 200.0
 Image = npt.NDArray[np.uint8]
 

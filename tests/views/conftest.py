@@ -69,9 +69,16 @@ def write_rollout(folder: Path, seed: int, seconds: float = 4.0) -> Rollout:
         for number, asset in enumerate(ASSETS)
     )
     goal = Goal(
-        objects=(0,), matches=((1,),), targets=(((0.6, 0.3, 0.08), UNIT),), replace=False, rotations=False,
-        metric="pose", max_reward=1.0, symmetries=(0.0,), language="put the milk on the left",
-    )  # fmt: skip
+        objects=(0,),
+        matches=((1,),),
+        targets=(((0.6, 0.3, 0.08), UNIT),),
+        replace=False,
+        rotations=False,
+        metric="pose",
+        max_reward=1.0,
+        symmetries=(0.0,),
+        language="put the milk on the left",
+    )
     instance = TaskInstance(task="Packing", seed=seed, max_steps=4, timestep=0.002, objects=objects, goals=(goal,))
     (folder / "instances").mkdir(exist_ok=True)
     (folder / f"instances/seed_{seed}.json").write_text(instance.model_dump_json())
@@ -87,12 +94,21 @@ def write_rollout(folder: Path, seed: int, seconds: float = 4.0) -> Rollout:
     recording = f"instances/seed_{seed}.npz"
     np.savez_compressed(
         folder / recording,
-        times=times, names=np.array(names), positions=positions, quaternions=quaternions, tool=tool,
-    )  # fmt: skip
+        times=times,
+        names=np.array(names),
+        positions=positions,
+        quaternions=quaternions,
+        tool=tool,
+    )
     return Rollout(
-        seed=seed, reward=1.0, outcome="success", steps=1, moved=("HOPE/Milk.urdf",), recording=recording,
+        seed=seed,
+        reward=1.0,
+        outcome="success",
+        steps=1,
+        moved=("HOPE/Milk.urdf",),
+        recording=recording,
         instance=f"instances/seed_{seed}.json",
-    )  # fmt: skip
+    )
 
 
 def report(passed: bool) -> dict[str, Any]:
@@ -132,9 +148,15 @@ class Script:
         images = ("rgb.png",) if image else ()
         asked = Prompt(call=f"{role}-1", role=role, model="offline", text=f"# Role: {role}\n\n{text}", images=images)
         told = Reply(
-            call=f"{role}-1", role=role, model="offline", text=f"```python\n{SECOND}```",
-            input_tokens=900, output_tokens=120, seconds=0.8, finish_reason="stop",
-        )  # fmt: skip
+            call=f"{role}-1",
+            role=role,
+            model="offline",
+            text=f"```python\n{SECOND}```",
+            input_tokens=900,
+            output_tokens=120,
+            seconds=0.8,
+            finish_reason="stop",
+        )
         return asked, told
 
     def before_fix(self) -> None:

@@ -60,11 +60,14 @@ def made(tmp_path_factory: pytest.TempPathFactory, library: Library) -> str:
     run.after_fix()
     case = {"id": HOSTILE, "outcome": HOSTILE, "message": HOSTILE, "traceback": HOSTILE}
     run.node(
-        HOSTILE, 1, Decision(verdict=HOSTILE, explanation=HOSTILE, policy=HOSTILE), Note(level="error", text=HOSTILE),
+        HOSTILE,
+        1,
+        Decision(verdict=HOSTILE, explanation=HOSTILE, policy=HOSTILE),
+        Note(level="error", text=HOSTILE),
         TaskDefined(task={HOSTILE: HOSTILE, "assets-used": [HOSTILE]}),
         Tested(report={"outcome": HOSTILE, "cases": [case], "message": HOSTILE}),
         Finding(check=HOSTILE, passed=False, detail=HOSTILE),
-    )  # fmt: skip
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(film, "_backends", lambda: ("rays",))
         patch.setattr(page, "FRAMES", 2)
@@ -73,8 +76,15 @@ def made(tmp_path_factory: pytest.TempPathFactory, library: Library) -> str:
 
 def test_the_page_holds_photo_task_pictures_decisions_diffs_and_tests(made: str) -> None:
     assert made.count("data:image/jpeg;base64,") == 2 + 2 * 2 + 2
-    for part in ("milk_1", "max_steps=1 with 1 of 4 objects placed", "0.25 &lt; 0.99", "before", "after 4.0 s",
-                 "Seed 1: success, reward 1.00", '<span class="add">+        self.max_steps = 4</span>'):  # fmt: skip
+    for part in (
+        "milk_1",
+        "max_steps=1 with 1 of 4 objects placed",
+        "0.25 &lt; 0.99",
+        "before",
+        "after 4.0 s",
+        "Seed 1: success, reward 1.00",
+        '<span class="add">+        self.max_steps = 4</span>',
+    ):
         assert part in made, part
 
 

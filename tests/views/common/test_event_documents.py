@@ -7,9 +7,13 @@ from grs_agents.views.common import event_documents
 
 def test_a_report_is_a_table_with_tracebacks_below() -> None:
     failed = {
-        "id": "T.test_b", "outcome": "failed", "seconds": 1.0, "message": "a|b", "traceback": "Traceback ``` x",
+        "id": "T.test_b",
+        "outcome": "failed",
+        "seconds": 1.0,
+        "message": "a|b",
+        "traceback": "Traceback ``` x",
         "episode": {"outcome": "step_limit", "reward": 0.5, "detail": "two left"},
-    }  # fmt: skip
+    }
     passed = {"id": "T.test_a", "outcome": "passed", "seconds": None, "message": None}
     text = event_documents.tests(Tested(report={"outcome": "failed", "cases": [passed, failed]}))
     assert "| **passed** | test_a | 0.00 |  |" in text

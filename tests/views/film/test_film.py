@@ -47,9 +47,13 @@ def test_the_joints_bring_every_link_where_it_was_recorded(tmp_path: Path, libra
         places.append(stage.data.xpos[bodies].copy())
         turns.append(stage.data.xquat[bodies][:, [1, 2, 3, 0]].copy())
     np.savez(
-        tmp_path / "arm.npz", times=np.arange(5.0), names=np.array(arm.links), positions=np.array(places),
-        quaternions=np.array(turns), tool=np.zeros((5, 3)),
-    )  # fmt: skip
+        tmp_path / "arm.npz",
+        times=np.arange(5.0),
+        names=np.array(arm.links),
+        positions=np.array(places),
+        quaternions=np.array(turns),
+        tool=np.zeros((5, 3)),
+    )
     motion = read_motion(tmp_path / "arm.npz")
     found = joint_positions(stage.model, motion)
     assert np.abs(np.sin((found - wanted) / 2)).max() < 1e-3
