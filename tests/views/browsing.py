@@ -21,7 +21,7 @@ _ARGUMENTS = """
     --headless --no-sandbox --disable-quic --no-first-run --disable-background-networking
     --disable-component-update --disable-sync --use-angle=swiftshader --enable-unsafe-swiftshader
     --window-size=800,500
-""".split()
+"""
 PATIENCE = 200.0
 Image = npt.NDArray[np.uint8]
 
@@ -35,7 +35,7 @@ def browser() -> Generator[Callable[..., Any]]:
         root = f"http://127.0.0.1:{port}"
         try:
             _wait_until(lambda: _ask("GET", f"{root}/status")["ready"])
-            options = {"args": [*_ARGUMENTS, f"--user-data-dir={profile}"]}
+            options = {"args": [*_ARGUMENTS.split(), f"--user-data-dir={profile}"]}
             wanted = {"capabilities": {"alwaysMatch": {"goog:chromeOptions": options}}}
             session = f"{root}/session/{_ask('POST', f'{root}/session', wanted)['sessionId']}"
             yield lambda method, path, body=None: _ask(method, f"{session}/{path}", body)
