@@ -1,8 +1,7 @@
 """The agents: describer, matcher, task author, simulation author, test author, router and the two fixers."""
 
 from grs_agents.agents import examples, roles
-from grs_agents.agents.agent import Agents
-from grs_agents.agents.earlier import EarlierReplies
+from grs_agents.agents.agent import Agents, EarlierReplies
 from grs_agents.agents.types import Description, Match, NoReply, RouterReply, TaskDefinition, Verdict
 
 __all__ = [
