@@ -56,12 +56,12 @@ def roots() -> list[Path]:
 
 def names(kind: Kind) -> list[str]:
     """Every name of ``kind``, sorted. Names that start with an underscore are private."""
-    found: set[str] = set()
+    entries: set[str] = set()
     for root in roots():
         for entry in (root / kind).glob(f"*{_SUFFIX[kind]}") if (root / kind).is_dir() else ():
             if not entry.name.startswith(("_", ".")):
-                found.add(entry.stem if _SUFFIX[kind] else entry.name)
-    return sorted(found)
+                entries.add(entry.stem if _SUFFIX[kind] else entry.name)
+    return sorted(entries)
 
 
 def path(kind: Kind, name: str) -> Path:
@@ -81,10 +81,10 @@ def paths(kind: Kind, name: str) -> list[Path]:
     """
     public = name != "" and name == Path(name).name and not name.startswith(("_", "."))
     candidates = [root / kind / f"{name}{_SUFFIX[kind]}" for root in roots()] if public else []
-    found = [candidate for candidate in candidates if candidate.exists()]
-    if not found:
+    existing = [candidate for candidate in candidates if candidate.exists()]
+    if not existing:
         raise UnknownNameError(kind.removesuffix("s"), name, names(kind))
-    return found
+    return existing
 
 
 def scenes() -> dict[str, Path]:

@@ -169,11 +169,11 @@ def load_policy(name: str) -> Policy:
     """
     if name in POLICIES:
         return POLICIES[name]()
-    found = entry_points(group=ENTRY_POINTS)
-    if ":" not in name and name not in found.names:
-        raise UnknownNameError("policy", name, [*POLICIES, *found.names, "package.module:Class"])
+    entries = entry_points(group=ENTRY_POINTS)
+    if ":" not in name and name not in entries.names:
+        raise UnknownNameError("policy", name, [*POLICIES, *entries.names, "package.module:Class"])
     try:
-        policy = (_named(name) if ":" in name else found[name].load())()
+        policy = (_named(name) if ":" in name else entries[name].load())()
     except Exception as error:  # whatever the user's own code raises
         raise ConfigError(
             f"policy {name!r}: {type(error).__name__}: {error}",
@@ -187,7 +187,7 @@ def load_policy(name: str) -> Policy:
 def _named(path: str) -> Any:
     """What ``module:name`` names; the module may lie in the current folder, where Python's own path ends."""
     module, _, attribute = path.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.append(here)
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.append(folder)
     return getattr(import_module(module), attribute)

@@ -32,8 +32,8 @@ IMAGE_SIDE = 1024
 def digest(role: str, model: ModelConfig, messages: Sequence[BaseMessage]) -> str:
     """SHA-256 of all that a reply depends on: role, model, its settings, and every message with its pictures."""
     settings = model.model_dump(mode="json", include={"model", "base_url", "temperature", "max_tokens"})
-    said = [(message.type, message.content) for message in messages]
-    return hashlib.sha256(json.dumps([role, settings, said], sort_keys=True).encode()).hexdigest()
+    contents = [(message.type, message.content) for message in messages]
+    return hashlib.sha256(json.dumps([role, settings, contents], sort_keys=True).encode()).hexdigest()
 
 
 class EarlierReplies:

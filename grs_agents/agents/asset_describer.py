@@ -96,12 +96,12 @@ def plan(root: Path, assets: Sequence[Asset], model: str, again: bool = False) -
         else:
             todo.append(asset)
     template = content.path("prompts", PROMPT).read_text("utf-8")
-    each = len(template) // 4 + 60 + VIEWS * SIDE * SIDE // _PIXELS_PER_TOKEN
-    return Plan(tuple(todo), tuple(done), each * len(todo), _REPLY_TOKENS * len(todo))
+    tokens = len(template) // 4 + 60 + VIEWS * SIDE * SIDE // _PIXELS_PER_TOKEN
+    return Plan(tuple(todo), tuple(done), tokens * len(todo), _REPLY_TOKENS * len(todo))
 
 
 def describe_assets(
-    root: Path, library: Library, todo: Sequence[Asset], model: BaseChatModel, name: str, told: Callable[[str], None]
+    root: Path, library: Library, todo: Sequence[Asset], model: BaseChatModel, name: str, warn: Callable[[str], None]
 ) -> Iterator[tuple[Asset, DescribedAsset | None]]:
     """Describe assets one after another; each description is on disk before the next is asked for.
 
@@ -111,7 +111,7 @@ def describe_assets(
         todo: what to describe.
         model: who is asked.
         name: of the model.
-        told: called with what went wrong with a reply.
+        warn: called with what went wrong with a reply.
 
     Returns:
         Each asset with its description in it, and the description; None where the model gave no usable reply.
@@ -120,12 +120,12 @@ def describe_assets(
         GrsError: the model cannot be reached, or refuses the request for good.
     """
     for asset in todo:
-        found = _described(library, asset, model, name, told)
-        if found is None:
+        described = _described(library, asset, model, name, warn)
+        if described is None:
             yield asset, None
             continue
-        write_json(described_path(root, asset.name), found.model_dump(mode="json"))
-        yield with_words(asset, found.words), found
+        write_json(described_path(root, asset.name), described.model_dump(mode="json"))
+        yield with_words(asset, described.words), described
 
 
 def with_words(asset: Asset, words: AssetWords) -> Asset:
@@ -150,7 +150,7 @@ def read_described(root: Path, name: str) -> DescribedAsset | None:
 
 
 def _described(
-    library: Library, asset: Asset, model: BaseChatModel, name: str, told: Callable[[str], None]
+    library: Library, asset: Asset, model: BaseChatModel, name: str, warn: Callable[[str], None]
 ) -> DescribedAsset | None:
     seed = int.from_bytes(hashlib.sha256(asset.name.encode()).digest()[:8], "big")
     views = asset_views(library, asset.name, random_directions(VIEWS, np.random.default_rng(seed)), size=SIDE)
@@ -168,7 +168,7 @@ def _described(
             answer = invoke(model, [message])
             words = parse_json(answer.text, AssetWords)
         except (ReplyProblem, ReplyError) as error:
-            told(f"{asset.name}: {error}")
+            warn(f"{asset.name}: {error}")
             continue
         return DescribedAsset(
             asset=asset.name,
@@ -189,11 +189,11 @@ def colors_seen(views: Sequence[AssetView]) -> list[str]:
     levels, counts = np.unique(pixels // 16, axis=0, return_counts=True)
     shares: dict[str, int] = {}
     for level, count in zip(levels, counts, strict=True):
-        red, green, blue = ((float(one) * 16 + 8) / 255 for one in level)
+        red, green, blue = ((float(value) * 16 + 8) / 255 for value in level)
         named = color_name((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))
         shares[named] = shares.get(named, 0) + int(count)
-    ranked = sorted(shares, key=lambda one: (-shares[one], one))
-    return ranked[:1] + [one for one in ranked[1:3] if shares[one] >= _SHARE * len(pixels)]
+    ranked = sorted(shares, key=lambda value: (-shares[value], value))
+    return ranked[:1] + [value for value in ranked[1:3] if shares[value] >= _SHARE * len(pixels)]
 
 
 def _block(view: AssetView) -> dict[str, str]:

@@ -54,17 +54,17 @@ def read_examples(folder: Path) -> tuple[Example, ...]:
     Raises:
         InputError: there is none, or one is no Python program.
     """
-    found: list[Example] = []
+    examples: list[Example] = []
     for file in sorted(folder.glob("*.py")):
         source = file.read_text(encoding="utf-8").strip()
         try:
             family, _, shows = (ast.get_docstring(ast.parse(source)) or "").partition(": ")
         except SyntaxError as error:
             raise InputError(f"example {file.name} is no Python program: {error}", "correct it") from error
-        found.append(Example(name=file.stem, family=family, shows=shows, source=source))
-    if not found:
+        examples.append(Example(name=file.stem, family=family, shows=shows, source=source))
+    if not examples:
         raise InputError(f"{folder} holds no example program", "reinstall grs-agents")
-    return tuple(found)
+    return tuple(examples)
 
 
 def nearest(examples: Sequence[Example], task: TaskDefinition, count: int, seed: int) -> tuple[Example, ...]:
@@ -97,9 +97,9 @@ def _cosine(first: Counter[str], second: Counter[str], rarity: dict[str, float])
     def weights(bag: Counter[str]) -> dict[str, float]:
         return {word: (1 + math.log(number)) * rarity.get(word, 0.0) for word, number in bag.items()}
 
-    one, other = weights(first), weights(second)
-    length = math.hypot(*one.values()) * math.hypot(*other.values())
-    return sum(one[word] * other[word] for word in one.keys() & other.keys()) / length if length else 0.0
+    left, right = weights(first), weights(second)
+    length = math.hypot(*left.values()) * math.hypot(*right.values())
+    return sum(left[word] * right[word] for word in left.keys() & right.keys()) / length if length else 0.0
 
 
 def _stems(texts: Iterable[str]) -> Counter[str]:

@@ -114,4 +114,4 @@ def render(file: Path, values: Mapping[str, str]) -> str:
             f"prompt {file.name} has unknown variables {unknown} and leaves out {unused}",
             f"use exactly: {', '.join(sorted(values))}",
         )
-    return _VARIABLE.sub(lambda found: values[found.group(1)], template)
+    return _VARIABLE.sub(lambda match: values[match.group(1)], template)

@@ -26,10 +26,10 @@ def match(agents: Agents, candidate: Json, assets: Sequence[Json], images: Seque
     names = {str(asset["name"]) for asset in assets}
 
     def parse(text: str) -> Match:
-        found = parse_json(text, Match)
-        if found.match == "asset" and found.asset not in names:
-            raise ReplyError(f"asset {found.asset!r} is not in the list of assets")
-        return found
+        answer = parse_json(text, Match)
+        if answer.match == "asset" and answer.asset not in names:
+            raise ReplyError(f"asset {answer.asset!r} is not in the list of assets")
+        return answer
 
     lines = "\n".join(json.dumps(asset, ensure_ascii=False) for asset in assets)
     return agents.ask("match", {"candidate": _json(candidate), "assets": lines}, parse, images)
@@ -39,7 +39,7 @@ def author_task(
     agents: Agents, scene: Json, fixtures: Sequence[Json], images: Sequence[str]
 ) -> TaskDefinition | NoReply:
     """Define a task for the scene. ``fixtures``: library assets that may be added to what the photo shows."""
-    known = {str(thing["asset"]) for thing in scene["objects"]} | {str(thing["name"]) for thing in fixtures}
+    known = {str(item["asset"]) for item in scene["objects"]} | {str(item["name"]) for item in fixtures}
 
     def parse(text: str) -> TaskDefinition:
         task = parse_json(text, TaskDefinition)

@@ -21,28 +21,28 @@ def changes(instances: Sequence[TaskInstance], scene: SceneDescription) -> list[
 
 def _changes_of(instance: TaskInstance, scene: SceneDescription) -> list[Change]:
     free = list(scene.objects)
-    found: list[Change] = []
-    for thing in instance.objects:
-        places = [place for place in free if place.asset == thing.asset]
-        nearest = min(places, key=lambda place: math.dist(place.position, thing.pose[0]), default=None)
-        if nearest is not None and _kept(thing, nearest):
+    changes: list[Change] = []
+    for item in instance.objects:
+        places = [place for place in free if place.asset == item.asset]
+        nearest = min(places, key=lambda place: math.dist(place.position, item.pose[0]), default=None)
+        if nearest is not None and _kept(item, nearest):
             free.remove(nearest)
             continue
-        found.append(
+        changes.append(
             Change(
                 seed=instance.seed,
-                asset=thing.asset,
-                position=thing.pose[0],
+                asset=item.asset,
+                position=item.pose[0],
                 photo=None if nearest is None else nearest.position,
-                distance=None if nearest is None else math.dist(nearest.position, thing.pose[0]),
+                distance=None if nearest is None else math.dist(nearest.position, item.pose[0]),
             )
         )
-    return found
+    return changes
 
 
-def _kept(thing: InstanceObject, place: SceneObject) -> bool:
-    near = math.dist(place.position, thing.pose[0]) <= SAME_PLACE
-    cosine = sum(a * b for a, b in zip(_up(thing.pose[1]), _up(place.orientation), strict=True))
+def _kept(item: InstanceObject, place: SceneObject) -> bool:
+    near = math.dist(place.position, item.pose[0]) <= SAME_PLACE
+    cosine = sum(a * b for a, b in zip(_up(item.pose[1]), _up(place.orientation), strict=True))
     return near and math.acos(max(-1.0, min(1.0, cosine))) <= SAME_TILT
 
 

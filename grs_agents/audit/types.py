@@ -58,7 +58,8 @@ class AuditReport(Frozen):
     def text(self) -> str:
         """What the router and the code fixer read."""
         lines = ["audit: " + ("accepted" if self.accepted else "failed")]
-        lines += [f"- {one.check}: {'passed' if one.passed else 'FAILED'}: {one.detail}" for one in self.findings]
+        for finding in self.findings:
+            lines.append(f"- {finding.check}: {'passed' if finding.passed else 'FAILED'}: {finding.detail}")
         for rollout in self.rollouts:
             episode = rollout.episode
             lines.append(

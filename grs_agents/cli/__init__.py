@@ -81,10 +81,10 @@ def _status(app: Any) -> int:
     try:
         return int(app(standalone_mode=False) or 0)
     except TyperException as error:
-        said = io.StringIO()
-        with contextlib.redirect_stderr(said):
+        message = io.StringIO()
+        with contextlib.redirect_stderr(message):
             cast(Any, error).show()
-        say(said.getvalue(), error=True, end="")
+        say(message.getvalue(), error=True, end="")
         return error.exit_code
     except Abort:
         return 1

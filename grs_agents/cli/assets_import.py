@@ -1,6 +1,7 @@
 """``grs assets import`` (from files or ``objaverse:WORDS``), ``list``, ``show`` and ``verify``."""
 
 import tempfile
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -51,12 +52,13 @@ def import_source(
     Raises:
         InputError: there is no such source, or nothing in it.
     """
-    with open_source(source, options) as found:
-        collection = slug_of(name) if name is not None else found.collection
-        if not found.items and not found.refused:
+    with opened(source, options) as source_items:
+        collection = slug_of(name) if name is not None else source_items.collection
+        if not source_items.items and not source_items.refused:
             raise InputError(f"{source} holds no mesh, URDF or MJCF", "name a folder that does")
-        order = ImportRun(library_root(library), collection, options, Library().assets(), again, jobs)
-        return tell_import(order.run(found, Progress(len(found.items) + len(found.refused), as_json)), library, as_json)
+        order = Importing(library_root(library), collection, options, Library().assets(), again, jobs)
+        progress = Progress(len(source_items.items) + len(source_items.refused), as_json)
+        return tell_import(order.run(source_items, progress), library, as_json)
 
 
 class Progress:
@@ -69,24 +71,24 @@ class Progress:
         self._done += 1
         if self._quiet:
             return
-        told = f"{outcome.status}{' before' if old else ''}"
+        status = f"{outcome.status}{' before' if old else ''}"
         what = outcome.asset.description if outcome.asset is not None else outcome.reason
-        say(f"[{self._done}/{self._count}] {outcome.item}: {told}: {what}", error=True)
+        say(f"[{self._done}/{self._count}] {outcome.item}: {status}: {what}", error=True)
         for note in outcome.notes if not old else ():
             say(f"    {note}", error=True)
 
 
 def tell_import(outcomes: Sequence[ImportOutcome], library: Path | None, as_json: bool) -> int:
     """Print the report of an import; the exit status."""
-    refused = [one for one in outcomes if one.status == "refused"]
+    refused = [outcome for outcome in outcomes if outcome.status == "refused"]
     if as_json:
-        say_json([one.model_dump(mode="json") for one in outcomes])
+        say_json([outcome.model_dump(mode="json") for outcome in outcomes])
         return 1 if refused else 0
-    counts = {status: sum(one.status == status for one in outcomes) for status in ("imported", "duplicate", "refused")}
+    counts = Counter(outcome.status for outcome in outcomes)
     folder = content_folder(library)
     say(f"{counts['imported']} imported, {counts['duplicate']} duplicates, {counts['refused']} refused; in {folder}")
-    for one in refused:
-        say(f"refused {one.source}: {one.reason}")
+    for outcome in refused:
+        say(f"refused {outcome.source}: {outcome.reason}")
     say(f"look: grs assets show --library {folder}   use: grs --content {folder} run SCENE")
     return 1 if refused else 0
 
@@ -171,15 +173,15 @@ def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as
     from grs_agents.library.importing.drop_test import verify_asset
 
     known, assets = chosen_assets(library, names, shipped)
-    verdicts = [verify_asset(known, asset) for asset in assets]
-    broken = [one for one in verdicts if not one.ok]
+    verdicts = [verify(known, asset) for asset in assets]
+    broken = [verdict for verdict in verdicts if not verdict.ok]
     if as_json:
-        say_json([one.model_dump(mode="json") for one in verdicts])
+        say_json([verdict.model_dump(mode="json") for verdict in verdicts])
         return 1 if broken else 0
     table = Table("asset", "state", "rests", "findings", box=None, pad_edge=False, header_style="bold")
-    for one in verdicts:
-        rests = "" if one.rests is None else "yes" if one.rests else "no"
-        table.add_row(*map(Text, (one.name, "ok" if one.ok else "broken", rests, "; ".join(one.findings))))
+    for verdict in verdicts:
+        rests = "" if verdict.rests is None else "yes" if verdict.rests else "no"
+        table.add_row(*map(Text, (verdict.name, "ok" if verdict.ok else "broken", rests, "; ".join(verdict.findings))))
     terminal.console().print(table)
     say(f"{len(verdicts) - len(broken)} of {len(verdicts)} are whole")
     return 1 if broken else 0
@@ -197,15 +199,15 @@ def import_objaverse(words: str, library: Path | None, options: ImportOptions, c
         ConfigError: the package is not installed.
         InputError: nothing matches, or Objaverse cannot be reached.
     """
-    package = load_package()
-    found = search_objaverse(package, words)
-    if not found:
+    door = load_package()
+    matches = matching(door, words)
+    if not matches:
         raise InputError(f"nothing in Objaverse matches {words!r}", "use fewer or other words")
     if count == 0:
-        _list(found, as_json)
+        _list(matches, as_json)
         return 0
     with tempfile.TemporaryDirectory(prefix="grs-objaverse-") as name:
-        named = download(package, found[:count], Path(name))
+        named = download(door, matches[:count], Path(name))
         items = tuple(
             SourceItem(kind="mesh", name=Path(file).stem, file=file, license=entry.license)
             for file, entry in named.items()
@@ -217,12 +219,12 @@ def import_objaverse(words: str, library: Path | None, options: ImportOptions, c
         return tell_import(outcomes, library, as_json)
 
 
-def _list(found: list[ObjaverseEntry], as_json: bool) -> None:
+def _list(matches: list[Entry], as_json: bool) -> None:
     if as_json:
-        say_json([one.model_dump(mode="json") for one in found])
+        say_json([match.model_dump(mode="json") for match in matches])
         return
     table = Table("uid", "title", "author", "licence", "faces", box=None, pad_edge=False, header_style="bold")
-    for one in found:
-        table.add_row(*map(Text, (one.uid, one.title, one.author, one.license, str(one.faces or ""))))
+    for match in matches:
+        table.add_row(*map(Text, (match.uid, match.title, match.author, match.license, str(match.faces or ""))))
     terminal.console().print(table)
-    say(f"{len(found)} matches, nothing downloaded; --download N fetches and imports the first N", error=True)
+    say(f"{len(matches)} matches, nothing downloaded; --download N fetches and imports the first N", error=True)

@@ -50,38 +50,38 @@ def diagnose(as_json: bool) -> int:
     Returns:
         0 if everything that GRS needs works, 3 if not.
     """
-    found = [Diagnosis("models offline", "works", "embedded, no key")]
+    diagnoses = [Diagnosis("models offline", "works", "embedded, no key")]
     with working("looking at models and packages") as show:
-        found += [*(_provider(name) for name in PROVIDERS), *_extras()]
+        diagnoses += [*(_provider(name) for name in PROVIDERS), *_extras()]
         show("attacking the sandboxes")
-        found += _sandboxes()
+        diagnoses += _sandboxes()
         show("drawing with OpenGL")
-        found += [_gl(name) for name in GL_BACKENDS]
-    found += [Diagnosis(name, "works", value) for name, value in versions().items()]
+        diagnoses += [_gl(name) for name in GL_BACKENDS]
+    diagnoses += [Diagnosis(name, "works", value) for name, value in versions().items()]
     if as_json:
-        say_json([asdict(one) for one in found])
+        say_json([asdict(diagnosis) for diagnosis in diagnoses])
     else:
         table = Table(box=None, pad_edge=False, header_style="bold")
         table.add_column("what", no_wrap=True)
         table.add_column("state", no_wrap=True)
         table.add_column("found, and how to get it", overflow="fold")
-        for one in found:
-            told = f"{one.detail}\n→ {one.remedy}" if one.remedy else one.detail
-            table.add_row(Text(one.subject), Text(one.state, style=_STYLES[one.state]), Text(told))
+        for diagnosis in diagnoses:
+            detail = f"{diagnosis.detail}\n→ {diagnosis.remedy}" if diagnosis.remedy else diagnosis.detail
+            table.add_row(Text(diagnosis.subject), Text(diagnosis.state, style=_STYLES[diagnosis.state]), Text(detail))
         terminal.console().print(table)
-    return 3 if any(one.state == "broken" for one in found) else 0
+    return 3 if any(diagnosis.state == "broken" for diagnosis in diagnoses) else 0
 
 
 def _sandboxes() -> list[Diagnosis]:
     """What ``sandbox = "auto"`` comes to, then each backend of this system: attacked, and given an endless program."""
     asked = candidates("auto")
-    found = {backend: _sandbox(backend) for backend in asked}
-    best = next((one for one in found.values() if one.state == "works"), None)
+    diagnoses = {backend: _sandbox(backend) for backend in asked}
+    best = next((diagnosis for diagnosis in diagnoses.values() if diagnosis.state == "works"), None)
     if best is not None:
-        return [Diagnosis("sandbox", "works", f"auto takes {best.detail.split(':')[0]}"), *found.values()]
+        return [Diagnosis("sandbox", "works", f"auto takes {best.detail.split(':')[0]}"), *diagnoses.values()]
     remedy = f"{' or '.join(REMEDIES[backend] for backend in asked)}, or accept the risk with {UNSAFE}"
     broken = Diagnosis("sandbox", "broken", "nothing separates generated code from this machine", remedy)
-    return [broken, *found.values()]
+    return [broken, *diagnoses.values()]
 
 
 def _sandbox(backend: Choice) -> Diagnosis:
@@ -93,8 +93,8 @@ def _sandbox(backend: Choice) -> Diagnosis:
             report = tool.run(tool.Request(simulation="while True:\n    pass\n", tests=_TESTS), context).report
     except SandboxError as error:
         return Diagnosis(f"sandbox {backend}", "absent", error.message, REMEDIES[backend])
-    found = f"{report.backend}: it held; an endless program ended as {report.outcome!r} after {report.seconds:.1f} s"
-    return Diagnosis(f"sandbox {backend}", "works" if report.outcome == "timeout" else "broken", found)
+    detail = f"{report.backend}: it held; an endless program ended as {report.outcome!r} after {report.seconds:.1f} s"
+    return Diagnosis(f"sandbox {backend}", "works" if report.outcome == "timeout" else "broken", detail)
 
 
 _TESTS = "import unittest\nclass T(unittest.TestCase):\n    def test_a(self):\n        import task_code\n"
@@ -116,28 +116,30 @@ def _gl(name: str) -> Diagnosis:
 def _provider(name: str) -> Diagnosis:
     provider = PROVIDERS[name]
     key = provider.key_variable
-    told = (f", {key} is set" if os.environ.get(key) else f", {key} is not set") if key else ", needs no key"
+    key_state = (f", {key} is set" if os.environ.get(key) else f", {key} is not set") if key else ", needs no key"
     if not installed(name):
         remedy = _install(provider.extra)
-        return Diagnosis(f"models {name}", "not installed", f"the package {provider.module} is missing{told}", remedy)
+        return Diagnosis(
+            f"models {name}", "not installed", f"the package {provider.module} is missing{key_state}", remedy
+        )
     if key and not os.environ.get(key):
-        return Diagnosis(f"models {name}", "no key", f"the package is installed{told}", f"export {key}=...")
-    return Diagnosis(f"models {name}", "works", f"the package is installed{told}")
+        return Diagnosis(f"models {name}", "no key", f"the package is installed{key_state}", f"export {key}=...")
+    return Diagnosis(f"models {name}", "works", f"the package is installed{key_state}")
 
 
 def _extras() -> list[Diagnosis]:
     """Whether the packages of each extra are here, in a version that it takes."""
     declared = metadata(_DISTRIBUTION).get_all("Provides-Extra") or []
     wanted = [Requirement(text) for text in requires(_DISTRIBUTION) or ()]
-    return [_extra(name, [one for one in wanted if _is_of(one, name)]) for name in declared]
+    return [_extra(name, [requirement for requirement in wanted if _is_of(requirement, name)]) for name in declared]
 
 
 def _extra(name: str, wanted: list[Requirement]) -> Diagnosis:
-    missing = [f"{one.name}{one.specifier}" for one in wanted if not one.specifier.contains(_version(one.name))]
+    missing = [f"{need.name}{need.specifier}" for need in wanted if not need.specifier.contains(_version(need.name))]
     if missing:
         detail = f"missing: {', '.join(missing)}"
         return Diagnosis(f"extra {name}", "not installed", detail, _install(name))
-    return Diagnosis(f"extra {name}", "works", ", ".join(f"{one.name} {_version(one.name)}" for one in wanted))
+    return Diagnosis(f"extra {name}", "works", ", ".join(f"{need.name} {_version(need.name)}" for need in wanted))
 
 
 def _is_of(wanted: Requirement, extra: str) -> bool:

@@ -19,22 +19,22 @@ def list_content(as_json: bool) -> None:
     from grs_agents.library import Library
     from grs_agents.policies import POLICIES
 
-    found: dict[str, dict[str, str]] = {
+    listed: dict[str, dict[str, str]] = {
         kind: {name: _headline(content.path(kind, name)) for name in content.names(kind)}
         for kind in content.KINDS
         if kind != "assets"
     }
-    found["assets"] = {asset.name: asset.description for asset in Library().assets()}
-    found["scenes"] = {name: "a sample scene: grs run " + name for name in content.scenes()}
-    found["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
-    found["policies"].update({entry.name: entry.value for entry in entry_points(group="grs_agents.policies")})
+    listed["assets"] = {asset.name: asset.description for asset in Library().assets()}
+    listed["scenes"] = {name: "a sample scene: grs run " + name for name in content.scenes()}
+    listed["policies"] = {name: _first_line(policy.__doc__) for name, policy in POLICIES.items()}
+    listed["policies"].update({entry.name: entry.value for entry in entry_points(group="grs_agents.policies")})
     if as_json:
-        say_json(found)
+        say_json(listed)
         return
     console = terminal.console()
-    for kind, things in found.items():
+    for kind, entries in listed.items():
         table = Table("name", "what it is", title=kind, title_justify="left", expand=False)
-        for name, text in things.items():
+        for name, text in entries.items():
             table.add_row(Text(name), Text(text))
         console.print(table)
 

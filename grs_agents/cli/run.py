@@ -89,10 +89,10 @@ def objects_table(scene: SceneDescription) -> Table:
     table.add_column("asset", overflow="fold")
     for column in ("size (cm)", "position (m)", "reach"):
         table.add_column(column, no_wrap=True)
-    for one in scene.objects:
-        size = "x".join(f"{100 * extent:.1f}" for extent in one.size)
-        position = ", ".join(f"{value:.2f}" for value in one.position)
-        table.add_row(*map(Text, (one.name, one.asset, size, position, "yes" if one.reachable else "no")))
+    for item in scene.objects:
+        size = "x".join(f"{100 * extent:.1f}" for extent in item.size)
+        position = ", ".join(f"{value:.2f}" for value in item.position)
+        table.add_row(*map(Text, (item.name, item.asset, size, position, "yes" if item.reachable else "no")))
     return table
 
 

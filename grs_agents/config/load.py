@@ -74,12 +74,12 @@ def load_config(
 
 
 def _environment(environment: Mapping[str, str] | None) -> list[tuple[str, Tree]]:
-    found: list[tuple[str, Tree]] = []
+    layers: list[tuple[str, Tree]] = []
     for name, value in sorted((os.environ if environment is None else environment).items()):
         if name.startswith(ENVIRONMENT_PREFIX) and name != ENVIRONMENT_PREFIX:
             dotted = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
-            found.append((f"environment {name}", _nest(dotted, _value(value))))
-    return found
+            layers.append((f"environment {name}", _nest(dotted, _value(value))))
+    return layers
 
 
 def _settings(settings: Sequence[str]) -> list[tuple[str, Tree]]:

@@ -73,7 +73,7 @@ def asking(
         image: picture file of the whole scene, relative to the run folder; empty to keep it back.
         silent: where it is noted that a model gave no usable reply.
     """
-    by_number = {one.id: one for one in records}
+    by_number = {candidate.id: candidate for candidate in records}
 
     def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:
         record = by_number[segment.id]

@@ -22,28 +22,28 @@ def register_assets(
 ) -> tuple[SceneObject, ...]:
     """The objects with the assets that were matched where the photo shows them."""
     (frame, table), library = photo, services.library
-    by_number = {one.id: one for one in records}
+    by_number = {item.id: item for item in records}
     placed: list[SceneObject] = []
-    for one in objects:
+    for item in objects:
         update: dict[str, object] = {}
-        if one.matched:
-            mask = load_mask(services.folder / one.mask)
-            found = register(one.asset, library, by_number[one.id].upright, frame, table, mask)
-            update = standing_at(found)
-        placed.append(one.model_copy(update=update))
+        if item.matched:
+            mask = load_mask(services.folder / item.mask)
+            registered = register(item.asset, library, by_number[item.id].upright, frame, table, mask)
+            update = standing_at(registered)
+        placed.append(item.model_copy(update=update))
     return tuple(placed)
 
 
-def standing_at(found: Registered) -> dict[str, object]:
+def standing_at(registered: Registered) -> dict[str, object]:
     """What registration says of an object."""
     return {
-        "position": found.position,
-        "orientation": found.orientation,
-        "size": found.size,
-        "reachable": reachable(found.position),
-        "method": found.method,
-        "residual": found.residual,
-        "round": found.round,
+        "position": registered.position,
+        "orientation": registered.orientation,
+        "size": registered.size,
+        "reachable": reachable(registered.position),
+        "method": registered.method,
+        "residual": registered.residual,
+        "round": registered.round,
     }
 
 
@@ -54,14 +54,14 @@ def add_residual_candidates(
     if not objects:
         return (), ()
     (frame, table), library = photo, services.library
-    masks = [load_mask(services.folder / one.mask) for one in objects]
+    masks = [load_mask(services.folder / item.mask) for item in objects]
     shells = [
-        asset_surface_at(one.asset, (one.position, one.orientation), library) if one.matched else None
-        for one in objects
+        asset_surface_at(item.asset, (item.position, item.orientation), library) if item.matched else None
+        for item in objects
     ]
-    found = residual_candidates(masks, shells, frame, table, max(one.id for one in records) + 1)
-    added = add_candidates(frame, found.candidates, records, services.folder) if found.candidates else ()
+    residual = residual_candidates(masks, shells, frame, table, max(item.id for item in records) + 1)
+    added = add_candidates(frame, residual.candidates, records, services.folder) if residual.candidates else ()
     return added, tuple(
         DroppedCandidate(id=objects[index].id, reason="much of it belongs to known things; the rest is looked at again")
-        for index in found.divided
+        for index in residual.divided
     )

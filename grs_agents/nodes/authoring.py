@@ -28,19 +28,19 @@ def scene_for_prompt(scene: SceneDescription, library: Library) -> dict[str, Any
     """Each object with its asset, place and size (metres, robot frame, table top at z = 0)."""
     objects = [
         {
-            "name": thing.name,
-            "asset": thing.asset,
-            "description": thing.description,
-            "category": thing.category,
-            "color": thing.color,
-            "position": _rounded(thing.position),
-            "orientation": _rounded(thing.orientation, 4),
-            "size": _rounded(thing.size),
-            "box": {"low": _rounded(thing.box.low), "high": _rounded(thing.box.high)},
-            "reachable": thing.reachable,
-            "hollow": library.asset(thing.asset).hollow,
+            "name": item.name,
+            "asset": item.asset,
+            "description": item.description,
+            "category": item.category,
+            "color": item.color,
+            "position": _rounded(item.position),
+            "orientation": _rounded(item.orientation, 4),
+            "size": _rounded(item.size),
+            "box": {"low": _rounded(item.box.low), "high": _rounded(item.box.high)},
+            "reachable": item.reachable,
+            "hollow": library.asset(item.asset).hollow,
         }
-        for thing in scene.objects
+        for item in scene.objects
     ]
     return {"objects": objects, "workspace": WORKSPACE}
 
@@ -199,5 +199,5 @@ def _images(state: RunState) -> list[str]:
 
 def _examples(task: TaskDefinition, seed: int) -> str:
     """The example programs that are nearest to a task."""
-    found = examples.read_examples(content.content_root() / "prompts" / "examples")
-    return "\n\n\n".join(example.source for example in examples.nearest(found, task, EXAMPLES, seed))
+    programs = examples.read_examples(content.content_root() / "prompts" / "examples")
+    return "\n\n\n".join(example.source for example in examples.nearest(programs, task, EXAMPLES, seed))

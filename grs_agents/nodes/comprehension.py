@@ -63,21 +63,21 @@ def stand_in(
     if not asked.on:
         return "", []
     objects = np.zeros(frame.depth.shape, np.bool_)
-    for one in candidates:
-        objects |= one.mask
+    for candidate in candidates:
+        objects |= candidate.mask
     arm = arm_at_home(services.robot, services.library)
-    found = reconstruct(frame, table, objects, [one.box for one in candidates], arm, asked.voxel)
-    if found is None:
+    background = reconstruct(frame, table, objects, [candidate.box for candidate in candidates], arm, asked.voxel)
+    if background is None:
         return "", ["the photo shows nothing but table and objects near the robot: there is no background"]
     folder = services.folder / "assets"
     folder.mkdir(exist_ok=True)
-    name = write_background(folder, found.mesh.vertices, found.mesh.faces, found.boxes, found.color)
-    low, high = found.boxes[:, 0].min(axis=0), found.boxes[:, 1].max(axis=0)
+    name = write_background(folder, background.mesh.vertices, background.mesh.faces, background.boxes, background.color)
+    low, high = background.boxes[:, 0].min(axis=0), background.boxes[:, 1].max(axis=0)
     summary = {
         "asset": name,
-        "faces": len(found.mesh.faces),
-        "boxes": len(found.boxes),
-        "pixels": found.pixels,
+        "faces": len(background.mesh.faces),
+        "boxes": len(background.boxes),
+        "pixels": background.pixels,
         "low": [round(float(value), 3) for value in low],
         "high": [round(float(value), 3) for value in high],
     }
@@ -140,7 +140,8 @@ def describe(state: RunState, services: Services) -> Update:
     warnings: list[str] = []
     pending = _pending(state)
     descriptions = {
-        str(one.id): _described(one, state["image"], services, warnings).model_dump(mode="json") for one in pending
+        str(record.id): _described(record, state["image"], services, warnings).model_dump(mode="json")
+        for record in pending
     }
     services.log.append(SceneStage(stage="described", summary=descriptions))
     return {
@@ -163,21 +164,21 @@ def register(state: RunState, services: Services) -> Update:
 
     In the first pass, what the placed assets do not explain of the segments becomes the candidates of a second pass.
     """
-    records = [CandidateRecord.model_validate(one) for one in state["candidates"]]
-    objects = [SceneObject.model_validate(one) for one in state.get("objects", ())]
+    records = [CandidateRecord.model_validate(item) for item in state["candidates"]]
+    objects = [SceneObject.model_validate(item) for item in state.get("objects", ())]
     placed, dropped = _placed(_pending(state), objects, state, services)
     objects += placed
-    dropped = [*(DroppedCandidate.model_validate(one) for one in state.get("dropped", ())), *dropped]
+    dropped = [*(DroppedCandidate.model_validate(item) for item in state.get("dropped", ())), *dropped]
     residual: tuple[CandidateRecord, ...] = ()
     if len(state["pending"]) == len(records):  # the first pass
         residual, divided = add_residual_candidates(objects, records, _photo(state, services), services)
         dropped += divided
-        objects = [one for one in objects if one.id not in {gone.id for gone in divided}]
+        objects = [item for item in objects if item.id not in {gone.id for gone in divided}]
     return {
         "candidates": [record.model_dump(mode="json") for record in (*records, *residual)],
         "pending": [record.id for record in residual],
-        "objects": [one.model_dump(mode="json") for one in objects],
-        "dropped": [one.model_dump(mode="json") for one in dropped],
+        "objects": [item.model_dump(mode="json") for item in objects],
+        "dropped": [item.model_dump(mode="json") for item in dropped],
     }
 
 
@@ -189,19 +190,19 @@ def registered(state: RunState) -> Literal["describe", "settle"]:
 @node
 def settle(state: RunState, services: Services) -> Update:
     """Resolve collisions, let the objects come to rest in MuJoCo, and write ``scene.json``."""
-    records = [CandidateRecord.model_validate(one) for one in state["candidates"]]
-    stood = settle_scene(
-        [SceneObject.model_validate(one) for one in state["objects"]], records, _photo(state, services), services
+    records = [CandidateRecord.model_validate(item) for item in state["candidates"]]
+    settled = settle_scene(
+        [SceneObject.model_validate(item) for item in state["objects"]], records, _photo(state, services), services
     )
-    warnings = [*state["notes"], *stood.warnings]
+    warnings = [*state["notes"], *settled.warnings]
     warnings += [
-        f"{one.name} at x = {one.position[0]:.2f}, y = {one.position[1]:.2f} m is out of the arm's reach"
-        for one in stood.objects
-        if not one.reachable
+        f"{item.name} at x = {item.position[0]:.2f}, y = {item.position[1]:.2f} m is out of the arm's reach"
+        for item in settled.objects
+        if not item.reachable
     ]
     for warning in warnings:
         services.log.append(Note(level="warning", text=warning))
-    if not stood.objects:
+    if not settled.objects:
         raise InputError(
             "; ".join([f"{state['scene_path']}: none of {len(records)} segments is an object", *doubts(_table(state))]),
             "put objects of at least 2 cm on the table, or name another model for describe and match",
@@ -210,12 +211,12 @@ def settle(state: RunState, services: Services) -> Update:
         source=state["scene_path"],
         image=state["image"],
         frame=_table(state),
-        objects=stood.objects,
-        dropped=(*(DroppedCandidate.model_validate(one) for one in state["dropped"]), *stood.dropped),
+        objects=settled.objects,
+        dropped=(*(DroppedCandidate.model_validate(item) for item in state["dropped"]), *settled.dropped),
         warnings=tuple(warnings),
         background=state.get("background") or None,
-        relations=stood.relations,
-        twin=stood.twin,
+        relations=settled.relations,
+        twin=settled.twin,
     )
     scene.write(services.folder / "scene.json")
     services.log.append(SceneStage(stage="matched", summary=scene.model_dump(mode="json")))
@@ -257,11 +258,15 @@ def _photo(state: RunState, services: Services) -> Photo:
 
 def _pending(state: RunState) -> list[CandidateRecord]:
     """The candidates of this pass."""
-    return [CandidateRecord.model_validate(one) for one in state["candidates"] if one["id"] in state["pending"]]
+    return [
+        CandidateRecord.model_validate(record) for record in state["candidates"] if record["id"] in state["pending"]
+    ]
 
 
 def _descriptions(state: RunState) -> dict[int, Description]:
-    return {int(number): Description.model_validate(one) for number, one in state["descriptions"].items()}
+    return {
+        int(number): Description.model_validate(description) for number, description in state["descriptions"].items()
+    }
 
 
 @node

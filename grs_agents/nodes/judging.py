@@ -44,7 +44,7 @@ def route(state: RunState, services: Services) -> Update:
         audit_failed=bool(state.get("audit")),
         history=tuple(state.get("history", [])),
         agents=services.agents,
-        earlier=tuple(Routed.model_validate(one) for one in state.get("routed", [])),
+        earlier=tuple(Routed.model_validate(decision_json) for decision_json in state.get("routed", [])),
     )
     decision = services.policy.decide(context)
     services.log.append(Decision(verdict=decision.verdict, explanation=decision.explanation, policy=decision.policy))

@@ -41,23 +41,23 @@ class Matched:
     reply: MatchEvidence | None
 
 
-def drop_reason(found: Matched, proxies: bool = True) -> str:
+def drop_reason(candidate: Matched, proxies: bool = True) -> str:
     """Why a candidate is no object of the scene; empty if it is one. Without proxies it needs an asset."""
-    if found.reply is None:
-        return f"described as no object: {found.description.description}"
-    if found.reply.match == "no_object":
-        return f"matched as no object: {found.reply.reason}"
-    if found.reply.match == "no_asset" and not proxies:
-        return f"no asset matches it, and match.proxies is off: {found.reply.reason}"
+    if candidate.reply is None:
+        return f"described as no object: {candidate.description.description}"
+    if candidate.reply.match == "no_object":
+        return f"matched as no object: {candidate.reply.reason}"
+    if candidate.reply.match == "no_asset" and not proxies:
+        return f"no asset matches it, and match.proxies is off: {candidate.reply.reason}"
     return ""
 
 
-def object_of(found: Matched, services: Services, taken: Sequence[str], photo: Photo) -> SceneObject:
+def object_of(candidate: Matched, services: Services, taken: Sequence[str], photo: Photo | None = None) -> SceneObject:
     """Place the matched asset, or a proxy, where the photo shows it.
 
     A proxy has the measured size; it is the solid that fits the points best and looks as they do.
     """
-    record, description, reply = found.record, found.description, found.reply
+    record, description, reply = candidate.record, candidate.description, candidate.reply
     if reply is not None and reply.match == "asset" and reply.asset is not None:
         asset = services.library.asset(reply.asset)
         position, orientation, size = place_asset(record.upright, asset.size)
@@ -146,30 +146,30 @@ def check_sizes(
         services: of the run.
     """
     kept: list[SceneObject] = []
-    lost: list[DroppedCandidate] = []
-    for one in objects:
-        why = size_mismatch(one, services)
+    dropped: list[DroppedCandidate] = []
+    for item in objects:
+        why = size_mismatch(item, services)
         names = [*taken, *(other.name for other in (*objects, *kept))]
-        found = replace_by_proxy(one, why, records[one.id], names, photo, services) if why else one
-        if isinstance(found, DroppedCandidate):
-            lost.append(found)
+        replaced = replace_by_proxy(item, why, records[item.id], names, photo, services) if why else item
+        if isinstance(replaced, DroppedCandidate):
+            dropped.append(replaced)
         else:
-            kept.append(found)
-    return tuple(kept), lost
+            kept.append(replaced)
+    return tuple(kept), dropped
 
 
-def size_mismatch(one: SceneObject, services: Services) -> str:
+def size_mismatch(item: SceneObject, services: Services) -> str:
     """Why the asset of an object does not stand for what was measured of it; empty if it does, or is a proxy."""
-    if not one.matched or is_certain(one):
+    if not item.matched or is_certain(item):
         return ""
-    off = size_deviation(
-        one.asset, (one.position, one.orientation), services.library, one.upright or upright_of(one.box)
+    deviation = size_deviation(
+        item.asset, (item.position, item.orientation), services.library, item.upright or upright_of(item.box)
     )
-    return "" if off.agrees else f"is not of the measured size there: {off}"
+    return "" if deviation.agrees else f"is not of the measured size there: {deviation}"
 
 
 def replace_by_proxy(
-    one: SceneObject,
+    item: SceneObject,
     why: str,
     record: CandidateRecord,
     taken: Sequence[str],
@@ -179,18 +179,18 @@ def replace_by_proxy(
     """An object with a proxy instead of its asset; or, without proxies, why it is none.
 
     Args:
-        one: the object.
+        item: the object.
         why: what is wrong with its asset.
         record: the candidate that it comes from.
         taken: names that other objects have.
         photo: the frame and its pose.
         services: of the run.
     """
-    reason = f"{one.asset} was matched ({one.evidence}), but {why}"
-    update = {"match": "no_asset", "asset": None, "runner_up": one.asset, "reason": reason}
-    reply = (one.match or MatchEvidence(match="no_asset")).model_copy(update=update)
-    named = {"description": one.description, "color": one.color, "category": one.category}
-    found = Matched(record, Description(is_object=True, shape=record.shape, **named), reply)
-    if reason := drop_reason(found, services.config.match.proxies):
-        return DroppedCandidate(id=one.id, reason=reason)
-    return object_of(found, services, taken, photo)
+    reason = f"{item.asset} was matched ({item.evidence}), but {why}"
+    update = {"match": "no_asset", "asset": None, "runner_up": item.asset, "reason": reason}
+    reply = (item.match or MatchEvidence(match="no_asset")).model_copy(update=update)
+    named = {"description": item.description, "color": item.color, "category": item.category}
+    candidate = Matched(record, Description(is_object=True, shape=record.shape, **named), reply)
+    if reason := drop_reason(candidate, services.config.match.proxies):
+        return DroppedCandidate(id=item.id, reason=reason)
+    return object_of(candidate, services, taken, photo)

@@ -61,9 +61,9 @@ class _Scene:
     records: Mapping[int, CandidateRecord]
     services: Services
 
-    def mask(self, one: SceneObject) -> Mask:
+    def mask(self, item: SceneObject) -> Mask:
         """The pixels (H, W) of an object."""
-        return load_mask(self.services.folder / one.mask)
+        return load_mask(self.services.folder / item.mask)
 
 
 def settle_scene(
@@ -79,16 +79,16 @@ def settle_scene(
     """
     if not objects:
         return SettledScene(())
-    scene = _Scene(*photo, {one.id: one for one in records}, services)
-    apart, gone, warnings = tuple(objects), list[DroppedCandidate](), tuple[str, ...]()
+    scene = _Scene(*photo, {record.id: record for record in records}, services)
+    separated, dropped, warnings = tuple(objects), list[DroppedCandidate](), tuple[str, ...]()
     try:
-        apart, gone = _apart(objects, scene)
+        separated, dropped = _apart(objects, scene)
     except SimulationError as error:
         warnings = (f"objects that stand in each other stay there: {error.message}",)
-    stood, carried = _settled(apart, {}, scene)
+    settled, carried = _settled(separated, {}, scene)
     if carried:
-        stood, _ = _settled(apart, carried, scene)
-    return replace(stood, warnings=(*warnings, *stood.warnings), dropped=(*gone, *stood.dropped))
+        settled, _ = _settled(separated, carried, scene)
+    return replace(settled, warnings=(*warnings, *settled.warnings), dropped=(*dropped, *settled.dropped))
 
 
 def _apart(objects: Sequence[SceneObject], scene: _Scene) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
@@ -96,27 +96,27 @@ def _apart(objects: Sequence[SceneObject], scene: _Scene) -> tuple[tuple[SceneOb
 
     One that can be nowhere else has a proxy instead of its asset, or is told among those that are none.
     """
-    known = [index for index, one in enumerate(objects) if one.matched]
-    things = [
-        KnownObject(_placed_object(one), scene.records[one.id].upright, scene.mask(one))
-        for one in (objects[index] for index in known)
+    matched = [index for index, item in enumerate(objects) if item.matched]
+    known_objects = [
+        KnownObject(_placed_object(item), scene.records[item.id].upright, scene.mask(item))
+        for item in (objects[index] for index in matched)
     ]
     placed: dict[int, SceneObject] = dict(enumerate(objects))
-    lost: list[DroppedCandidate] = []
-    found = repair_collisions(things, scene.frame, scene.table, scene.services.library)
-    for index, stood in found.moved.items():
-        one = objects[known[index]].model_copy(update=standing_at(stood))
-        if not size_mismatch(one, scene.services):
-            placed[known[index]] = one
-    for index in sorted(found.wrong):
-        one, names = placed.pop(known[index]), [other.name for other in (*objects, *placed.values())]
+    dropped: list[DroppedCandidate] = []
+    collisions = repair_collisions(known_objects, scene.frame, scene.table, scene.services.library)
+    for index, registered in collisions.moved.items():
+        item = objects[matched[index]].model_copy(update=standing_at(registered))
+        if not size_mismatch(item, scene.services):
+            placed[matched[index]] = item
+    for index in sorted(collisions.wrong):
+        item, names = placed.pop(matched[index]), [other.name for other in (*objects, *placed.values())]
         photo, why = (scene.frame, scene.table), "it stands in another thing"
-        stand_in = replace_by_proxy(one, why, scene.records[one.id], names, photo, scene.services)
+        stand_in = replace_by_proxy(item, why, scene.records[item.id], names, photo, scene.services)
         if isinstance(stand_in, DroppedCandidate):
-            lost.append(stand_in)
+            dropped.append(stand_in)
         else:
-            placed[known[index]] = stand_in
-    return tuple(placed[index] for index in sorted(placed)), lost
+            placed[matched[index]] = stand_in
+    return tuple(placed[index] for index in sorted(placed)), dropped
 
 
 def _settled(
@@ -135,8 +135,8 @@ def _settled(
         for piece, whole in agreed.pieces.items()
     )
     mask = np.any([segment.mask for segment in segments], axis=0)
-    stood, fallen = _at_rest(placed, mask, scene)
-    return replace(stood, dropped=dropped), supporting_segments({kept[index] for index in fallen}, agreed)
+    settled, fallen = _at_rest(placed, mask, scene)
+    return replace(settled, dropped=dropped), supporting_segments({kept[index] for index in fallen}, agreed)
 
 
 def _segment_of(item: SceneObject, scene: _Scene) -> Segment:
@@ -152,36 +152,36 @@ def _at_rest(objects: Sequence[SceneObject], mask: Mask, scene: _Scene) -> tuple
     """
     library = scene.services.library  # with the proxies that were written again
     bodies = [body_of(item.name, item.asset, (item.position, item.orientation), library) for item in objects]
-    stood = SettledScene(tuple(objects), relations(bodies))
+    settled = SettledScene(tuple(objects), relations(bodies))
     try:
         rest, twin = report_of([_placed_object(item) for item in objects], library, scene.frame, scene.table, mask)
     except GrsError as error:
-        return replace(stood, warnings=(f"the scene has no twin: {error.message}",)), set()
+        return replace(settled, warnings=(f"the scene has no twin: {error.message}",)), set()
     resting = tuple(
         item if end is None else item.model_copy(update={"settled": end.pose, "drift": end.drift})
         for item, end in zip(objects, rest.placed, strict=True)
     )
     fallen = {index for index, end in enumerate(rest.placed) if end is not None and end.fell}
-    return replace(stood, objects=resting, twin=twin), fallen
+    return replace(settled, objects=resting, twin=twin), fallen
 
 
-def _with_fitted_proxy(one: SceneObject, index: int, agreed: Reconciled, scene: _Scene, again: bool) -> SceneObject:
+def _with_fitted_proxy(item: SceneObject, index: int, agreed: Reconciled, scene: _Scene, again: bool) -> SceneObject:
     """An object; its proxy, if it has one that does not fill the space that is left for it, written again.
 
     With ``again`` in any case: what was written before may have been for less space.
     """
-    claim, record = agreed.claims.get(index), scene.records[one.id]
+    claim, record = agreed.claims.get(index), scene.records[item.id]
     if claim is None:
-        return one
+        return item
     around, mask = agreed.around(index), agreed.masks[index]
     fits = claim.box == record.upright and index not in agreed.pieces.values()
     if fits and not again and not is_crowded(claim.box, around):
-        return one
-    photo, measured = (scene.frame, scene.table), claim.measured_box(record.upright)
-    asset = write_candidate_proxy(
-        one.name, record, claim.box, claim.shape, one.description, scene.services, photo, around, mask
+        return item
+    photo, measured = (scene.frame, scene.table), claim.measured(record.upright)
+    asset = write_stand_in(
+        item.name, record, claim.box, claim.shape, item.description, scene.services, photo, around, mask
     )
-    return one.model_copy(
+    return item.model_copy(
         update={
             "position": claim.box.center,
             "orientation": about_z(claim.box.yaw),
@@ -193,5 +193,5 @@ def _with_fitted_proxy(one: SceneObject, index: int, agreed: Reconciled, scene: 
     )
 
 
-def _placed_object(one: SceneObject) -> PlacedObject:
-    return PlacedObject(one.asset, (one.position, one.orientation), guessed=not one.matched)
+def _placed_object(item: SceneObject) -> PlacedObject:
+    return PlacedObject(item.asset, (item.position, item.orientation), guessed=not item.matched)

@@ -132,9 +132,9 @@ def _stamps(folder: Path) -> Iterator[Stamp]:
     """Of every file below ``folder``."""
     for path in folder.rglob("*"):
         with suppress(FileNotFoundError):  # the temporary file of one that is written just now
-            told = path.stat()
-            if not S_ISDIR(told.st_mode):
-                yield str(path), told.st_ino, told.st_mtime_ns, told.st_size
+            status = path.stat()
+            if not S_ISDIR(status.st_mode):
+                yield str(path), status.st_ino, status.st_mtime_ns, status.st_size
 
 
 def node(body: Body) -> Node:

@@ -38,15 +38,15 @@ def check_checkpoints(folder: Path) -> None:
         with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)) as database:
             database.execute("PRAGMA trusted_schema = OFF")
             rows = database.execute("SELECT type, name FROM sqlite_schema").fetchmany(100)
-            said = database.execute("PRAGMA quick_check(1)").fetchone()
+            check = database.execute("PRAGMA quick_check(1)").fetchone()
     except (sqlite3.Error, UnicodeDecodeError) as error:
         raise InputError(f"{file} is no whole database: {error}", _REMEDY) from error
-    strange = [
+    unexpected = [
         name for kind, name in rows if kind not in ("table", "index") or (kind == "table" and name not in _TABLES)
     ]
-    if strange or said != ("ok",):
-        found = f"it holds {strange[0]!r}" if strange else str(said[0])
-        raise InputError(f"{file} holds no checkpoints of a run: {found}", _REMEDY)
+    if unexpected or check != ("ok",):
+        problem = f"it holds {unexpected[0]!r}" if unexpected else str(check[0])
+        raise InputError(f"{file} holds no checkpoints of a run: {problem}", _REMEDY)
 
 
 def check_state(values: Mapping[str, Any], folder: Path) -> None:

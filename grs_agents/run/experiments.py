@@ -78,16 +78,16 @@ def row(done: Done) -> dict[str, Any]:
 
 def table(title: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> Table:
     """The rows for a terminal."""
-    made = Table(*columns, title=title)
-    for one in rows:
-        made.add_row(*(Text(str(one[column])) for column in columns))
-    return made
+    result = Table(*columns, title=title)
+    for row in rows:
+        result.add_row(*(Text(str(row[column])) for column in columns))
+    return result
 
 
 def markdown(columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> str:
     """The rows as a Markdown table."""
     lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-    lines += ["| " + " | ".join(str(one[column]).replace("|", "/") for column in columns) + " |" for one in rows]
+    lines += ["| " + " | ".join(str(row[column]).replace("|", "/") for column in columns) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
 
@@ -176,13 +176,13 @@ def claim(out: Path, jobs: Sequence[Job], settings: Sequence[str]) -> None:
 def summarise(finished: Sequence[Done], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Verdicts, acceptance, the share of runs that needed a fix, task names and seconds over all runs."""
     accepted = sum(done.record is not None and done.record.status == "accepted" for done in finished)
-    seconds = sorted(float(one["seconds"]) for one in rows)
+    seconds = sorted(float(row["seconds"]) for row in rows)
     return {
         "runs": len(rows),
         "verdicts": sum(done.exit_status in (0, 1) for done in finished),
         "accepted": accepted,
         "share_accepted": round(accepted / len(rows), 3),
-        "share_with_fixes": round(sum(bool(one["fixes"]) for one in rows) / len(rows), 3),
+        "share_with_fixes": round(sum(bool(row["fixes"]) for row in rows) / len(rows), 3),
         "median_seconds": seconds[len(seconds) // 2],
-        "tasks": dict(Counter(str(one["task"]) for one in rows)),
+        "tasks": dict(Counter(str(row["task"]) for row in rows)),
     }

@@ -114,13 +114,13 @@ def _is_there(file: Path) -> bool:
 
 def versions() -> dict[str, str]:
     """The versions that a result depends on."""
-    found = {"grs-agents": __version__, "python": platform.python_version(), "platform": platform.platform()}
+    installed = {"grs-agents": __version__, "python": platform.python_version(), "platform": platform.platform()}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            installed[package] = version(package)
         except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            installed[package] = "not installed"
+    return installed
 
 
 def seconds_by_stage(events: Sequence[Event]) -> dict[str, float]:
@@ -145,8 +145,8 @@ def counts(events: Sequence[Event], state: Mapping[str, Any]) -> dict[str, int]:
     return {
         "candidates": len(state.get("candidates", [])),
         "objects": len(objects),
-        "objects_matched": sum(bool(thing["matched"]) for thing in objects),
-        "objects_reachable": sum(bool(thing["reachable"]) for thing in objects),
+        "objects_matched": sum(bool(item["matched"]) for item in objects),
+        "objects_reachable": sum(bool(item["reachable"]) for item in objects),
         "assets_used": len(task.get("assets-used", [])),
         "objects_moved": min((len(rollout["moved"]) for rollout in rollouts), default=0),
         "code_fixes": kinds["fix_code"],

@@ -18,8 +18,8 @@ def visible(text: str) -> str:
     return _HIDDEN.sub(_spelt, text.replace("\r\n", "\n"))
 
 
-def _spelt(found: re.Match[str]) -> str:
-    code = ord(found[0])
+def _spelt(match: re.Match[str]) -> str:
+    code = ord(match[0])
     if 0xDC80 <= code <= 0xDCFF:
         code -= 0xDC00  # the byte that Python keeps so in the name of a file
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"

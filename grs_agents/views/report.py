@@ -377,10 +377,12 @@ def _tests(rows: Sequence[Step]) -> Iterator[str]:
     """Each run of the tests in full; the last one is open if it failed."""
     runs = [step for step in rows if any(isinstance(event, TestsRun) for event in step.events)]
     for step in runs:
-        told = "\n\n".join(f"{part.heading}\n{part.text}" for part in sections(step))
+        text_of_step = "\n\n".join(f"{part.heading}\n{part.text}" for part in sections(step))
         last = step is runs[-1]
         heading = f"step {step.number}: {step.detail}"
-        yield folded(heading, code(told), opened=last and bool(step.trouble), verdict=_verdict(not step.trouble))
+        yield folded(
+            heading, code(text_of_step), opened=last and bool(step.trouble), verdict=_verdict(not step.trouble)
+        )
 
 
 def _findings(events: Sequence[Event]) -> str:

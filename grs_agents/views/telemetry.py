@@ -178,14 +178,18 @@ def _message(role: str, text: str, finish: str = "") -> str:
 def _values(event: Event) -> dict[str, Any]:
     match event:
         case Decision():
-            found: dict[str, Any] = {"verdict": event.verdict, "explanation": event.explanation, "policy": event.policy}
+            values: dict[str, Any] = {
+                "verdict": event.verdict,
+                "explanation": event.explanation,
+                "policy": event.policy,
+            }
         case Finding():
-            found = {"check": event.check, "passed": event.passed, "detail": event.detail}
+            values = {"check": event.check, "passed": event.passed, "detail": event.detail}
         case ProgramVersion():
-            found = {"program": event.program, "number": event.number, "sha256": event.sha256, "diff": event.diff}
+            values = {"program": event.program, "number": event.number, "sha256": event.sha256, "diff": event.diff}
         case Note():
-            found = {"level": event.level, "text": event.text}
+            values = {"level": event.level, "text": event.text}
         case _:
             text = phrase(event)
-            found = {"text": text} if text else {}
-    return found
+            values = {"text": text} if text else {}
+    return values

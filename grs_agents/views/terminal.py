@@ -113,8 +113,8 @@ class Progress:
             return Text(f"{ended.status}: {one_line(ended.reason)}", style=_VERDICTS.get(ended.status, ""))
         attempt = self._steps.rows[-1].attempt if self._steps.rows else 0
         decision = self._steps.decision
-        said = f"; last decision: {decision.verdict}" if decision else ""
-        return Text(f"fixes so far: {attempt}{said}", style="dim")
+        last = f"; last decision: {decision.verdict}" if decision else ""
+        return Text(f"fixes so far: {attempt}{last}", style="dim")
 
 
 def _latest_visits(rows: list[Step]) -> list[Step]:

@@ -94,8 +94,8 @@ def read_motion(file: Path) -> Motion:
     Raises:
         InputError: the file is missing or no recording, or the motion in it is too long.
     """
-    found = read_npz(file, _ARRAYS, {}, _MOST_BYTES, ("names",))
-    times, names = _since_start(found["times"], file), found["names"]
+    arrays = read_npz(file, _ARRAYS, {}, _MOST_BYTES, ("names",))
+    times, names = _since_start(arrays["times"], file), arrays["names"]
     frames, bodies = len(times), len(np.atleast_1d(names))
     shapes: dict[str, tuple[int, ...]] = {
         "names": (bodies,),
@@ -104,17 +104,17 @@ def read_motion(file: Path) -> Motion:
     }
     shapes["tool"] = (frames, 3)
     for name, shape in shapes.items():
-        if found[name].shape != shape:
+        if arrays[name].shape != shape:
             wanted = f"{frames} frames of {bodies} bodies"
-            raise InputError(f"{name} in {file} has the shape {found[name].shape}, not that of {wanted}", _REMEDY)
-        if name != "names" and not np.isfinite(found[name]).all():
+            raise InputError(f"{name} in {file} has the shape {arrays[name].shape}, not that of {wanted}", _REMEDY)
+        if name != "names" and not np.isfinite(arrays[name]).all():
             raise InputError(f"{name} in {file} are not all finite", _REMEDY)
     return Motion(
         times=times,
         names=tuple(str(name) for name in names),
-        positions=found["positions"].astype(np.float32, copy=False),
-        quaternions=found["quaternions"].astype(np.float32, copy=False),
-        tool=found["tool"].astype(np.float32, copy=False),
+        positions=arrays["positions"].astype(np.float32, copy=False),
+        quaternions=arrays["quaternions"].astype(np.float32, copy=False),
+        tool=arrays["tool"].astype(np.float32, copy=False),
     )
 
 
@@ -135,17 +135,17 @@ def _since_start(times: npt.NDArray[Any], file: Path) -> npt.NDArray[np.float64]
     """
     if times.ndim != 1 or not np.isfinite(times).all():
         raise InputError(f"times in {file} are no list of numbers", _REMEDY)
-    found = times.astype(np.float64) - float(times[0])
-    if (np.diff(found) < 0).any() or found[-1] > _LONGEST:
+    seconds = times.astype(np.float64) - float(times[0])
+    if (np.diff(seconds) < 0).any() or seconds[-1] > _LONGEST:
         raise InputError(f"times in {file} do not rise, or by more than {_LONGEST:g} s", _REMEDY)
-    return found
+    return seconds
 
 
 def holds(motion: Motion) -> list[Hold]:
     """When the tool held which body, in order: the body moved as the tool did, near it."""
-    found: list[Hold] = []
+    grasps: list[Hold] = []
     if motion.times.size < 2:
-        return found
+        return grasps
     seconds = np.diff(motion.times)
     tool_step = np.diff(motion.tool, axis=0)
     for index, name in enumerate(motion.names):
@@ -156,21 +156,21 @@ def holds(motion: Motion) -> list[Hold]:
         moves = np.linalg.norm(tool_step, axis=1) > _MOVES * seconds
         slip = np.linalg.norm(step - tool_step, axis=1)
         along = slip < 0.5 * np.linalg.norm(tool_step, axis=1)
-        found.extend(_runs(name, near & moves & along, near & ~moves, motion.times))
-    return sorted(found, key=lambda hold: hold.start)
+        grasps.extend(_runs(name, near & moves & along, near & ~moves, motion.times))
+    return sorted(grasps, key=lambda hold: hold.start)
 
 
 def _runs(
     name: str, held: npt.NDArray[np.bool_], waits: npt.NDArray[np.bool_], times: npt.NDArray[np.float64]
 ) -> list[Hold]:
     """Stretches of ``held`` steps; a waiting tool does not end one, and what lasts a moment was a push."""
-    found: list[Hold] = []
+    grasps: list[Hold] = []
     start = last = -1
     for step in [*range(len(held)), None]:
         if step is not None and held[step]:
             start, last = (step if start < 0 else start), step
         elif start >= 0 and (step is None or not waits[step]):
             if times[last + 1] - times[start] > 0.2:
-                found.append(Hold(name, start, last + 1))
+                grasps.append(Hold(name, start, last + 1))
             start = -1
-    return found
+    return grasps

@@ -48,12 +48,12 @@ def size_of(item: dict[str, Any], unknown: str = "") -> str:
 
 def rectangles(labels: npt.NDArray[Any]) -> dict[int, Rectangle]:
     """The box around each label of a label picture (H, W), 0 left out."""
-    found: dict[int, Rectangle] = {}
+    boxes: dict[int, Rectangle] = {}
     for label in np.flatnonzero(np.bincount(labels.ravel())):
         if label:
             left, top, width, height = cv2.boundingRect((labels == label).astype(np.uint8))
-            found[int(label)] = (left, top, width, height)
-    return found
+            boxes[int(label)] = (left, top, width, height)
+    return boxes
 
 
 FloatArray = npt.NDArray[np.float64]
@@ -85,26 +85,26 @@ def changed(file: Path) -> int:
 
 def twin_objects(objects: Sequence[dict[str, Any]], library: Library) -> list[InstanceObject]:
     """The matched objects of a scene's summary, where they came to rest in the twin if it says so."""
-    found: list[InstanceObject] = []
+    objects_placed: list[InstanceObject] = []
     for item in objects:
         if item.get("asset") in library and item.get("position") and item.get("orientation") and "id" in item:
             x, y, z = item["position"]
             qx, qy, qz, qw = item["orientation"]
             pose = item.get("settled") or ((x, y, z), (qx, qy, qz, qw))
             try:
-                thing = InstanceObject(id=int(item["id"]), asset=str(item["asset"]), pose=pose)
+                placed = InstanceObject(id=int(item["id"]), asset=str(item["asset"]), pose=pose)
             except ValidationError:  # farther than a simulated scene reaches
                 continue
-            found.append(thing.model_copy(update={"pose": _about_origin(thing, library)}))
-    return found
+            objects_placed.append(placed.model_copy(update={"pose": _about_origin(placed, library)}))
+    return objects_placed
 
 
-def _about_origin(thing: InstanceObject, library: Library) -> Pose:
+def _about_origin(item: InstanceObject, library: Library) -> Pose:
     """A scene tells where an asset's centre is; a world places its origin."""
-    low, high = model_of(thing, library).bounds
+    low, high = model_of(item, library).bounds
     middle = (np.array(low) + np.array(high)) / 2
-    x, y, z = np.array(thing.pose[0]) - rotation_matrix(thing.pose[1]) @ middle
-    return ((float(x), float(y), float(z)), thing.pose[1])
+    x, y, z = np.array(item.pose[0]) - rotation_matrix(item.pose[1]) @ middle
+    return ((float(x), float(y), float(z)), item.pose[1])
 
 
 def twin_picture(
@@ -135,7 +135,7 @@ def twin_picture(
         min(round(float(camera["height"]) / scale / FINER), 4 * width) * FINER,  # no photo is narrower
     )
     pose = np.asarray(camera["T_robot_cam"], dtype=np.float64)
-    shapes = [shape for thing in objects for shape in _shown(thing, library)]
+    shapes = [shape for item in objects for shape in _shown(item, library)]
     shapes += library.model(background).visuals if background else ()
     fine, deep = _table(lens, pose)
     if shapes:
@@ -156,18 +156,15 @@ def twin_picture(
     return np.rint(pixels * 255).astype(np.uint8)
 
 
-def _shown(thing: InstanceObject, library: Library) -> list[Shape]:
+def _shown(item: InstanceObject, library: Library) -> list[Shape]:
     """The shapes that are seen of an object, in the robot's frame."""
-    model = model_of(thing, library)
+    model = model_of(item, library)
     shapes = model.visuals or model.colliders
-    if thing.color:
-        return [
-            moved_shape(shape, thing.pose).model_copy(update={"color": thing.color, "texture": None})
-            for shape in shapes
-        ]
-    named = COLORS.get(library.asset(thing.asset).color if thing.asset in library else "", COLORS["gray"])
+    if item.color:
+        return [moved(shape, item.pose).model_copy(update={"color": item.color, "texture": None}) for shape in shapes]
+    named = COLORS.get(library.asset(item.asset).color if item.asset in library else "", COLORS["gray"])
     bare = {"color": (*named, 1.0)}
-    placed = [moved_shape(shape, thing.pose) for shape in shapes]
+    placed = [moved(shape, item.pose) for shape in shapes]
     return [shape if shape.color or shape.texture else shape.model_copy(update=bare) for shape in placed]
 
 

@@ -70,13 +70,13 @@ class Step:
         """What went wrong in it, in a phrase: its own error, failing tests or checks; empty if nothing did."""
         if self.status in ("failed", "interrupted"):
             return self.details[-1] if self.details else self.status
-        found = ""
+        problem = ""
         for event in self.events:
             if isinstance(event, TestsRun) and event.report.get("outcome") != "passed":
-                found = f"tests: {phrase(event)}"
+                problem = f"tests: {phrase(event)}"
             elif isinstance(event, Finding) and not event.passed:
-                found = f"{event.check}: {event.detail}"
-        return found
+                problem = f"{event.check}: {event.detail}"
+        return problem
 
     @property
     def detail(self) -> str:

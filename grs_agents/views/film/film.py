@@ -65,10 +65,10 @@ def rollout_of(events: Sequence[Event], folder: Path, seed: int | None = None) -
     Raises:
         InputError: there is none.
     """
-    found = {event.seed: event for event in events if isinstance(event, Rollout)}
+    by_seed = {event.seed: event for event in events if isinstance(event, Rollout)}
     played = {
         number: event
-        for number, event in sorted(found.items())
+        for number, event in sorted(by_seed.items())
         if event.recording and event.instance and present(folder, event.recording)
     }
     if not played:
@@ -108,7 +108,7 @@ def _backends() -> tuple[str, ...]:
 
 def _drawn(shot: Shot, seconds: Sequence[float], backend: str) -> Iterator[Image]:
     size = shot.width * shot.height * 3
-    with tempfile.TemporaryFile() as said, _worker(backend, said.fileno()) as process:
+    with tempfile.TemporaryFile() as errors, _worker(backend, errors.fileno()) as process:
         assert process.stdin is not None and process.stdout is not None
         process.stdin.write(_order(shot, seconds, rays=backend == _RAYS))
         process.stdin.close()
@@ -120,8 +120,8 @@ def _drawn(shot: Shot, seconds: Sequence[float], backend: str) -> Iterator[Image
             process.stdout.close()
             process.wait()  # a closed pipe ends it
         if process.wait() != 0:
-            said.seek(0)
-            reason = (said.read().decode("utf-8", "replace").strip().splitlines() or ["it was killed"])[-1]
+            errors.seek(0)
+            reason = (errors.read().decode("utf-8", "replace").strip().splitlines() or ["it was killed"])[-1]
             if process.returncode == InputError.exit_status:
                 raise InputError(f"the rollout cannot be drawn: {reason}")
             raise GrsError(f"the rollout cannot be drawn: {reason}", "see `grs doctor`")
@@ -222,10 +222,10 @@ def watch(shot: Shot) -> int:
     """
     if not has_display():
         raise InputError("no display to open MuJoCo's window on", "write a film instead: --out film.mp4")
-    with tempfile.TemporaryFile() as said, _worker("", said.fileno()) as process:
+    with tempfile.TemporaryFile() as errors, _worker("", errors.fileno()) as process:
         process.communicate(_order(shot, (), window=True))
-        said.seek(0)
-        lines = said.read().decode("utf-8", "replace").strip().splitlines()
+        errors.seek(0)
+        lines = errors.read().decode("utf-8", "replace").strip().splitlines()
     if process.returncode > 0:
         mac = ", or run: mjpython -m grs_agents play" if sys.platform == "darwin" else ""
         reason = lines[-1] if lines else f"exit status {process.returncode}"

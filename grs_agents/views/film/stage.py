@@ -114,7 +114,7 @@ def joint_positions(model: Any, motion: Motion) -> FloatArray:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     rows = {name: index for index, name in enumerate(motion.names)}
-    found = np.tile(np.asarray(data.qpos), (len(motion.times), 1))
+    positions = np.tile(np.asarray(data.qpos), (len(motion.times), 1))
     for joint in range(model.njnt):
         body = int(model.jnt_bodyid[joint])
         name, parent = str(model.body(body).name), int(model.body_parentid[body])
@@ -133,11 +133,11 @@ def joint_positions(model: Any, motion: Motion) -> FloatArray:
         if int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_HINGE):
             turned = _product(start * (1, -1, -1, -1), own)
             angle = 2 * np.arctan2(turned[:, 1:] @ axis, turned[:, 0])
-            found[:, address] = (angle + np.pi) % (2 * np.pi) - np.pi + model.qpos0[address]
+            positions[:, address] = (angle + np.pi) % (2 * np.pi) - np.pi + model.qpos0[address]
         else:
             shift = motion.positions[:, rows[name]] - places - _rotated(turns, np.asarray(model.body_pos[body]))
-            found[:, address] = np.einsum("ni,ni->n", shift, _rotated(start, axis)) + model.qpos0[address]
-    return found
+            positions[:, address] = np.einsum("ni,ni->n", shift, _rotated(start, axis)) + model.qpos0[address]
+    return positions
 
 
 def _product(first: FloatArray, second: FloatArray) -> FloatArray:

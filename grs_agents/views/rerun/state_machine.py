@@ -82,7 +82,7 @@ def expected_nodes(graph: str) -> tuple[str, ...]:
 
 def places(nodes: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Positions in the plane, x right and y down; unknown nodes stand in columns to the right."""
-    found: dict[str, tuple[float, float]] = {}
+    positions: dict[str, tuple[float, float]] = {}
     unknown = 0
     for node in nodes:
         if node in _PLACES:
@@ -90,8 +90,8 @@ def places(nodes: Iterable[str]) -> dict[str, tuple[float, float]]:
         else:
             column, row = 4 + unknown // 4, unknown % 4
             unknown += 1
-        found[node] = (column * COLUMN, row * ROW)
-    return found
+        positions[node] = (column * COLUMN, row * ROW)
+    return positions
 
 
 def edges(nodes: Iterable[str]) -> tuple[Edge, ...]:

@@ -179,10 +179,10 @@ def _started(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[b
             interrupted.pop_all()
             return process
         output.seek(0)
-        said = output.read().decode("utf-8", "replace").strip().splitlines()
+        lines = output.read().decode("utf-8", "replace").strip().splitlines()
     if process.returncode == 0:  # closed by the user, or handed over to a viewer that was open
         return process
-    reason = said[-1] if said else f"exit status {process.returncode}"
+    reason = lines[-1] if lines else f"exit status {process.returncode}"
     raise GrsError(f"the viewer ended at once: {reason}", f"try: {shlex.join(command)}")
 
 
