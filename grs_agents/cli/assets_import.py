@@ -58,7 +58,7 @@ def import_source(
             raise InputError(f"{source} holds no mesh, URDF or MJCF", "name a folder that does")
         order = Importing(library_root(library), collection, options, Library().assets(), again, jobs)
         progress = Progress(len(source_items.items) + len(source_items.refused), as_json)
-        return tell_import(order.run(source_items, progress), library, as_json)
+        return print_import(order.run(source_items, progress), library, as_json)
 
 
 class Progress:
@@ -78,7 +78,7 @@ class Progress:
             say(f"    {note}", error=True)
 
 
-def tell_import(outcomes: Sequence[ImportOutcome], library: Path | None, as_json: bool) -> int:
+def print_import(outcomes: Sequence[Outcome], library: Path | None, as_json: bool) -> int:
     """Print the report of an import; the exit status."""
     refused = [outcome for outcome in outcomes if outcome.status == "refused"]
     if as_json:
@@ -214,9 +214,9 @@ def import_objaverse(words: str, library: Path | None, options: ImportOptions, c
         )
         if not items:
             raise InputError(f"none of {count} matches could be downloaded", "try again, or other words")
-        source = ImportSource(SourceFolder(Path(name), options.limits.bytes), items, COLLECTION)
-        outcomes = ImportRun(library_root(library), COLLECTION, options).run(source, Progress(len(items), as_json))
-        return tell_import(outcomes, library, as_json)
+        source = Opened(Folder(Path(name), options.limits.bytes), items, COLLECTION)
+        outcomes = Importing(library_root(library), COLLECTION, options).run(source, Progress(len(items), as_json))
+        return print_import(outcomes, library, as_json)
 
 
 def _list(matches: list[Entry], as_json: bool) -> None:

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from grs_agents.cli.show import library_of, rebuilt
+from grs_agents.cli.show import library_of, rebuild_recording
 from grs_agents.files import STANDARD_OUTPUT, check_output, write_document
 from grs_agents.models import PROVIDERS
 from grs_agents.run import RunRecord, read_record
@@ -30,7 +30,7 @@ def rebuild_trace(folder: Path) -> None:
     from grs_agents.views import working
 
     with working("making the recording"):
-        recording = rebuilt(folder)
+        recording = rebuild_recording(folder)
     count = len(read_events(folder / "events.jsonl"))
     say(f"{recording}: {count} events, {recording.stat().st_size / 2**20:.1f} MiB")
 
@@ -138,7 +138,7 @@ def share_run(folder: Path, out: Path | None) -> None:
 
 def _make(copy: Path, show: Callable[[str], None]) -> list[Path]:
     show("making the recording")
-    made = [rebuilt(copy), write_report(copy, None, show)]
+    made = [rebuild_recording(copy), write_report(copy, None, show)]
     show("packing")
     return made
 

@@ -58,7 +58,7 @@ def library_of(folder: Path) -> Library:
     return Library().overlay(proxies) if proxies.is_dir() else Library()
 
 
-def rebuilt(folder: Path) -> Path:
+def rebuild_recording(folder: Path) -> Path:
     """The recording of a run, made from its events.
 
     Raises:
@@ -114,4 +114,4 @@ def _recording(folder: Path, temporary: Path) -> Path:
         if events and not isinstance(events[-1], RunEnded) and record(folder, Library(), temporary / "trace.rrd"):
             return temporary / "trace.rrd"
         recording = folder / "trace.rrd"
-        return recording if recording.is_file() else rebuilt(folder)
+        return recording if recording.is_file() else rebuild_recording(folder)

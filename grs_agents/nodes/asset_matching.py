@@ -21,7 +21,7 @@ def measurements(record: CandidateRecord) -> dict[str, object]:
     }
 
 
-def correspond(
+def match_candidates(
     records: Sequence[CandidateRecord],
     described: Mapping[int, Description],
     state: RunState,
@@ -49,7 +49,7 @@ def correspond(
         segments=segments,
         frame=services.photo(state),
         table=TableFrame.model_validate(state["table"]),
-        ask=asking(services.agents, asked, described, state["image"], silent),
+        ask=model_matcher(services.agents, asked, described, state["image"], silent),
         seed=config.seed,
         model=config.match.model,
         ocr=config.match.ocr,
@@ -58,7 +58,7 @@ def correspond(
     return MatchResult(result.matches, (*result.notes, *silent))
 
 
-def asking(
+def model_matcher(
     agents: Agents,
     records: Sequence[CandidateRecord],
     described: Mapping[int, Description],

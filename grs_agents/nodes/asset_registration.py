@@ -29,12 +29,12 @@ def register_assets(
         if item.matched:
             mask = load_mask(services.folder / item.mask)
             registered = register(item.asset, library, by_number[item.id].upright, frame, table, mask)
-            update = standing_at(registered)
+            update = pose_fields(registered)
         placed.append(item.model_copy(update=update))
     return tuple(placed)
 
 
-def standing_at(registered: Registered) -> dict[str, object]:
+def pose_fields(registered: Registered) -> dict[str, object]:
     """What registration says of an object."""
     return {
         "position": registered.position,

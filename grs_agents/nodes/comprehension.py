@@ -12,9 +12,9 @@ import numpy as np
 from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
 from grs_agents.library import write_background
-from grs_agents.nodes.asset_matching import correspond, measurements
+from grs_agents.nodes.asset_matching import match_candidates, measurements
 from grs_agents.nodes.asset_registration import add_residual_candidates, register_assets
-from grs_agents.nodes.scene_objects import Matched, check_sizes, drop_reason, object_of
+from grs_agents.nodes.scene_objects import MatchedCandidate, check_sizes, drop_reason, place_object
 from grs_agents.nodes.scene_settling import settle_scene
 from grs_agents.nodes.services import Photo, Services, Update, node
 from grs_agents.perception import (
@@ -42,7 +42,7 @@ from grs_agents.state import RunState
 from grs_agents.trace import Note, SceneStage
 
 
-def stand_in(
+def write_background_asset(
     frame: RGBDFrame, table: TableFrame, candidates: Sequence[Candidate], services: Services
 ) -> tuple[str, list[str]]:
     """Reconstruct what is left of a photo, if the configuration says so, and write it beside the proxies of the run.
@@ -124,7 +124,7 @@ def segment(state: RunState, services: Services) -> Update:
             },
         )
     )
-    background, notes = stand_in(frame, table, candidates, services)
+    background, notes = write_background_asset(frame, table, candidates, services)
     return {
         "notes": [*state["notes"], *notes],
         "background": background,
@@ -153,7 +153,7 @@ def describe(state: RunState, services: Services) -> Update:
 @node
 def match(state: RunState, services: Services) -> Update:
     """Match each pending candidate that is an object with an asset (paper, Scene Comprehension, step 3)."""
-    result = correspond(_pending(state), _descriptions(state), state, services)
+    result = match_candidates(_pending(state), _descriptions(state), state, services)
     matches = {str(number): answer.model_dump(mode="json") for number, answer in result.matches.items()}
     return {"matches": {**state.get("matches", {}), **matches}, "notes": [*state["notes"], *result.notes]}
 
@@ -235,11 +235,11 @@ def _placed(
     dropped: list[DroppedCandidate] = []
     objects: list[SceneObject] = []
     for record in records:
-        answer = Matched(record, descriptions[record.id], matches.get(record.id))
+        answer = MatchedCandidate(record, descriptions[record.id], matches.get(record.id))
         if reason := drop_reason(answer, services.config.match.proxies):
             dropped.append(DroppedCandidate(id=record.id, reason=reason))
         else:
-            objects.append(object_of(answer, services, [one.name for one in (*others, *objects)], photo))
+            objects.append(place_object(answer, services, [one.name for one in (*others, *objects)], photo))
     by_number = {one.id: one for one in records}
     names = [one.name for one in others]
     placed, mismatched = check_sizes(

@@ -12,7 +12,7 @@ from grs_agents.trace import Rollout as RolloutEvent
 
 
 @dataclass(frozen=True)
-class Measured:
+class SolvedInstances:
     """What trusted code measured of a program.
 
     Attributes:
@@ -26,7 +26,7 @@ class Measured:
     rollouts: tuple[Rollout, ...]
 
 
-def measure(simulation: str, services: Services, background: str | None = None) -> Measured:
+def solve_instances(simulation: str, services: Services, background: str | None = None) -> SolvedInstances:
     """Instantiate ``simulation`` for each audit seed in the sandbox, then solve each instance in a process that has
     never imported it; as many at a time as the sandbox has workers.
 
@@ -57,7 +57,7 @@ def measure(simulation: str, services: Services, background: str | None = None) 
             update = {"recording": _file(instance, "npz")}
             rollouts.append(Rollout.model_validate(outcome.rollout).model_copy(update=update))
             services.log.append(_event(instance, rollouts[-1]))
-    return Measured(tuple(instances), tuple(failures), tuple(rollouts))
+    return SolvedInstances(tuple(instances), tuple(failures), tuple(rollouts))
 
 
 def _solve(instance: TaskInstance, roots: Sequence[str], services: Services) -> Any:

@@ -7,7 +7,7 @@ from grs_agents.audit import AuditReport
 from grs_agents.audit import audit as judge
 from grs_agents.files import write_json
 from grs_agents.nodes.authoring import evidence
-from grs_agents.nodes.instances import measure
+from grs_agents.nodes.instances import solve_instances
 from grs_agents.nodes.services import Services, Update, node
 from grs_agents.perception import SceneDescription
 from grs_agents.policies import Routed, RoutingContext, failures
@@ -60,7 +60,7 @@ def route(state: RunState, services: Services) -> Update:
 def audit(state: RunState, services: Services) -> Update:
     """Instantiate the program for each seed and let the trusted oracle solve the instances."""
     scene = SceneDescription.model_validate(state["scene"])
-    measured = measure(state["simulation"], services, scene.background)
+    measured = solve_instances(state["simulation"], services, scene.background)
     report = judge(
         measured.instances,
         measured.failures,

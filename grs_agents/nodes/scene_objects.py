@@ -33,7 +33,7 @@ from grs_agents.perception.types import Solid, reachable
 
 
 @dataclass(frozen=True)
-class Matched:
+class MatchedCandidate:
     """A candidate, its description, and the answer of the match tool (``None``: not asked, it is no object)."""
 
     record: CandidateRecord
@@ -41,7 +41,7 @@ class Matched:
     reply: MatchEvidence | None
 
 
-def drop_reason(candidate: Matched, proxies: bool = True) -> str:
+def drop_reason(candidate: MatchedCandidate, proxies: bool = True) -> str:
     """Why a candidate is no object of the scene; empty if it is one. Without proxies it needs an asset."""
     if candidate.reply is None:
         return f"described as no object: {candidate.description.description}"
@@ -52,7 +52,9 @@ def drop_reason(candidate: Matched, proxies: bool = True) -> str:
     return ""
 
 
-def object_of(candidate: Matched, services: Services, taken: Sequence[str], photo: Photo | None = None) -> SceneObject:
+def place_object(
+    candidate: MatchedCandidate, services: Services, taken: Sequence[str], photo: Photo | None = None
+) -> SceneObject:
     """Place the matched asset, or a proxy, where the photo shows it.
 
     A proxy has the measured size; it is the solid that fits the points best and looks as they do.
@@ -61,13 +63,13 @@ def object_of(candidate: Matched, services: Services, taken: Sequence[str], phot
     if reply is not None and reply.match == "asset" and reply.asset is not None:
         asset = services.library.asset(reply.asset)
         position, orientation, size = place_asset(record.upright, asset.size)
-        name = _unique(asset.kind, taken)
+        name = _unique_name(asset.kind, taken)
     else:
-        name = _unique(f"{description.color} {description.category}", taken)
-        asset = write_candidate_proxy(
+        name = _unique_name(f"{description.color} {description.category}", taken)
+        asset = write_measured_proxy(
             name, record, record.upright, record.shape, description.description, services, photo
         )
-        position, orientation, size = record.upright.center, about_z(record.upright.yaw), asset.size
+        position, orientation, size = record.upright.center, yaw_quaternion(record.upright.yaw), asset.size
     return SceneObject(
         id=record.id,
         name=name,
@@ -90,7 +92,7 @@ def object_of(candidate: Matched, services: Services, taken: Sequence[str], phot
     )
 
 
-def write_candidate_proxy(
+def write_measured_proxy(
     name: str,
     record: CandidateRecord,
     box: UprightBox,
@@ -114,7 +116,7 @@ def write_candidate_proxy(
     return write_proxy(folder, name, kind, box.size, record.color, description, measured, look)
 
 
-def _unique(words: str, taken: Sequence[str]) -> str:
+def _unique_name(words: str, taken: Sequence[str]) -> str:
     """``words`` as a slug with a number that no other object of the scene has."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", words)
     slug = re.sub(r"[^a-z0-9]+", "_", spaced.lower()).strip("_")[:40] or "object"
@@ -124,7 +126,7 @@ def _unique(words: str, taken: Sequence[str]) -> str:
     return f"{slug}_{number}"
 
 
-def about_z(yaw: float) -> Quat:
+def yaw_quaternion(yaw: float) -> Quat:
     """A rotation (xyzw) by a yaw, rad."""
     return (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
 
@@ -190,7 +192,7 @@ def replace_by_proxy(
     update = {"match": "no_asset", "asset": None, "runner_up": item.asset, "reason": reason}
     reply = (item.match or MatchEvidence(match="no_asset")).model_copy(update=update)
     named = {"description": item.description, "color": item.color, "category": item.category}
-    candidate = Matched(record, Description(is_object=True, shape=record.shape, **named), reply)
+    candidate = MatchedCandidate(record, Description(is_object=True, shape=record.shape, **named), reply)
     if reason := drop_reason(candidate, services.config.match.proxies):
         return DroppedCandidate(id=item.id, reason=reason)
-    return object_of(candidate, services, taken, photo)
+    return place_object(candidate, services, taken, photo)

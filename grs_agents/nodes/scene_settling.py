@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grs_agents.errors import GrsError
-from grs_agents.nodes.asset_registration import standing_at
-from grs_agents.nodes.scene_objects import about_z, replace_by_proxy, size_mismatch, write_candidate_proxy
+from grs_agents.nodes.asset_registration import pose_fields
+from grs_agents.nodes.scene_objects import replace_by_proxy, size_mismatch, write_measured_proxy, yaw_quaternion
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
     CandidateRecord,
@@ -82,7 +82,7 @@ def settle_scene(
     scene = _Scene(*photo, {record.id: record for record in records}, services)
     separated, dropped, warnings = tuple(objects), list[DroppedCandidate](), tuple[str, ...]()
     try:
-        separated, dropped = _apart(objects, scene)
+        separated, dropped = _without_collisions(objects, scene)
     except SimulationError as error:
         warnings = (f"objects that stand in each other stay there: {error.message}",)
     settled, carried = _settled(separated, {}, scene)
@@ -91,7 +91,9 @@ def settle_scene(
     return replace(settled, warnings=(*warnings, *settled.warnings), dropped=(*dropped, *settled.dropped))
 
 
-def _apart(objects: Sequence[SceneObject], scene: _Scene) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
+def _without_collisions(
+    objects: Sequence[SceneObject], scene: _Scene
+) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
     """The objects, those that were registered into others beside them, if that still agrees with what was measured.
 
     One that can be nowhere else has a proxy instead of its asset, or is told among those that are none.
@@ -105,17 +107,17 @@ def _apart(objects: Sequence[SceneObject], scene: _Scene) -> tuple[tuple[SceneOb
     dropped: list[DroppedCandidate] = []
     collisions = repair_collisions(known_objects, scene.frame, scene.table, scene.services.library)
     for index, registered in collisions.moved.items():
-        item = objects[matched[index]].model_copy(update=standing_at(registered))
+        item = objects[matched[index]].model_copy(update=pose_fields(registered))
         if not size_mismatch(item, scene.services):
             placed[matched[index]] = item
     for index in sorted(collisions.wrong):
         item, names = placed.pop(matched[index]), [other.name for other in (*objects, *placed.values())]
         photo, why = (scene.frame, scene.table), "it stands in another thing"
-        stand_in = replace_by_proxy(item, why, scene.records[item.id], names, photo, scene.services)
-        if isinstance(stand_in, DroppedCandidate):
-            dropped.append(stand_in)
+        replacement = replace_by_proxy(item, why, scene.records[item.id], names, photo, scene.services)
+        if isinstance(replacement, DroppedCandidate):
+            dropped.append(replacement)
         else:
-            placed[matched[index]] = stand_in
+            placed[matched[index]] = replacement
     return tuple(placed[index] for index in sorted(placed)), dropped
 
 
@@ -178,13 +180,13 @@ def _with_fitted_proxy(item: SceneObject, index: int, agreed: Reconciled, scene:
     if fits and not again and not is_crowded(claim.box, around):
         return item
     photo, measured = (scene.frame, scene.table), claim.measured(record.upright)
-    asset = write_stand_in(
+    asset = write_measured_proxy(
         item.name, record, claim.box, claim.shape, item.description, scene.services, photo, around, mask
     )
     return item.model_copy(
         update={
             "position": claim.box.center,
-            "orientation": about_z(claim.box.yaw),
+            "orientation": yaw_quaternion(claim.box.yaw),
             "size": asset.size,
             "box": aligned(measured, claim.shape),
             "upright": measured,

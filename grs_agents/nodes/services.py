@@ -64,7 +64,7 @@ class Services:
     folder: Path
     visits: Counter[str] = field(default_factory=Counter[str])
     assets: Path | None = None
-    _laid: dict[frozenset[Stamp], Library] = field(
+    _overlaid: dict[frozenset[Stamp], Library] = field(
         default_factory=dict[frozenset[Stamp], Library], init=False, repr=False, compare=False
     )
     _photos: list[RGBDFrame] = field(default_factory=list["RGBDFrame"], init=False, repr=False, compare=False)
@@ -76,10 +76,10 @@ class Services:
         if not proxies.is_dir():
             return self._shipped
         stamps = frozenset(_stamps(proxies))
-        if stamps not in self._laid:
-            self._laid.clear()
-            self._laid[stamps] = self._shipped.overlay(proxies)
-        return self._laid[stamps]
+        if stamps not in self._overlaid:
+            self._overlaid.clear()
+            self._overlaid[stamps] = self._shipped.overlay(proxies)
+        return self._overlaid[stamps]
 
     def photo(self, state: RunState) -> RGBDFrame:
         """The photo that the node ``read`` wrote into the run folder; it is decoded once.

@@ -8,7 +8,7 @@ from grs_agents.audit import AuditReport, audit
 from grs_agents.config import Config
 from grs_agents.foreign import read_text
 from grs_agents.nodes import Services
-from grs_agents.nodes.instances import measure
+from grs_agents.nodes.instances import solve_instances
 from grs_agents.perception import read_description
 from grs_agents.policies import load_policy
 from grs_agents.run.sandbox_setup import open_sandbox
@@ -66,7 +66,7 @@ def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
                 robot=services.robot,
                 seed=order.config.seed,
             ).report
-        measured = measure(simulation, services, _background(order.run))
+        measured = solve_instances(simulation, services, _background(order.run))
     return report, audit(measured.instances, measured.failures, measured.rollouts, order.config.audit, services.library)
 
 

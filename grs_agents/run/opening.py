@@ -35,21 +35,21 @@ def new_folder(name: str, seed: int, out: Path | None) -> Path:
         InputError: the folder already holds a run or other files, or cannot be written.
     """
     if out is not None:
-        refuse_used(out)
-        return _made(out, exist_ok=True)
+        require_unused(out)
+        return _make_folder(out, exist_ok=True)
     slug = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "scene"
     stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
     base = folder = Path("runs") / f"{stamp}-{slug}-{seed}"
     number = 1
     while True:
         try:
-            return _made(folder, exist_ok=False)
+            return _make_folder(folder, exist_ok=False)
         except FileExistsError:
             number += 1
             folder = base.with_name(f"{base.name}-{number}")
 
 
-def _made(folder: Path, exist_ok: bool) -> Path:
+def _make_folder(folder: Path, exist_ok: bool) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=exist_ok)
     except FileExistsError as error:
@@ -61,7 +61,7 @@ def _made(folder: Path, exist_ok: bool) -> Path:
     return folder
 
 
-def refuse_used(folder: Path) -> None:
+def require_unused(folder: Path) -> None:
     """See that a folder is new or empty.
 
     Raises:
@@ -77,7 +77,7 @@ def refuse_used(folder: Path) -> None:
 
 
 @contextmanager
-def held(folder: Path) -> Generator[None]:
+def locked(folder: Path) -> Generator[None]:
     """Let no other process run in ``folder`` until the block ends. The kernel lets go of a process that is killed.
 
     Who only looks at a run does not need this.
@@ -109,7 +109,7 @@ def _lock(descriptor: int, folder: Path) -> None:
         raise unwritable(folder / LOCK, error) from error
 
 
-def old_folder(out: Path | None, source: Path, command: str) -> tuple[Path, RunRecord]:
+def resumed_folder(out: Path | None, source: Path, command: str) -> tuple[Path, RunRecord]:
     """Open the folder of an earlier run of the same scene by the same ``command``.
 
     Raises:
@@ -168,13 +168,13 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
         ConfigError: the configuration names what does not exist, or a graph that cannot do what was ordered.
     """
     if order.resume:
-        folder, record = old_folder(order.out, order.source, order.command)
+        folder, record = resumed_folder(order.out, order.source, order.command)
         config = validated(record.config)
         if record.status in EXIT_STATUS:
             yield folder, record, config
             return
         check_names(config, order.command, order.given)
-        with held(folder):
+        with locked(folder):
             record = read_record(folder)  # another process may have written it before it let go
             if record.status not in EXIT_STATUS:
                 update = {"status": "running", "reason": "", "exit_status": None, "attempts": record.attempts + 1}
@@ -195,8 +195,8 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
         versions=versions(),
         seeds=tuple(config.seed + step for step in range(config.audit.seeds)),
     )
-    with held(folder):
-        refuse_used(folder)  # another process may have been quicker
+    with locked(folder):
+        require_unused(folder)  # another process may have been quicker
         yield folder, record, config
 
 

@@ -12,7 +12,7 @@ import pytest
 from grs_agents.agents import Description
 from grs_agents.library import Library
 from grs_agents.nodes.asset_registration import add_residual_candidates, register_assets
-from grs_agents.nodes.scene_objects import Matched, object_of
+from grs_agents.nodes.scene_objects import MatchedCandidate, place_object
 from grs_agents.nodes.scene_settling import SettledScene, settle_scene
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
@@ -62,7 +62,7 @@ class Seen:
     def thing(self, record: CandidateRecord, asset: str | None, taken: list[str]) -> SceneObject:
         """An object with an asset, or with a proxy."""
         reply = MatchEvidence(match="asset" if asset else "no_asset", asset=asset, confidence=0.99)
-        return object_of(Matched(record, WORDS, reply), self.services, taken, self.photo)
+        return place_object(MatchedCandidate(record, WORDS, reply), self.services, taken)
 
 
 @pytest.fixture

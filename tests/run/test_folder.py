@@ -6,7 +6,7 @@ import pytest
 
 from grs_agents.config import Config
 from grs_agents.errors import InputError
-from grs_agents.run.opening import new_folder, old_folder
+from grs_agents.run.opening import new_folder, resumed_folder
 from grs_agents.run.record import RunRecord, read_record
 
 
@@ -54,13 +54,13 @@ def test_a_file_in_the_way_is_refused(tmp_path: Path) -> None:
 def test_resume_wants_a_run_of_the_same_scene(tmp_path: Path) -> None:
     out = new_folder("s", 0, tmp_path / "run")
     record(str(tmp_path / "scene")).write(out)
-    assert old_folder(out, tmp_path / "scene", "run")[1].id == "r"
+    assert resumed_folder(out, tmp_path / "scene", "run")[1].id == "r"
     with pytest.raises(InputError, match="is a run of"):
-        old_folder(out, tmp_path / "other", "run")
+        resumed_folder(out, tmp_path / "other", "run")
     with pytest.raises(InputError, match="--out"):
-        old_folder(None, tmp_path / "scene", "run")
+        resumed_folder(None, tmp_path / "scene", "run")
     with pytest.raises(InputError, match="grs run"):
-        old_folder(out, tmp_path / "scene", "scene")
+        resumed_folder(out, tmp_path / "scene", "scene")
 
 
 @pytest.mark.parametrize("text", ["", "{}", "not json"])

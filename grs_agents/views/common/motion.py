@@ -25,9 +25,9 @@ _MOST_BYTES = 96 << 20
 """Of a recording in memory: that of the sample scene takes 0.3 MiB, the longest episode of 60 bodies about 90."""
 _LONGEST = 36_000.0
 """Simulated seconds; 200 actions, the most that a task has, take about 1,200."""
-_MOVES = 0.02
+_LEAST_SPEED = 0.02
 """Metres a second below which a thing does not move."""
-_CLINGS = 0.25
+_GRASP_RADIUS = 0.25
 """Metres from the tool within which a thing that moves as the tool does is taken to be held."""
 
 
@@ -68,7 +68,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Hold:
+class Grasp:
     """The tool holds a body from frame ``start`` until frame ``end``."""
 
     body: str
@@ -141,9 +141,9 @@ def _since_start(times: npt.NDArray[Any], file: Path) -> npt.NDArray[np.float64]
     return seconds
 
 
-def holds(motion: Motion) -> list[Hold]:
+def find_grasps(motion: Motion) -> list[Grasp]:
     """When the tool held which body, in order: the body moved as the tool did, near it."""
-    grasps: list[Hold] = []
+    grasps: list[Grasp] = []
     if motion.times.size < 2:
         return grasps
     seconds = np.diff(motion.times)
@@ -152,25 +152,25 @@ def holds(motion: Motion) -> list[Hold]:
         if not name.startswith("object_"):
             continue
         step = np.diff(motion.positions[:, index], axis=0)
-        near = np.linalg.norm(motion.positions[1:, index] - motion.tool[1:], axis=1) < _CLINGS
-        moves = np.linalg.norm(tool_step, axis=1) > _MOVES * seconds
+        near = np.linalg.norm(motion.positions[1:, index] - motion.tool[1:], axis=1) < _GRASP_RADIUS
+        moves = np.linalg.norm(tool_step, axis=1) > _LEAST_SPEED * seconds
         slip = np.linalg.norm(step - tool_step, axis=1)
         along = slip < 0.5 * np.linalg.norm(tool_step, axis=1)
-        grasps.extend(_runs(name, near & moves & along, near & ~moves, motion.times))
-    return sorted(grasps, key=lambda hold: hold.start)
+        grasps.extend(_grasps_of(name, near & moves & along, near & ~moves, motion.times))
+    return sorted(grasps, key=lambda grasp: grasp.start)
 
 
-def _runs(
+def _grasps_of(
     name: str, held: npt.NDArray[np.bool_], waits: npt.NDArray[np.bool_], times: npt.NDArray[np.float64]
-) -> list[Hold]:
+) -> list[Grasp]:
     """Stretches of ``held`` steps; a waiting tool does not end one, and what lasts a moment was a push."""
-    grasps: list[Hold] = []
+    grasps: list[Grasp] = []
     start = last = -1
     for step in [*range(len(held)), None]:
         if step is not None and held[step]:
             start, last = (step if start < 0 else start), step
         elif start >= 0 and (step is None or not waits[step]):
             if times[last + 1] - times[start] > 0.2:
-                grasps.append(Hold(name, start, last + 1))
+                grasps.append(Grasp(name, start, last + 1))
             start = -1
     return grasps

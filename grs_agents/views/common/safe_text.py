@@ -18,10 +18,10 @@ def drawable(text: str) -> str:
     Emoji and CJK abort the headless viewer, so ``"\U0001f600"`` becomes ``"<U+1F600>"``; full-width letters become
     plain ones. Drawable text is returned as it is.
     """
-    return _UNDRAWABLE.sub(_spelt, text)
+    return _UNDRAWABLE.sub(_replacement, text)
 
 
-def _spelt(match: re.Match[str]) -> str:
+def _replacement(match: re.Match[str]) -> str:
     """An equivalent of one character that fonts have, nothing for invisible ones, or its code."""
     character = match[0]
     simple = unicodedata.normalize("NFKC", character)

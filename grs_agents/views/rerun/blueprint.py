@@ -116,7 +116,7 @@ class _Views:
         return rrb.StateTimelineView(origin=self._at(Paths.NODE), name="Nodes over time")
 
     def _machine(self, name: str = "State machine") -> rrb.GraphView:
-        spots = state_machine.places(self.nodes).values()
+        spots = state_machine.node_positions(self.nodes).values()
         xs, ys = [spot[0] for spot in spots], [spot[1] for spot in spots]
         bounds = rrb.VisualBounds2D(
             x_range=[min(xs, default=0) - 75, max(xs, default=0) + 75],

@@ -22,7 +22,7 @@ import rerun.blueprint as rrb
 from grs_agents.errors import InputError
 from grs_agents.trace import Event, NodeStarted
 
-BEAT = 0.1
+EVENT_SECONDS = 0.1
 """Seconds of ``replay`` between two events inside a node; a node takes whole seconds, at least one."""
 
 
@@ -51,7 +51,7 @@ class Clock:
 
     def tick(self, event: Event) -> Moment:
         """The moment at which ``event`` is shown."""
-        replay = self.now.replay + BEAT
+        replay = self.now.replay + EVENT_SECONDS
         if isinstance(event, NodeStarted):
             replay = float(math.ceil(round(replay, 6)))
         self.now = Moment(round(replay, 6), event.sequence, event.attempt, self.now.simulated)
@@ -131,7 +131,7 @@ def _columns(kind: type[Archetype], rows: list[Values]) -> rr.ComponentColumnLis
 APPLICATION = "grs"
 LEAST_FREE = 16 * 2**20
 """Bytes that must be free on the disk before an event is recorded."""
-SOON, LATER = 0.5, 2.0
+LIVE_WAIT, FILE_WAIT = 0.5, 2.0
 """Seconds that what is recorded may wait for more, where somebody watches and where nobody does: rerun takes as long
 for a chunk of one row as of many."""
 BETWEEN_CHECKS = 0.2
@@ -158,7 +158,7 @@ class Recording:
         self._prefix = ""
         self._clocks: list[tuple[Moment, int] | None] = [None]  # one for all that lie below other paths
         self.require_space()  # before there is a stream: one whose file cannot be written may never close
-        wait = SOON if live else LATER
+        wait = LIVE_WAIT if live else FILE_WAIT
         together = rr.ChunkBatcherConfig(flush_tick=wait)
         self._stream = rr.RecordingStream(APPLICATION, recording_id=run_id, batcher_config=together)
         if live is None:

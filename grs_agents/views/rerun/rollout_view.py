@@ -22,7 +22,7 @@ from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
 from grs_agents.sim.world.compilation import model_of
 from grs_agents.trace import Rollout
-from grs_agents.views.common.motion import Motion, holds, instance_of, read_motion, read_seconds
+from grs_agents.views.common.motion import Motion, find_grasps, instance_of, read_motion, read_seconds
 from grs_agents.views.common.safe_text import drawable
 from grs_agents.views.common.scene_objects import run_library
 from grs_agents.views.rerun.recording import Paths, Recording
@@ -143,7 +143,7 @@ class RolloutView:
     def __init__(self, folder: Path, library: Library) -> None:
         self._folder, self._library = folder, library
         self._shown: set[str] = set()
-        self._laid = self._surrounded = False
+        self._table_shown = self._background_shown = False
 
     def show(self, recording: Recording, event: Rollout) -> float:
         """Show ``event`` and return its simulated seconds; without a recording, objects where they start."""
@@ -154,9 +154,9 @@ class RolloutView:
             _show_goals(recording, instance)
         if motion is None or not motion.times.size:
             return 0.0
-        names = {f"object_{item.id}": _spoken(item) for item in instance.objects} if instance else {}
+        names = {f"object_{item.id}": _display_name(item) for item in instance.objects} if instance else {}
         _show_motion(recording, motion)
-        _show_holds(recording, motion, names)
+        _show_grasps(recording, motion, names)
         return motion.seconds
 
     def _instance(self, event: Rollout) -> TaskInstance | None:
@@ -179,8 +179,8 @@ class RolloutView:
             present.add(path)
             if path not in self._shown:
                 _show_shapes(recording, path, item, library)
-        if instance.background and not self._surrounded:
-            self._surrounded = True
+        if instance.background and not self._background_shown:
+            self._background_shown = True
             show_asset(recording, f"{Paths.WORLD}/background", instance.background, library)
         for path in self._shown - present:
             recording.log(path, rr.Clear(recursive=True))
@@ -188,9 +188,9 @@ class RolloutView:
 
     def _show_table(self, recording: Recording) -> None:
         """What all rollouts have in common, with the first of them."""
-        if self._laid:
+        if self._table_shown:
             return
-        self._laid = True
+        self._table_shown = True
         recording.log(Paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         center, size, color = _TABLE
         table = rr.Boxes3D(centers=[center], sizes=[size], colors=[color], fill_mode="solid")
@@ -200,7 +200,7 @@ class RolloutView:
         recording.log(f"{Paths.WORLD}/tool", rr.Points3D.from_fields(radii=[0.012], colors=[_YELLOW]), static=True)
 
 
-def _spoken(item: InstanceObject) -> str:
+def _display_name(item: InstanceObject) -> str:
     """The object's name for people: of a template, what it is, e.g. a zone."""
     return drawable(Path(item.asset).stem.removesuffix("-template").replace("_", " "))
 
@@ -211,7 +211,7 @@ def _show_shapes(recording: Recording, path: str, item: InstanceObject, library:
     for number, shape in enumerate(model.visuals or model.colliders):
         recording.log(f"{path}/{number}", geometry(shape, library, item.color))
     top = [[0.0, 0.0, model.bounds[1][2] + 0.02]]
-    recording.log(f"{path}/name", rr.Points3D(top, labels=[_spoken(item)], colors=[_WHITE], radii=[0.0005]))
+    recording.log(f"{path}/name", rr.Points3D(top, labels=[_display_name(item)], colors=[_WHITE], radii=[0.0005]))
 
 
 def _shapes_path(item: InstanceObject) -> str:
@@ -258,12 +258,12 @@ def _show_motion(recording: Recording, motion: Motion) -> None:
     recording.log(f"{Paths.WORLD}/tool_path", rr.LineStrips3D([motion.tool], colors=[_YELLOW], radii=[0.0015]))
 
 
-def _show_holds(recording: Recording, motion: Motion, names: dict[str, str]) -> None:
+def _show_grasps(recording: Recording, motion: Motion, names: dict[str, str]) -> None:
     """Where and when the tool takes something up and lets it go; a line in the list of events for each."""
     moments: list[tuple[int, str, tuple[int, int, int]]] = []
-    for number, hold in enumerate(holds(motion), start=1):
-        name = names.get(hold.body, hold.body)
-        moments += [(hold.start, f"{number} takes {name}", _BLUE), (hold.end, f"{number} lets {name} go", _PINK)]
+    for number, grasp in enumerate(find_grasps(motion), start=1):
+        name = names.get(grasp.body, grasp.body)
+        moments += [(grasp.start, f"{number} takes {name}", _BLUE), (grasp.end, f"{number} lets {name} go", _PINK)]
     spots = rr.Points3D(
         [motion.tool[frame] for frame, _, _ in moments],
         labels=[text for _, text, _ in moments],

@@ -82,7 +82,7 @@ class SceneView:
         self._camera: dict[str, Any] = {}
         self._depth_scale: float | None = None
         self._cloud_shown_for: Any = None
-        self._stand_ins: dict[int, str] = {}
+        self._asset_paths: dict[int, str] = {}
         self._shown: dict[str, str] = {}
 
     def show(self, recording: Recording, event: SceneStage) -> None:
@@ -125,10 +125,10 @@ class SceneView:
             pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=quaternion))
             recording.log(path, pose)
             looks = f"{path}/{rr.escape_entity_path_part(item.asset)}"
-            before = self._stand_ins.get(item.id)
+            before = self._asset_paths.get(item.id)
             if before != looks:
                 show_asset(recording, looks, item.asset, library)
-                self._stand_ins[item.id] = looks
+                self._asset_paths[item.id] = looks
             if before and before != looks:
                 recording.log(before, rr.Clear(recursive=True))
 

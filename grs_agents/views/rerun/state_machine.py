@@ -23,7 +23,7 @@ _ROWS = (
     ("", "fix_tests", "", END),
 )
 """Where the nodes stand: perception goes right in the first row and back in the second."""
-_PLACES: dict[str, tuple[float, float]] = {
+_GRID: dict[str, tuple[float, float]] = {
     **{node: (column, row) for row, names in enumerate(_ROWS) for column, node in enumerate(names) if node},
     "hide_image": (-0.9, 1),
 }
@@ -44,7 +44,7 @@ _EDGES: tuple[Edge, ...] = (
 _OPTIONAL = frozenset({"conclude", "hide_image"})
 _WITHOUT: dict[str, frozenset[str]] = {
     "router": frozenset({*_PERCEPTION, "generate_task"}),
-    "scene": frozenset(_PLACES) - {*_PERCEPTION, END},
+    "scene": frozenset(_GRID) - {*_PERCEPTION, END},
 }
 _COLORS: dict[str, Color] = {
     "read": (91, 120, 239),
@@ -65,28 +65,28 @@ _COLORS: dict[str, Color] = {
     "conclude": (46, 180, 90),
     END: (46, 204, 113),
 }
-_SPARE: tuple[Color, ...] = ((140, 160, 190), (170, 190, 110), (210, 130, 130), (120, 200, 200))
-QUIET: Color = (150, 150, 160)
+_OTHER_COLORS: tuple[Color, ...] = ((140, 160, 190), (170, 190, 110), (210, 130, 130), (120, 200, 200))
+INACTIVE: Color = (150, 150, 160)
 
 
 def color(node: str) -> Color:
     """The colour of ``node`` in the graph and in the lane of nodes."""
-    return _COLORS.get(node) or _SPARE[sum(node.encode()) % len(_SPARE)]
+    return _COLORS.get(node) or _OTHER_COLORS[sum(node.encode()) % len(_OTHER_COLORS)]
 
 
 def expected_nodes(graph: str) -> tuple[str, ...]:
     """The nodes to show before any has run, for a graph of which only the name is known."""
     without = _WITHOUT.get(graph, frozenset()) | _OPTIONAL
-    return tuple(node for node in _PLACES if node not in without)
+    return tuple(node for node in _GRID if node not in without)
 
 
-def places(nodes: Iterable[str]) -> dict[str, tuple[float, float]]:
+def node_positions(nodes: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Positions in the plane, x right and y down; unknown nodes stand in columns to the right."""
     positions: dict[str, tuple[float, float]] = {}
     unknown = 0
     for node in nodes:
-        if node in _PLACES:
-            column, row = _PLACES[node]
+        if node in _GRID:
+            column, row = _GRID[node]
         else:
             column, row = 4 + unknown // 4, unknown % 4
             unknown += 1
@@ -143,10 +143,10 @@ class MachineView:
         """The machine as it stands, and the active node in the lane."""
         looks: dict[str, Any] = {
             "labels": [self._label(node) for node in self.nodes],
-            "colors": [color(node) if node == self._active else QUIET for node in self.nodes],
+            "colors": [color(node) if node == self._active else INACTIVE for node in self.nodes],
         }
         if self.nodes != self._placed:
-            spots = list(places(self.nodes).values())
+            spots = list(node_positions(self.nodes).values())
             recording.log(Paths.MACHINE, rr.GraphNodes(self.nodes, positions=spots, show_labels=True, **looks))
             self._placed = self.nodes
         else:

@@ -13,7 +13,7 @@ from grs_agents.library import Library
 from grs_agents.sim import TaskInstance, rollout
 from grs_agents.sim.arms.registry import get_arm
 from grs_agents.trace import NodeStarted, Rollout
-from grs_agents.views.common.motion import holds, read_motion
+from grs_agents.views.common.motion import find_grasps, read_motion
 from grs_agents.views.film import film
 from grs_agents.views.film.film import Shot, pictures, rollout_of, watch, write_film
 from grs_agents.views.film.stage import Stage, joint_positions, props_of
@@ -64,12 +64,12 @@ def test_the_joints_bring_every_link_where_it_was_recorded(tmp_path: Path, libra
 def test_what_the_tool_carried_is_known_with_its_moments(played: tuple[Path, Rollout]) -> None:
     folder, event = played
     motion = read_motion(folder / (event.recording or ""))
-    found = holds(motion)
-    assert [hold.body for hold in found] == ["object_0"]
+    found = find_grasps(motion)
+    assert [grasp.body for grasp in found] == ["object_0"]
     index = motion.names.index("object_0")
     carried = np.linalg.norm(motion.positions[found[0].end, index] - motion.positions[found[0].start, index])
     assert carried > 0.2
-    assert holds(motion.thinned(0.01)) == []
+    assert find_grasps(motion.thinned(0.01)) == []
 
 
 def test_a_film_shows_what_moves_with_or_without_a_graphics_library(

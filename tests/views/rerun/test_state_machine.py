@@ -10,7 +10,7 @@ from grs_agents.views.rerun import state_machine
 @pytest.mark.parametrize("graph", ["grs", "router", "scene", "no_router", "anything"])
 def test_nodes_stand_apart_and_edges_join_them(graph: str) -> None:
     nodes = (*state_machine.expected_nodes(graph), "mine", "yours")
-    spots = state_machine.places(nodes)
+    spots = state_machine.node_positions(nodes)
     assert set(spots) == set(nodes)
     assert len(set(spots.values())) == len(nodes)
     assert {end for edge in state_machine.edges(nodes) for end in edge} <= set(nodes)
