@@ -57,11 +57,7 @@ def _report(error: Exception) -> None:
 
 
 def _check(arguments: Sequence[str]) -> None:
-    """See that every argument can be the name of something.
-
-    Raises:
-        InputError: one is empty, longer than any path, or not UTF-8.
-    """
+    """See that every argument can be the name of something."""
     for number, argument in enumerate(arguments, start=1):
         option, _, value = argument.partition("=") if argument.startswith("--") else ("", "", argument)
         shown = f"argument {number}" + (f" ({arguments[number - 2]} ...)" if number > 1 else "")

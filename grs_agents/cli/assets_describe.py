@@ -33,9 +33,6 @@ def describe_library(
 
     Returns:
         0, or 1 where the model gave no usable reply for one.
-
-    Raises:
-        InputError: there are no assets of one's own, or a model that may cost money is not confirmed.
     """
     root = library_root(library)
     known, chosen = chosen_assets(library, names, False)
@@ -73,11 +70,7 @@ def describe_library(
 
 
 def _own_assets(assets: Sequence[Asset], root: Path) -> list[Asset]:
-    """The assets that the library ``root`` itself lists.
-
-    Raises:
-        InputError: it lists none of them.
-    """
+    """The assets that the library ``root`` itself lists."""
     listed = {asset.name for asset in read_manifest(root).assets} if root.is_dir() else set[str]()
     own = [asset for asset in assets if asset.name in listed]
     if not own:
@@ -89,11 +82,7 @@ def _own_assets(assets: Sequence[Asset], root: Path) -> list[Asset]:
 
 
 def _confirm() -> None:
-    """Ask before money may be spent.
-
-    Raises:
-        ConfigError: the answer is no, or there is nobody to ask.
-    """
+    """Ask before money may be spent."""
     if not sys.stdin.isatty():
         raise ConfigError("this model may cost money and nobody can be asked", "give --yes")
     say("go on? [y/N] ", end="", error=True, flush=True)
@@ -104,16 +93,8 @@ def _confirm() -> None:
 def index_assets(folder: Path, again: bool, as_json: bool) -> int:
     """Bring an index in a folder up to date with the library: add what is new, forget what is gone.
 
-    Args:
-        folder: of the index; made if it is not there.
-        again: look at every asset again, not at new ones alone.
-        as_json: print figures as JSON.
-
     Returns:
         0; 1 if an asset could not be looked at.
-
-    Raises:
-        InputError: the folder holds something else, or faiss is not installed.
     """
     from grs_agents.perception.matching.asset_index import AssetIndex
     from grs_agents.perception.matching.feature_matcher import offered

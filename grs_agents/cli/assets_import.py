@@ -48,9 +48,6 @@ def import_source(
 
     Returns:
         0, or 1 where something was refused.
-
-    Raises:
-        InputError: there is no such source, or nothing in it.
     """
     with opened(source, options) as source_items:
         collection = slug_of(name) if name is not None else source_items.collection
@@ -94,11 +91,7 @@ def print_import(outcomes: Sequence[Outcome], library: Path | None, as_json: boo
 
 
 def chosen_assets(library: Path | None, names: Sequence[str], shipped: bool) -> tuple[Library, list[Asset]]:
-    """The library with the user's own laid over, and the assets that names or collections tell; all own ones if none.
-
-    Raises:
-        InputError: there is nothing of that name, or no library of one's own.
-    """
+    """The library with the user's own assets, and those of the names or collections; all of the user's own if none."""
     root, known = library_root(library), Library()
     own: Sequence[Asset] = ()
     if root.is_dir():
@@ -193,12 +186,7 @@ PREFIX = "objaverse:"
 
 
 def import_objaverse(words: str, library: Path | None, options: ImportOptions, count: int, as_json: bool) -> int:
-    """List what matches words; with ``count``, download the first so many and import them.
-
-    Raises:
-        ConfigError: the package is not installed.
-        InputError: nothing matches, or Objaverse cannot be reached.
-    """
+    """List what matches words; with ``count``, download the first so many and import them."""
     door = load_package()
     matches = matching(door, words)
     if not matches:

@@ -4,13 +4,12 @@ import ast
 import json
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, cast
 
 from rich.table import Table
 from rich.text import Text
 
 from grs_agents import content, terminal
-from grs_agents.config import Effective
+from grs_agents.config import Effective, flat
 from grs_agents.terminal import say_json
 
 
@@ -41,23 +40,15 @@ def list_content(as_json: bool) -> None:
 
 def list_config(effective: Effective, as_json: bool) -> None:
     """Print each key with its value and where the value came from."""
-    rows = list(_flat(effective.config.model_dump(mode="json")))
-    sources = {key: effective.sources.get(key, "default") for key, _ in rows}
+    values = flat(effective.config.model_dump(mode="json"))
+    sources = {key: effective.sources.get(key, "default") for key in values}
     if as_json:
-        say_json({key: {"value": value, "source": sources[key]} for key, value in rows})
+        say_json({key: {"value": value, "source": sources[key]} for key, value in values.items()})
         return
     table = Table("key", "value", "source")
-    for key, value in rows:
+    for key, value in values.items():
         table.add_row(key, Text(json.dumps(value)), Text(sources[key]))
     terminal.console().print(table)
-
-
-def _flat(tree: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    rows: list[tuple[str, Any]] = []
-    for key, value in tree.items():
-        name = f"{prefix}{key}"
-        rows.extend(_flat(cast(dict[str, Any], value), f"{name}.") if isinstance(value, dict) else [(name, value)])
-    return rows
 
 
 def _headline(file: Path) -> str:

@@ -31,11 +31,7 @@ def effective(
 
 
 def refuse_graph(chosen: Effective) -> None:
-    """Comprehension has one graph.
-
-    Raises:
-        ConfigError: another is asked for with ``--set``.
-    """
+    """Refuse another graph than ``scene``, the only one that comprehends a photo alone."""
     if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
         raise ConfigError(
             f"grs scene runs the graph scene, not {chosen.config.graph!r}", "leave graph out, or use grs run"
@@ -43,11 +39,7 @@ def refuse_graph(chosen: Effective) -> None:
 
 
 def refuse_changes(resume: bool, file: Path | None, settings: list[str] | None, seed: int | None, unsafe: bool) -> None:
-    """A resumed run keeps the configuration it was started with.
-
-    Raises:
-        ConfigError: a configuration is given together with ``--resume``.
-    """
+    """Refuse a configuration together with ``--resume``: a resumed run keeps its own."""
     if resume and (file is not None or settings or seed is not None or unsafe):
         raise ConfigError(
             "--resume goes on with the configuration in run.json",

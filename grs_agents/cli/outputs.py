@@ -3,30 +3,19 @@
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
-from grs_agents.cli.show import library_of, rebuild_recording
+from grs_agents.cli.show import rebuild_recording
 from grs_agents.files import STANDARD_OUTPUT, check_output, write_document
+from grs_agents.library import Library
 from grs_agents.models import PROVIDERS
-from grs_agents.run import RunRecord, read_record
-from grs_agents.terminal import say, say_json
-from grs_agents.trace import Rollout, event_schema, read_events
-
-if TYPE_CHECKING:
-    from grs_agents.views.film.film import Shot
-
-
-def print_schema() -> None:
-    """Print the JSON schema of one line of ``events.jsonl``."""
-    say_json(event_schema())
+from grs_agents.run import read_record
+from grs_agents.terminal import say
+from grs_agents.trace import read_events
 
 
 def rebuild_trace(folder: Path) -> None:
-    """Make the recording of a run anew and say so.
-
-    Raises:
-        InputError: the folder holds no run, or the run logged nothing.
-    """
+    """Make the recording of a run anew and say so."""
     from grs_agents.views import working
 
     with working("making the recording"):
@@ -36,12 +25,7 @@ def rebuild_trace(folder: Path) -> None:
 
 
 def send_spans(folder: Path) -> None:
-    """Send a run as OpenTelemetry spans to where the ``OTEL_*`` variables say.
-
-    Raises:
-        InputError: the folder holds no run.
-        ConfigError: OpenTelemetry is not installed.
-    """
+    """Send a run as OpenTelemetry spans to where the ``OTEL_*`` variables say."""
     from grs_agents.views.telemetry import SpanView, otlp_provider
 
     read_record(folder)
@@ -53,28 +37,19 @@ def send_spans(folder: Path) -> None:
     say(f"{folder}: {len(events)} events sent as spans")
 
 
-def shot_of(folder: Path, record: RunRecord, event: Rollout) -> "Shot":
-    """A rollout of a run and how to look at it."""
-    from grs_agents.views.film.film import Shot
-
-    return Shot(folder.resolve(), event, library_of(folder), str(record.config.get("robot", "ur5e")))
-
-
 def play_run(folder: Path, out: Path | None, seed: int | None) -> int:
     """Play a rollout of a run in MuJoCo's window, or into the file ``out``.
 
     Returns:
         The exit status.
-
-    Raises:
-        InputError: the folder holds no run with such a rollout, or the file cannot be written.
-        GrsError: there is nothing to draw with.
     """
     from grs_agents.views import working
-    from grs_agents.views.film.film import rollout_of, watch, write_film
+    from grs_agents.views.common.scene_objects import run_library
+    from grs_agents.views.film.film import Shot, rollout_of, watch, write_film
 
-    record = read_record(folder)
-    shot = shot_of(folder, record, rollout_of(read_events(folder / "events.jsonl"), folder, seed))
+    robot = str(read_record(folder).config.get("robot", "ur5e"))
+    rollout = rollout_of(read_events(folder / "events.jsonl"), folder, seed)
+    shot = Shot(folder.resolve(), rollout, run_library(folder, Library()), robot)
     if out is None:
         return watch(shot)
     with working("drawing the film") as show:
@@ -84,21 +59,13 @@ def play_run(folder: Path, out: Path | None, seed: int | None) -> int:
 
 
 def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) -> Path:
-    """Write a run as one HTML page, ``report.html`` in its folder if nothing else is named.
-
-    Args:
-        folder: the run.
-        out: the page.
-        show: is told what comes next.
-
-    Raises:
-        InputError: the folder holds no run, or the page cannot be written.
-    """
+    """Write a run as one HTML page, ``report.html`` in its folder if nothing else is named."""
+    from grs_agents.views.common.scene_objects import run_library
     from grs_agents.views.report import Sources, report
 
     record, out = read_record(folder), out or folder / "report.html"
     check_output(out)
-    sources = Sources(folder, library_of(folder), str(record.config.get("robot", "ur5e")), show)
+    sources = Sources(folder, run_library(folder, Library()), str(record.config.get("robot", "ur5e")), show)
     page = report(record.model_dump(mode="json"), read_events(folder / "events.jsonl"), sources)
     return write_document(out, page.encode("utf-8", "replace"))
 
@@ -114,12 +81,7 @@ def report_run(folder: Path, out: Path | None) -> None:
 
 
 def share_run(folder: Path, out: Path | None) -> None:
-    """Pack a run into a zip file without keys and home folders, and say what was removed and left out.
-
-    Raises:
-        InputError: the folder holds no run, or the file cannot be written.
-        GrsError: something that must not leave could not be removed.
-    """
+    """Pack a run into a zip file without keys and home folders, and say what was removed and left out."""
     from grs_agents.run.share import scrubber, share
     from grs_agents.views import working
 

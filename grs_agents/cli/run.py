@@ -98,11 +98,7 @@ def objects_table(scene: SceneDescription) -> Table:
 
 @contextmanager
 def follow(folder: Path, log: EventLog, watching: Watching) -> Generator[None]:
-    """Let progress, recording and whoever watches follow the log; all are closed whatever happens.
-
-    Raises:
-        GrsError: there is no viewer to open, or OpenTelemetry is not installed.
-    """
+    """Let progress, recording and whoever watches follow the log; all are closed whatever happens."""
     from grs_agents.views import Progress, live_viewer
     from grs_agents.views.rerun.rerun_view import RerunView
     from grs_agents.views.telemetry import SpanView, otlp_provider
@@ -167,9 +163,6 @@ def check_program(program: Program, chosen: Effective, as_json: bool) -> int:
 
     Returns:
         0 if its tests pass and the audit accepts it, 1 if not.
-
-    Raises:
-        InputError: a file cannot be read, or the folder holds no run.
     """
     config = _as_in(program.run, chosen) if program.run else chosen.config
     with tempfile.TemporaryDirectory(prefix="grs-check-") as folder:

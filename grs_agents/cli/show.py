@@ -12,11 +12,7 @@ from grs_agents.trace import RunEnded, read_events
 
 
 def show_run(folder: Path, as_json: bool) -> None:
-    """Print the steps of a run.
-
-    Raises:
-        InputError: the folder holds no run.
-    """
+    """Print the steps of a run."""
     from grs_agents.views import step_record, steps, steps_tree, summary_table
 
     record = read_record(folder).model_dump(mode="json")
@@ -30,11 +26,7 @@ def show_run(folder: Path, as_json: bool) -> None:
 
 
 def show_step(folder: Path, number: int | None, as_json: bool) -> None:
-    """Print one step in full; without a ``number`` the last one that went wrong.
-
-    Raises:
-        InputError: the folder holds no run, or the run has no such step.
-    """
+    """Print one step in full; without a ``number`` the last one that went wrong."""
     from grs_agents.views import failed_step, find_step, sections, step_record, steps
 
     read_record(folder)
@@ -52,18 +44,8 @@ def show_step(folder: Path, number: int | None, as_json: bool) -> None:
             say(f"\n=== {section.heading}\n{section.text}".rstrip())
 
 
-def library_of(folder: Path) -> Library:
-    """The shipped assets with the run's own proxies laid over."""
-    proxies = folder / "assets"
-    return Library().overlay(proxies) if proxies.is_dir() else Library()
-
-
 def rebuild_recording(folder: Path) -> Path:
-    """The recording of a run, made from its events.
-
-    Raises:
-        InputError: the folder holds no run, or the run logged nothing.
-    """
+    """The recording of a run, made from its events."""
     from grs_agents.views.rerun.rerun_view import rebuild
 
     read_record(folder)
@@ -78,9 +60,6 @@ def replay_run(folder: Path, beside: Path | None, web: bool) -> int:
 
     Returns:
         The viewer's exit status.
-
-    Raises:
-        InputError: a folder holds no run.
     """
     read_record(folder)
     with tempfile.TemporaryDirectory() as temporary:

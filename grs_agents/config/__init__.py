@@ -1,6 +1,6 @@
 """Configuration: one TOML file, ``--set`` and the environment become one frozen ``Config``."""
 
-from grs_agents.config.load import UNSAFE, Effective, load_config, validated
+from grs_agents.config.load import UNSAFE, Effective, flat, load_config, validated
 from grs_agents.config.model import AuditConfig, Config, Limits, ModelConfig, TableChoice, ToolsConfig
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "ModelConfig",
     "TableChoice",
     "ToolsConfig",
+    "flat",
     "load_config",
     "validated",
 ]

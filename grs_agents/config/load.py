@@ -52,14 +52,14 @@ def load_config(
         ConfigError: a file that cannot be read, a malformed setting, an unknown key or a value out of bounds.
     """
     tree: Tree = Config().model_dump()
-    sources = dict.fromkeys(_leaves(tree), "default")
+    sources = dict.fromkeys(flat(tree), "default")
     for layer in (_environment(environment), [(f"file {file}", _read(file))] if file else [], _settings(settings)):
         stated: Tree = {}  # a layer as a whole: base_url may stand before or after the model it belongs to
         named: dict[str, str] = {}
         for source, part in layer:
             expanded = _expand(part)
             stated = _merge(stated, expanded)
-            named.update(dict.fromkeys(_leaves(expanded), source))
+            named.update(dict.fromkeys(flat(expanded), source))
         for role, model in cast(Tree, stated.get("models", {})).items():
             if "model" in model:  # another model never inherits the endpoint or key of a layer below
                 tree["models"][role] = {}
@@ -144,12 +144,13 @@ def _merge(below: Tree, above: Tree) -> Tree:
     return merged
 
 
-def _leaves(tree: Tree, prefix: str = "") -> list[str]:
-    keys: list[str] = []
+def flat(tree: Tree, prefix: str = "") -> Tree:
+    """The values of a tree by their dotted keys."""
+    values: Tree = {}
     for key, value in tree.items():
         name = f"{prefix}{key}"
-        keys.extend(_leaves(cast(Tree, value), f"{name}.") if isinstance(value, dict) else [name])
-    return keys
+        values |= flat(cast(Tree, value), f"{name}.") if isinstance(value, dict) else {name: value}
+    return values
 
 
 def validated(tree: Tree) -> Config:
@@ -164,7 +165,7 @@ def validated(tree: Tree) -> Config:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
-            raise UnknownNameError("config key", where, _leaves(Config().model_dump())) from error
+            raise UnknownNameError("config key", where, flat(Config().model_dump())) from error
         given = "" if first["loc"][-1] in SECRET else f" = {first['input']!r}"
         raise ConfigError(
             f"config {where}{given}: {first['msg'].removeprefix('Value error, ')}", "see `grs config`"

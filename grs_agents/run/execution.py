@@ -162,7 +162,7 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
             )
         )
         settings: dict[str, Any] = {"recursion_limit": 25 + 4 * config.max_fixes}
-        given = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
+        given: State = {"scene_path": str(order.source), "max_fixes": config.max_fixes, "fixes": 0, "history": []}
         begin: State = {**order.given, **given}
         if order.nested:
             state.update(graph.invoke(begin, settings, context=services))
@@ -179,11 +179,7 @@ def _invoke(order: Order, config: Config, folder: Path, log: EventLog, record: R
 
 
 def _state_of(graph: Any, settings: dict[str, Any], folder: Path) -> State:
-    """The state that an earlier attempt reached.
-
-    Raises:
-        InputError: its checkpoints are damaged.
-    """
+    """The state that an earlier attempt reached."""
     try:
         values: State = graph.get_state(settings).values
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError, sqlite3.Error) as error:

@@ -1,5 +1,6 @@
 """``run.json``: what a run was, how it went and what it cost."""
 
+import os
 import platform
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -93,7 +94,7 @@ def read_record(folder: Path) -> RunRecord:
             of the folder or is too large.
     """
     file = folder / FILE
-    if not _is_there(file):
+    if not os.path.lexists(file):
         raise InputError(f"{folder} holds no run: there is no {FILE} in it", REMEDY)
     check_folder(folder)
     data = read_bytes(file, REMEDY, MOST_BYTES)
@@ -102,14 +103,6 @@ def read_record(folder: Path) -> RunRecord:
         return RunRecord.model_validate_json(data)
     except ValidationError as error:
         raise InputError(f"{file} is not a run record: {error.errors()[0]['msg']}", REMEDY) from error
-
-
-def _is_there(file: Path) -> bool:
-    try:
-        file.lstat()
-    except (OSError, ValueError):
-        return False
-    return True
 
 
 def versions() -> dict[str, str]:

@@ -347,8 +347,8 @@ def _task(events: Sequence[Event]) -> Iterator[str]:
 
 def _steps(rows: Sequence[Step]) -> str:
     heads = ["#", "fix", "step", "status", "seconds", "tokens", "what came of it"]
-    verdicts = [_verdict(not step.trouble) for step in rows]
-    return table(heads, map(_step_cells, rows), (0, 1, 4, 5), verdicts) if rows else ""
+    colors: list[Verdict] = [_verdict(not step.trouble) for step in rows]
+    return table(heads, map(_step_cells, rows), (0, 1, 4, 5), colors) if rows else ""
 
 
 def _step_cells(step: Step) -> tuple[object, ...]:
@@ -389,8 +389,8 @@ def _findings(events: Sequence[Event]) -> str:
     """What the last audit found."""
     findings = last_audit(events, Finding)
     cells = [(finding.check, finding_verdict(finding), finding.detail) for finding in findings]
-    verdicts = [_verdict(finding.passed) for finding in findings]
-    return table(["check", "", "detail"], cells, verdicts=verdicts) if cells else ""
+    colors: list[Verdict] = [_verdict(finding.passed) for finding in findings]
+    return table(["check", "", "detail"], cells, verdicts=colors) if cells else ""
 
 
 def _programs(events: Sequence[Event], folder: Path) -> Iterator[str]:

@@ -10,13 +10,9 @@ from typing import Any
 
 from grs_agents.errors import ConfigError
 from grs_agents.trace import (
-    Decision,
     Event,
-    Finding,
     NodeEnded,
     NodeStarted,
-    Note,
-    ProgramVersion,
     Prompt,
     Reply,
     Rollout,
@@ -175,21 +171,17 @@ def _message(role: str, text: str, finish: str = "") -> str:
     return json.dumps([message | ({"finish_reason": finish} if finish else {})], ensure_ascii=False)
 
 
+_FIELDS: dict[str, set[str]] = {
+    "decision": {"verdict", "explanation", "policy"},
+    "finding": {"check", "passed", "detail"},
+    "program_version": {"program", "number", "sha256", "diff"},
+    "note": {"level", "text"},
+}
+"""The fields of an event that go into its span event; of any other kind, its phrase."""
+
+
 def _values(event: Event) -> dict[str, Any]:
-    match event:
-        case Decision():
-            values: dict[str, Any] = {
-                "verdict": event.verdict,
-                "explanation": event.explanation,
-                "policy": event.policy,
-            }
-        case Finding():
-            values = {"check": event.check, "passed": event.passed, "detail": event.detail}
-        case ProgramVersion():
-            values = {"program": event.program, "number": event.number, "sha256": event.sha256, "diff": event.diff}
-        case Note():
-            values = {"level": event.level, "text": event.text}
-        case _:
-            text = phrase(event)
-            values = {"text": text} if text else {}
-    return values
+    if fields := _FIELDS.get(event.kind):
+        return event.model_dump(include=fields)
+    text = phrase(event)
+    return {"text": text} if text else {}

@@ -56,18 +56,16 @@ class Progress:
 
     Args:
         console: where to; standard error by default, so that ``--json`` has stdout to itself.
-        quiet: show nothing.
     """
 
-    def __init__(self, console: Console | None = None, quiet: bool = False) -> None:
+    def __init__(self, console: Console | None = None) -> None:
         self._console = console or terminal.console(error=True)
-        self._quiet = quiet
         self._steps = Steps()
         self._title = "starting"
         self._live: Live | None = None
 
     def __enter__(self) -> "Progress":
-        if self._console.is_terminal and not self._quiet:
+        if self._console.is_terminal:
             live = Live(console=self._console, get_renderable=self._render, refresh_per_second=4)
             self._live = live
             live.start()
@@ -83,7 +81,7 @@ class Progress:
         self._steps.add(event)
         if isinstance(event, RunStarted):
             self._title = f"{event.run_id} graph {event.graph}, seed {event.seed}"
-        if self._live is None and not self._quiet:
+        if self._live is None:
             self._print(event)
 
     def _print(self, event: Event) -> None:

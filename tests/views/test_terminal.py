@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from grs_agents.trace import NodeEnded, NodeStarted, Note
+from grs_agents.trace import NodeStarted, Note
 from grs_agents.views.terminal import Progress, summary_table
 
 
@@ -56,14 +56,6 @@ def test_a_running_node_and_the_last_decision_show() -> None:
     assert "audit" in text_of(target)
     assert "fixes so far: 2" in text_of(target)
     assert "[red]markup" in text_of(target)
-
-
-def test_quiet_is_silent() -> None:
-    for terminal in (True, False):
-        target = console(terminal)
-        with Progress(target, quiet=True) as progress:
-            progress(NodeEnded(node="a", seconds=1.0))
-        assert text_of(target) == ""
 
 
 def test_the_summary_holds_status_reason_counts_and_seconds() -> None:

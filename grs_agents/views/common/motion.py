@@ -97,13 +97,8 @@ def read_motion(file: Path) -> Motion:
     arrays = read_npz(file, _ARRAYS, {}, _MOST_BYTES, ("names",))
     times, names = _since_start(arrays["times"], file), arrays["names"]
     frames, bodies = len(times), len(np.atleast_1d(names))
-    shapes: dict[str, tuple[int, ...]] = {
-        "names": (bodies,),
-        "positions": (frames, bodies, 3),
-        "quaternions": (frames, bodies, 4),
-    }
-    shapes["tool"] = (frames, 3)
-    for name, shape in shapes.items():
+    shapes = [("names", (bodies,)), ("positions", (frames, bodies, 3)), ("quaternions", (frames, bodies, 4))]
+    for name, shape in (*shapes, ("tool", (frames, 3))):
         if arrays[name].shape != shape:
             wanted = f"{frames} frames of {bodies} bodies"
             raise InputError(f"{name} in {file} has the shape {arrays[name].shape}, not that of {wanted}", _REMEDY)
@@ -128,11 +123,7 @@ def read_seconds(file: Path) -> float:
 
 
 def _since_start(times: npt.NDArray[Any], file: Path) -> npt.NDArray[np.float64]:
-    """``times`` (N,) from 0.
-
-    Raises:
-        InputError: they are no such times.
-    """
+    """``times`` (N,) from 0."""
     if times.ndim != 1 or not np.isfinite(times).all():
         raise InputError(f"times in {file} are no list of numbers", _REMEDY)
     seconds = times.astype(np.float64) - float(times[0])

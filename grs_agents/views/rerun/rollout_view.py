@@ -86,11 +86,7 @@ def _mesh(path: Path, texture_path: Path | None, scale: tuple[float, ...], pose:
 
 @lru_cache(maxsize=128)
 def _load_mesh(path: Path) -> Any:
-    """The mesh of an OBJ file, one vertex for each of its texture coordinates.
-
-    Raises:
-        InputError: it is no mesh.
-    """
+    """The mesh of an OBJ file, one vertex for each of its texture coordinates."""
     read_surface(path)  # its errors are named, trimesh's are of many kinds
     return trimesh.load_mesh(path, process=False, skip_materials=True)
 

@@ -159,9 +159,6 @@ def _started(command: list[str], fed: Sequence[Path] = ()) -> subprocess.Popen[b
 
     That stays open as long as the process object lives: once all its sources have ended, rerun's server keeps a
     whole processor busy.
-
-    Raises:
-        GrsError: it did.
     """
     with tempfile.TemporaryFile() as output, contextlib.ExitStack() as interrupted:
         process = subprocess.Popen(
