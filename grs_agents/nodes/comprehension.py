@@ -13,7 +13,6 @@ from grs_agents.agents import Description, NoReply, roles
 from grs_agents.errors import InputError
 from grs_agents.library import write_background
 from grs_agents.nodes.asset_matching import match_candidates, measurements
-from grs_agents.nodes.asset_registration import add_residual_candidates, register_assets
 from grs_agents.nodes.scene_objects import MatchedCandidate, check_sizes, drop_reason, place_object
 from grs_agents.nodes.scene_settling import settle_scene
 from grs_agents.nodes.services import Photo, Services, Update, node
@@ -29,10 +28,12 @@ from grs_agents.perception import (
     SceneDescription,
     SceneObject,
     TableFrame,
+    add_residual_candidates,
     doubts,
     place_robot,
     read_scene,
     reconstruct,
+    register_objects,
     save_candidates,
     save_frame,
 )
@@ -171,7 +172,9 @@ def register(state: RunState, services: Services) -> Update:
     dropped = [*(DroppedCandidate.model_validate(item) for item in state.get("dropped", ())), *dropped]
     residual: tuple[CandidateRecord, ...] = ()
     if len(state["pending"]) == len(records):  # the first pass
-        residual, divided = add_residual_candidates(objects, records, _photo(state, services), services)
+        residual, divided = add_residual_candidates(
+            objects, records, *_photo(state, services), services.library, services.folder
+        )
         dropped += divided
         objects = [item for item in objects if item.id not in {gone.id for gone in divided}]
     return {
@@ -242,9 +245,8 @@ def _placed(
             objects.append(place_object(answer, services, [one.name for one in (*others, *objects)], photo))
     by_number = {one.id: one for one in records}
     names = [one.name for one in others]
-    placed, mismatched = check_sizes(
-        register_assets(objects, records, photo, services), by_number, names, photo, services
-    )
+    registered = register_objects(objects, records, *photo, services.library, services.folder)
+    placed, mismatched = check_sizes(registered, by_number, names, photo, services)
     return placed, [*dropped, *mismatched]
 
 

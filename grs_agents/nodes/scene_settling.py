@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grs_agents.errors import GrsError
-from grs_agents.nodes.asset_registration import pose_fields
 from grs_agents.nodes.scene_objects import replace_by_proxy, size_mismatch, write_measured_proxy, yaw_quaternion
 from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import (
@@ -21,6 +20,7 @@ from grs_agents.perception import (
     aligned,
     body_of,
     load_mask,
+    pose_fields,
     relations,
 )
 from grs_agents.perception.proxies.free_space_map import is_crowded

@@ -11,7 +11,6 @@ import pytest
 
 from grs_agents.agents import Description
 from grs_agents.library import Library
-from grs_agents.nodes.asset_registration import add_residual_candidates, register_assets
 from grs_agents.nodes.scene_objects import MatchedCandidate, place_object
 from grs_agents.nodes.scene_settling import SettledScene, settle_scene
 from grs_agents.nodes.services import Photo, Services
@@ -20,8 +19,10 @@ from grs_agents.perception import (
     MatchEvidence,
     SceneObject,
     UprightBox,
+    add_residual_candidates,
     candidates_of,
     load_mask,
+    register_objects,
     save_candidates,
     save_frame,
 )
@@ -83,7 +84,7 @@ def stood(seen: Seen, objects: list[SceneObject]) -> SettledScene:
 
 def test_a_piece_of_a_known_thing_is_dropped_and_the_others_stand(seen: Seen) -> None:
     known = seen.thing(seen.lower, MILK, [])
-    (known,) = register_assets([known], [seen.lower], seen.photo, seen.services)
+    (known,) = register_objects([known], [seen.lower], *seen.photo, seen.services.library, seen.services.folder)
     others = [seen.thing(seen.upper, None, []), seen.thing(seen.block, None, ["red_thing_1"])]
     found = stood(seen, [known, *others])
     assert [one.name for one in found.objects] == [known.name, others[1].name]
@@ -124,13 +125,13 @@ def test_what_falls_off_another_thing_is_a_piece_of_it(tmp_path: Path) -> None:
 
 
 def test_a_segment_that_joins_a_known_thing_and_another_is_looked_at_again(seen: Seen) -> None:
-    (known,) = register_assets([seen.thing(seen.lower, MILK, [])], [seen.lower], seen.photo, seen.services)
+    where = (*seen.photo, seen.services.library, seen.services.folder)
+    (known,) = register_objects([seen.thing(seen.lower, MILK, [])], [seen.lower], *where)
     both = seen.services.folder / seen.upper.mask
     joined = load_mask(both) | load_mask(seen.services.folder / seen.block.mask)
     cv2.imwrite(str(both), joined.astype(np.uint8) * 255)
-    later, divided = add_residual_candidates(
-        [known, seen.thing(seen.upper, None, [])], [seen.lower, seen.upper], seen.photo, seen.services
-    )
+    objects = [known, seen.thing(seen.upper, None, [])]
+    later, divided = add_residual_candidates(objects, [seen.lower, seen.upper], *where)
     assert [one.id for one in divided] == [seen.upper.id]
     (found,) = later
     assert (load_mask(seen.services.folder / found.mask) & load_mask(seen.services.folder / seen.block.mask)).any()

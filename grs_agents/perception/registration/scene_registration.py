@@ -1,0 +1,88 @@
+"""The matched objects of a scene where the photo shows them, and what their assets do not explain of the segments."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from grs_agents.library import Library
+from grs_agents.perception.pictures import add_candidates, load_mask
+from grs_agents.perception.registration.registration import Registered, register
+from grs_agents.perception.registration.residual_segments import residual_candidates
+from grs_agents.perception.registration.surface_inliers import asset_surface_at
+from grs_agents.perception.types import (
+    CandidateRecord,
+    DroppedCandidate,
+    RGBDFrame,
+    SceneObject,
+    TableFrame,
+    reachable,
+)
+
+
+def register_objects(
+    objects: Sequence[SceneObject],
+    records: Sequence[CandidateRecord],
+    frame: RGBDFrame,
+    table: TableFrame,
+    library: Library,
+    folder: Path,
+) -> tuple[SceneObject, ...]:
+    """The objects, those with a matched asset at the pose in which it explains the points of their segments.
+
+    Args:
+        objects: placed by their boxes; proxies stay there.
+        records: the candidates that they come from.
+        frame: the photo with depth.
+        table: the table in it, with the robot placed.
+        library: 3D assets.
+        folder: the run folder, which holds the masks.
+    """
+    by_number = {record.id: record for record in records}
+    placed: list[SceneObject] = []
+    for item in objects:
+        update: dict[str, object] = {}
+        if item.matched:
+            mask = load_mask(folder / item.mask)
+            update = pose_fields(register(item.asset, library, by_number[item.id].upright, frame, table, mask))
+        placed.append(item.model_copy(update=update))
+    return tuple(placed)
+
+
+def pose_fields(registered: Registered) -> dict[str, object]:
+    """The fields of a ``SceneObject`` that registration sets."""
+    return {
+        "position": registered.position,
+        "orientation": registered.orientation,
+        "size": registered.size,
+        "reachable": reachable(registered.position),
+        "method": registered.method,
+        "residual": registered.residual,
+        "round": registered.round,
+    }
+
+
+def add_residual_candidates(
+    objects: Sequence[SceneObject],
+    records: Sequence[CandidateRecord],
+    frame: RGBDFrame,
+    table: TableFrame,
+    library: Library,
+    folder: Path,
+) -> tuple[tuple[CandidateRecord, ...], tuple[DroppedCandidate, ...]]:
+    """Residual candidates, which no placed asset explains, and the objects whose segments they were part of.
+
+    The masks and crops of the new candidates are written into ``folder``; the arguments are those of
+    ``register_objects``, with the objects registered.
+    """
+    if not objects:
+        return (), ()
+    masks = [load_mask(folder / item.mask) for item in objects]
+    surfaces = [
+        asset_surface_at(item.asset, (item.position, item.orientation), library) if item.matched else None
+        for item in objects
+    ]
+    residual = residual_candidates(masks, surfaces, frame, table, max(record.id for record in records) + 1)
+    added = add_candidates(frame, residual.candidates, records, folder) if residual.candidates else ()
+    return added, tuple(
+        DroppedCandidate(id=objects[index].id, reason="much of it belongs to known things; the rest is looked at again")
+        for index in residual.divided
+    )
