@@ -40,8 +40,14 @@ def match_candidates(
     config = services.config
     asked = [record for record in records if described[record.id].is_object]
     segments = [
-        Segment(one.id, load_mask(services.folder / one.mask), one.upright, services.folder / one.crop, one.points)
-        for one in asked
+        Segment(
+            record.id,
+            load_mask(services.folder / record.mask),
+            record.upright,
+            services.folder / record.crop,
+            record.points,
+        )
+        for record in asked
     ]
     silent: list[str] = []
     result: MatchResult = services.tool(

@@ -111,7 +111,7 @@ def segment(state: RunState, services: Services) -> Update:
     request = {"frame": frame, "table": _table(state), "model": config.segment.model}
     table, candidates = place_robot(_table(state), services.tool(config.tools.segment, **request).candidates)
     records = save_candidates(frame, candidates, services.folder)
-    boxes = [{"id": one.id, "name": f"candidate {one.id}", "box": one.box.model_dump()} for one in records]
+    boxes = [{"id": record.id, "name": f"candidate {record.id}", "box": record.box.model_dump()} for record in records]
     camera = {**state["camera"], "T_robot_cam": table.T_robot_cam}
     services.log.append(
         SceneStage(
@@ -234,7 +234,7 @@ def _placed(
         return (), []
     photo = _photo(state, services)
     descriptions = _descriptions(state)
-    matches = {int(number): MatchEvidence.model_validate(one) for number, one in state["matches"].items()}
+    matches = {int(number): MatchEvidence.model_validate(match) for number, match in state["matches"].items()}
     dropped: list[DroppedCandidate] = []
     objects: list[SceneObject] = []
     for record in records:
@@ -242,9 +242,9 @@ def _placed(
         if reason := drop_reason(answer, services.config.match.proxies):
             dropped.append(DroppedCandidate(id=record.id, reason=reason))
         else:
-            objects.append(place_object(answer, services, [one.name for one in (*others, *objects)], photo))
-    by_number = {one.id: one for one in records}
-    names = [one.name for one in others]
+            objects.append(place_object(answer, services, [other.name for other in (*others, *objects)], photo))
+    by_number = {record.id: record for record in records}
+    names = [other.name for other in others]
     registered = register_objects(objects, records, *photo, services.library, services.folder)
     placed, mismatched = check_sizes(registered, by_number, names, photo, services)
     return placed, [*dropped, *mismatched]

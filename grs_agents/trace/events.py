@@ -79,13 +79,13 @@ Turn = tuple[Number, Number, Number, Number]
 Row = tuple[Number, Number, Number, Number]
 
 
-class Known(BaseModel):
+class CheckedFields(BaseModel):
     """What readers of the log rely on inside an event's free-form JSON: these fields must fit, others may be there."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
 
-class KnownCamera(Known):
+class CheckedCamera(CheckedFields):
     """A pinhole camera: pixels, and the rigid transform from its frame to the robot's, if it is known."""
 
     fx: Annotated[float, Field(gt=0, le=1e6)]
@@ -98,14 +98,14 @@ class KnownCamera(Known):
     T_robot_cam: tuple[Row, Row, Row, Row] | None = None
 
 
-class KnownBox(Known):
+class CheckedBox(CheckedFields):
     """An axis-aligned box, metres, robot frame."""
 
     low: Vector
     high: Vector
 
 
-class KnownObject(Known):
+class CheckedObject(CheckedFields):
     """An object of a scene; the pose is that of the centre of its asset, metres and xyzw, robot frame."""
 
     id: Annotated[int, Field(ge=0, le=100_000)] | None = None
@@ -113,51 +113,51 @@ class KnownObject(Known):
     name: str | None = None
     asset: str | None = None
     description: str | None = None
-    box: KnownBox | None = None
+    box: CheckedBox | None = None
     position: Vector | None = None
     orientation: Turn | None = None
     settled: tuple[Vector, Turn] | None = None
 
 
-class KnownSummary(Known):
+class CheckedSummary(CheckedFields):
     """The summary of a stage of the scene."""
 
-    camera: KnownCamera | None = None
+    camera: CheckedCamera | None = None
     depth_scale: Annotated[float, Field(gt=0, le=1e3)] | None = None
-    objects: Annotated[tuple[KnownObject, ...], Field(max_length=_MOST_OBJECTS)] | None = None
+    objects: Annotated[tuple[CheckedObject, ...], Field(max_length=_MOST_OBJECTS)] | None = None
     background: str | None = None
 
 
-class KnownEpisode(Known):
+class CheckedEpisode(CheckedFields):
     """What the oracle did in a test."""
 
     outcome: str | None = None
     detail: str | None = None
 
 
-class KnownCase(Known):
+class CheckedCase(CheckedFields):
     """One test."""
 
     id: str | None = None
     outcome: str | None = None
     message: str | None = None
     seconds: Number | None = None
-    episode: KnownEpisode | None = None
+    episode: CheckedEpisode | None = None
 
 
-class KnownReport(Known):
+class CheckedReport(CheckedFields):
     """The report of a run of the tests."""
 
     outcome: str | None = None
     message: str | None = None
     seconds: Number | None = None
-    cases: tuple[KnownCase, ...] | None = None
+    cases: tuple[CheckedCase, ...] | None = None
 
 
 _Json = TypeVar("_Json", bound=dict[str, Any])
 
 
-def _checked(value: _Json, kind: type[Known]) -> _Json:
+def _checked(value: _Json, kind: type[CheckedFields]) -> _Json:
     kind.model_validate(value)
     return value
 
@@ -169,8 +169,8 @@ VERSION = 3
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 """What viewers can draw: a whole number that a float holds exactly."""
 Seconds = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
-Summary = Annotated[JsonObject, AfterValidator(lambda value: _checked(value, KnownSummary))]
-Report = Annotated[JsonObject, AfterValidator(lambda value: _checked(value, KnownReport))]
+Summary = Annotated[JsonObject, AfterValidator(lambda value: _checked(value, CheckedSummary))]
+Report = Annotated[JsonObject, AfterValidator(lambda value: _checked(value, CheckedReport))]
 
 
 class Stamped(Frozen):
