@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from grs_agents import __version__, content
+from grs_agents import content
 from grs_agents.cli.assets import assets_app
 from grs_agents.cli.options import (
     ConfigFile,
@@ -50,6 +50,8 @@ Seeds = Annotated[
 
 def _version(wanted: bool) -> None:
     if wanted:
+        from grs_agents import __version__
+
         say(__version__)
         raise typer.Exit
 

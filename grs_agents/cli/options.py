@@ -1,12 +1,14 @@
-"""Options that several verbs share."""
+"""Options that several verbs share. The configuration is imported when it is asked for: ``--help`` needs none."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from grs_agents.config import Effective, load_config
 from grs_agents.errors import ConfigError
+
+if TYPE_CHECKING:
+    from grs_agents.config import Effective
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A TOML configuration file.", metavar="FILE")]
 Settings = Annotated[
@@ -24,13 +26,15 @@ Unsafe = Annotated[bool, typer.Option("--unsafe-no-sandbox", help="Run generated
 
 def effective(
     file: Path | None, settings: list[str] | None, seed: int | None = None, unsafe: bool = False
-) -> Effective:
+) -> "Effective":
     """The configuration that these options make; ``--seed N`` is ``--set seed=N``."""
+    from grs_agents.config import load_config
+
     extra = [] if seed is None else [f"seed={seed}"]
     return load_config(file, [*(settings or []), *extra], unsafe=unsafe)
 
 
-def refuse_graph(chosen: Effective) -> None:
+def refuse_graph(chosen: "Effective") -> None:
     """Refuse another graph than ``scene``, the only one that comprehends a photo alone."""
     if chosen.sources.get("graph") == "--set" and chosen.config.graph != "scene":
         raise ConfigError(
