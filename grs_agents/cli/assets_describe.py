@@ -97,7 +97,7 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
         0; 1 if an asset could not be looked at.
     """
     from grs_agents.perception.matching.asset_index import AssetIndex
-    from grs_agents.perception.matching.feature_matcher import offered
+    from grs_agents.perception.matching.feature_matcher import matchable_assets
 
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is no folder", "name a new folder, or one that holds an index")

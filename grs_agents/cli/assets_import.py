@@ -49,11 +49,11 @@ def import_source(
     Returns:
         0, or 1 where something was refused.
     """
-    with opened(source, options) as source_items:
+    with open_source(source, options) as source_items:
         collection = slug_of(name) if name is not None else source_items.collection
         if not source_items.items and not source_items.refused:
             raise InputError(f"{source} holds no mesh, URDF or MJCF", "name a folder that does")
-        order = Importing(library_root(library), collection, options, Library().assets(), again, jobs)
+        order = ImportRun(library_root(library), collection, options, Library().assets(), again, jobs)
         progress = Progress(len(source_items.items) + len(source_items.refused), as_json)
         return print_import(order.run(source_items, progress), library, as_json)
 
@@ -75,7 +75,7 @@ class Progress:
             say(f"    {note}", error=True)
 
 
-def print_import(outcomes: Sequence[Outcome], library: Path | None, as_json: bool) -> int:
+def print_import(outcomes: Sequence[ImportOutcome], library: Path | None, as_json: bool) -> int:
     """Print the report of an import; the exit status."""
     refused = [outcome for outcome in outcomes if outcome.status == "refused"]
     if as_json:
@@ -166,7 +166,7 @@ def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as
     from grs_agents.library.importing.drop_test import verify_asset
 
     known, assets = chosen_assets(library, names, shipped)
-    verdicts = [verify(known, asset) for asset in assets]
+    verdicts = [verify_asset(known, asset) for asset in assets]
     broken = [verdict for verdict in verdicts if not verdict.ok]
     if as_json:
         say_json([verdict.model_dump(mode="json") for verdict in verdicts])
@@ -188,7 +188,7 @@ PREFIX = "objaverse:"
 def import_objaverse(words: str, library: Path | None, options: ImportOptions, count: int, as_json: bool) -> int:
     """List what matches words; with ``count``, download the first so many and import them."""
     door = load_package()
-    matches = matching(door, words)
+    matches = search_objaverse(door, words)
     if not matches:
         raise InputError(f"nothing in Objaverse matches {words!r}", "use fewer or other words")
     if count == 0:
@@ -202,12 +202,12 @@ def import_objaverse(words: str, library: Path | None, options: ImportOptions, c
         )
         if not items:
             raise InputError(f"none of {count} matches could be downloaded", "try again, or other words")
-        source = Opened(Folder(Path(name), options.limits.bytes), items, COLLECTION)
-        outcomes = Importing(library_root(library), COLLECTION, options).run(source, Progress(len(items), as_json))
+        source = ImportSource(SourceFolder(Path(name), options.limits.bytes), items, COLLECTION)
+        outcomes = ImportRun(library_root(library), COLLECTION, options).run(source, Progress(len(items), as_json))
         return print_import(outcomes, library, as_json)
 
 
-def _list(matches: list[Entry], as_json: bool) -> None:
+def _list(matches: list[ObjaverseEntry], as_json: bool) -> None:
     if as_json:
         say_json([match.model_dump(mode="json") for match in matches])
         return

@@ -12,7 +12,7 @@ from grs_agents.library import Library
 from grs_agents.library.shapes import quaternion_from_rpy
 from grs_agents.nodes.authoring import fixtures_for_prompt, scene_for_prompt
 from grs_agents.nodes.scene_objects import MatchedCandidate, drop_reason, place_object
-from grs_agents.nodes.services import Services
+from grs_agents.nodes.services import Photo, Services
 from grs_agents.perception import CandidateRecord, MatchEvidence, SceneDescription
 from grs_agents.perception.settling import PlacedObject
 from tests.perception.settling.photo import photo_of
@@ -50,7 +50,7 @@ def services(tmp_path: Path) -> Services:
 
 def test_a_match_stands_where_the_photo_shows_it(services: Services, photo: Photo) -> None:
     reply = MatchEvidence(match="asset", asset="HOPE/Milk.urdf", reason="size and colour", confidence=0.9)
-    found = place_object(MatchedCandidate(RECORD, WORDS, reply), services, [])
+    found = place_object(MatchedCandidate(RECORD, WORDS, reply), services, [], photo)
     assert (found.name, found.asset, found.matched, found.reachable) == ("milk_1", "HOPE/Milk.urdf", True, True)
     assert found.position == pytest.approx((0.5, 0.1, 0.095), abs=0.002)
     assert found.evidence == "size and colour"
@@ -59,7 +59,7 @@ def test_a_match_stands_where_the_photo_shows_it(services: Services, photo: Phot
 
 def test_what_nothing_matches_becomes_a_proxy(services: Services, photo: Photo) -> None:
     reply = MatchEvidence(match="no_asset", reason="nothing alike")
-    found = place_object(MatchedCandidate(RECORD, WORDS, reply), services, ["white_carton_1"])
+    found = place_object(MatchedCandidate(RECORD, WORDS, reply), services, ["white_carton_1"], photo)
     assert (found.name, found.asset, found.matched) == ("white_carton_2", "proxy/white_carton_2.urdf", False)
     assert found.size == pytest.approx((0.073, 0.072, 0.19))
     library = Library().overlay(services.folder / "assets")
@@ -75,9 +75,9 @@ def test_what_is_no_object_is_dropped_with_a_reason() -> None:
     assert "match.proxies" in drop_reason(lacking, proxies=False)
 
 
-def test_prompts_tell_the_scene_and_the_fixtures(services: Services) -> None:
+def test_prompts_tell_the_scene_and_the_fixtures(services: Services, photo: Photo) -> None:
     found = place_object(
-        MatchedCandidate(RECORD, WORDS, MatchEvidence(match="asset", asset="HOPE/Milk.urdf")), services, []
+        MatchedCandidate(RECORD, WORDS, MatchEvidence(match="asset", asset="HOPE/Milk.urdf")), services, [], photo
     )
     frame: dict[str, Any] = {"T_robot_cam": ((1.0,),), "origin": "calibrated", "residual": 0.0, "inliers": 1.0}
     scene = SceneDescription.model_validate({"source": "s", "image": "i", "frame": frame, "objects": (found,)})

@@ -161,10 +161,12 @@ def _shown(item: InstanceObject, library: Library) -> list[Shape]:
     model = model_of(item, library)
     shapes = model.visuals or model.colliders
     if item.color:
-        return [moved(shape, item.pose).model_copy(update={"color": item.color, "texture": None}) for shape in shapes]
+        return [
+            moved_shape(shape, item.pose).model_copy(update={"color": item.color, "texture": None}) for shape in shapes
+        ]
     named = COLORS.get(library.asset(item.asset).color if item.asset in library else "", COLORS["gray"])
     bare = {"color": (*named, 1.0)}
-    placed = [moved(shape, item.pose) for shape in shapes]
+    placed = [moved_shape(shape, item.pose) for shape in shapes]
     return [shape if shape.color or shape.texture else shape.model_copy(update=bare) for shape in placed]
 
 

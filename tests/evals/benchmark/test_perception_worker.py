@@ -78,12 +78,12 @@ def test_a_rule_that_is_off_changes_the_segments(
     tmp_path: Path, sample_scene: Path, measured: tuple[Result, Path]
 ) -> None:
     order = measured[0].order.model_copy(update={"without": ("common_rim", "interior")})
-    assert measure(order, tmp_path).figures.score.segments > measured[0].figures.score.segments
+    assert measure_scene(order, tmp_path).figures.score.segments > measured[0].figures.score.segments
 
 
 def test_a_tool_without_rules_says_so(tmp_path: Path, sample_scene: Path) -> None:
     order = Order(name="x", source=str(sample_scene), tool="segment_masks", without=("cap",))
-    assert measure(order, tmp_path).figures.error == "tool segment_masks has no rules that can be off"
+    assert measure_scene(order, tmp_path).figures.error == "tool segment_masks has no rules that can be off"
 
 
 def test_a_row_has_every_column_and_targets_are_kept(measured: tuple[Result, Path]) -> None:
