@@ -18,7 +18,7 @@ from grs_agents.config.model import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.library import Library
-from grs_agents.nodes.asset_matching import asking, measurements
+from grs_agents.nodes.asset_matching import measurements, model_matcher
 from grs_agents.perception import (
     Candidate,
     CandidateRecord,
@@ -119,7 +119,7 @@ def _matched(
         segments=segments,
         frame=scene.frame,
         table=table,
-        ask=asking(agents, records, described, image, []),
+        ask=model_matcher(agents, records, described, image, []),
         seed=order.run,
         model=config.match.model,
         index=config.match.index,

@@ -52,9 +52,7 @@ def drop_reason(candidate: MatchedCandidate, proxies: bool = True) -> str:
     return ""
 
 
-def place_object(
-    candidate: MatchedCandidate, services: Services, taken: Sequence[str], photo: Photo | None = None
-) -> SceneObject:
+def place_object(candidate: MatchedCandidate, services: Services, taken: Sequence[str], photo: Photo) -> SceneObject:
     """Place the matched asset, or a proxy, where the photo shows it.
 
     A proxy has the measured size; it is the solid that fits the points best and looks as they do.

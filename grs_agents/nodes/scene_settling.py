@@ -179,7 +179,7 @@ def _with_fitted_proxy(item: SceneObject, index: int, agreed: Reconciled, scene:
     fits = claim.box == record.upright and index not in agreed.pieces.values()
     if fits and not again and not is_crowded(claim.box, around):
         return item
-    photo, measured = (scene.frame, scene.table), claim.measured(record.upright)
+    photo, measured = (scene.frame, scene.table), claim.measured_box(record.upright)
     asset = write_measured_proxy(
         item.name, record, claim.box, claim.shape, item.description, scene.services, photo, around, mask
     )

@@ -49,7 +49,7 @@ def seen(tmp_path: Path) -> tuple[Photo, CandidateRecord]:
 
 def matched(asset: str, record: CandidateRecord, services: Services, photo: Photo) -> SceneObject:
     reply = MatchEvidence(match="asset", asset=asset, reason="white", scores={asset: 0.8}, confidence=0.8)
-    return place_object(MatchedCandidate(record, WORDS, reply), services, [])
+    return place_object(MatchedCandidate(record, WORDS, reply), services, [], photo)
 
 
 def test_what_is_of_its_size_stays(seen: tuple[Photo, CandidateRecord], tmp_path: Path) -> None:

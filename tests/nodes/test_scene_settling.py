@@ -63,7 +63,7 @@ class Seen:
     def thing(self, record: CandidateRecord, asset: str | None, taken: list[str]) -> SceneObject:
         """An object with an asset, or with a proxy."""
         reply = MatchEvidence(match="asset" if asset else "no_asset", asset=asset, confidence=0.99)
-        return place_object(MatchedCandidate(record, WORDS, reply), self.services, taken)
+        return place_object(MatchedCandidate(record, WORDS, reply), self.services, taken, self.photo)
 
 
 @pytest.fixture

@@ -42,7 +42,7 @@ def test_a_guess_that_a_known_thing_fills_is_a_piece_of_it() -> None:
     agreed = reconcile_segments(segments, frame, table, LIBRARY)
     assert agreed.pieces == {1: 0} and set(agreed.claims) == {2}
     around = agreed.around(2)
-    assert around.hold(np.array([MILK.pose[0], BLOCK.pose[0]])).tolist() == [True, False]
+    assert around.occupied(np.array([MILK.pose[0], BLOCK.pose[0]])).tolist() == [True, False]
 
 
 def test_what_stays_inside_a_solid_thing_is_a_piece_of_it_but_not_in_a_hollow_one() -> None:
