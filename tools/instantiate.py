@@ -18,14 +18,36 @@ from grs_agents.toolkit import ToolContext, open_library, readable
 
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 FailureOutcome = Literal[
-    "timeout", "crashed", "memory", "not_run", "invalid", "error",
-    "no_free_space", "unreachable", "target_occupied", "target_too_small", "nothing_to_do", "simulated_step_limit",
-    "object_limit", "vertex_limit", "output_limit", "scratch_limit", "thread_limit", "forged", "not_repeatable",
-]  # fmt: skip
+    "timeout",
+    "crashed",
+    "memory",
+    "not_run",
+    "invalid",
+    "error",
+    "no_free_space",
+    "unreachable",
+    "target_occupied",
+    "target_too_small",
+    "nothing_to_do",
+    "simulated_step_limit",
+    "object_limit",
+    "vertex_limit",
+    "output_limit",
+    "scratch_limit",
+    "thread_limit",
+    "forged",
+    "not_repeatable",
+]
 _STOPPED: dict[str, FailureOutcome] = {
-    "timeout": "timeout", "cpu_limit": "timeout", "memory_limit": "memory", "output_limit": "output_limit",
-    "scratch_limit": "scratch_limit", "thread_limit": "thread_limit", "forged": "forged", "error": "error",
-}  # fmt: skip
+    "timeout": "timeout",
+    "cpu_limit": "timeout",
+    "memory_limit": "memory",
+    "output_limit": "output_limit",
+    "scratch_limit": "scratch_limit",
+    "thread_limit": "thread_limit",
+    "forged": "forged",
+    "error": "error",
+}
 
 
 class Request(Frozen):

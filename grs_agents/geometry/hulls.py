@@ -5,7 +5,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from grs_agents.geometry.transforms import FloatArray
+
 _DIRECTIONS: Final = 200
 """Meshes of many vertices are reduced to those that are farthest out along as many directions."""
 

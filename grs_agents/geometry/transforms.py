@@ -49,8 +49,13 @@ def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:
     """
     roll, pitch, yaw = (float(angle) / 2 for angle in rotation)
     cr, sr, cp, sp, cy, sy = (
-        np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw),
-    )  # fmt: skip
+        np.cos(roll),
+        np.sin(roll),
+        np.cos(pitch),
+        np.sin(pitch),
+        np.cos(yaw),
+        np.sin(yaw),
+    )
     return quat(
         (
             sr * cp * cy - cr * sp * sy,
@@ -121,23 +126,20 @@ def apply(pose: Pose, position: FloatArray | Sequence[float]) -> FloatArray:
     return rotation_matrix(pose[1]) @ points + (offset if points.ndim == 1 else offset[:, None])
 
 
-Array = npt.NDArray[np.float64]
-
-
-def pose_of(turn: Array, shift: Array) -> Array:
+def pose_of(turn: FloatArray, shift: FloatArray) -> FloatArray:
     """(4, 4) of a rotation (3, 3) and a shift (3,), m."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn, shift
     return pose
 
 
-def about_z(yaw: float) -> Array:
+def about_z(yaw: float) -> FloatArray:
     """(3, 3) by an angle, rad."""
     cosine, sine = math.cos(yaw), math.sin(yaw)
     return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
 
 
-def about(axis: Array, angle: float) -> Array:
+def about(axis: FloatArray, angle: float) -> FloatArray:
     """(3, 3) about an axis (3,) of any length, by an angle, rad."""
     length = float(np.linalg.norm(axis))
     if length < 1e-9:

@@ -30,16 +30,29 @@ def at(x: float, y: float, z: float) -> Pose:
 
 def zone_goal(task: Task, objects: list[int], pose: Pose, size: tuple[float, float, float], reward: float = 1) -> None:
     task.add_goal(
-        objs=objects, matches=np.ones((len(objects), 1)), targ_poses=[pose], replace=True, rotations=False,
-        metric="zone", params=[(pose, size)], step_max_reward=reward,
-    )  # fmt: skip
+        objs=objects,
+        matches=np.ones((len(objects), 1)),
+        targ_poses=[pose],
+        replace=True,
+        rotations=False,
+        metric="zone",
+        params=[(pose, size)],
+        step_max_reward=reward,
+    )
 
 
 def pose_goal(task: Task, obj: int, pose: Pose, reward: float = 1, symmetry: float = 0) -> None:
     task.add_goal(
-        objs=[obj], matches=np.ones((1, 1)), targ_poses=[pose], replace=False, rotations=True, metric="pose",
-        params=None, step_max_reward=reward, symmetries=[symmetry],
-    )  # fmt: skip
+        objs=[obj],
+        matches=np.ones((1, 1)),
+        targ_poses=[pose],
+        replace=False,
+        rotations=True,
+        metric="pose",
+        params=None,
+        step_max_reward=reward,
+        symmetries=[symmetry],
+    )
 
 
 def run(scene: Scene, max_steps: int = 8, seed: int = 0) -> tuple[Episode, Environment]:

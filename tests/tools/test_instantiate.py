@@ -57,8 +57,13 @@ def test_each_seed_fails_for_its_own_reason(context: ToolContext, simulation: st
     result = draw(context, simulation + faults, (0, 1, 2, 3, 4, 5, 6, 7), wall_seconds=3)
     assert [one["seed"] for one in result.instances] == [0, 5]
     assert {failure.seed: failure.outcome for failure in result.failures} == {
-        1: "error", 2: "no_free_space", 3: "crashed", 4: "invalid", 6: "timeout", 7: "not_run"
-    }  # fmt: skip
+        1: "error",
+        2: "no_free_space",
+        3: "crashed",
+        4: "invalid",
+        6: "timeout",
+        7: "not_run",
+    }
     assert "raise ValueError('seed one')" in result.failures[0].traceback
     assert "while env.seed_used == 6" in result.failures[4].traceback
 

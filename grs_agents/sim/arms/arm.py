@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm_model import Gap, Posture, arm_model
 from grs_agents.sim.arms.joint_paths import blend, evenly, knots, turns_about_z
 from grs_agents.sim.arms.reach_table import ReachTable, tabulate
 from grs_agents.sim.arms.robot import DOWN
 
-FloatArray = npt.NDArray[np.float64]
 HOME: Final[Vec3] = (0.35, 0.0, 0.42)
 """Where the tip waits if the arm can bring it there, metres."""
 _HOMES: Final = (HOME, (0.4, 0.0, 0.3), (0.5, 0.0, 0.3), (0.3, 0.0, 0.3), (0.5, 0.0, 0.2), (0.3, 0.0, 0.15))

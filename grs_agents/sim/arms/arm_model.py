@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.engine import mujoco
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.robot import DOWN
 
-FloatArray = npt.NDArray[np.float64]
 _TOLERANCE: Final = 1e-4
 """Metres and radians: nearer than this to a pose is there."""
 _DAMPING: Final = 1e-4

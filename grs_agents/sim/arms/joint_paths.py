@@ -5,7 +5,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from grs_agents.geometry.transforms import FloatArray
+
 _SPACING: Final = 0.04
 """Between two poses that are solved, metres; a radian of turning counts as 0.25 m."""
 
@@ -38,8 +39,12 @@ def blend(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatAr
     t = (at - rows[before])[:, None] / width
     start, end = values[before], values[before + 1]
     rise, fall = slopes[before] * width, slopes[before + 1] * width
-    curve = (start * (2 * t**3 - 3 * t**2 + 1) + rise * (t**3 - 2 * t**2 + t)
-             + end * (3 * t**2 - 2 * t**3) + fall * (t**3 - t**2))  # fmt: skip
+    curve = (
+        start * (2 * t**3 - 3 * t**2 + 1)
+        + rise * (t**3 - 2 * t**2 + t)
+        + end * (3 * t**2 - 2 * t**3)
+        + fall * (t**3 - t**2)
+    )
     return curve
 
 

@@ -1,18 +1,17 @@
 """A user's own arm: an MJCF file with a serial chain of hinges and slides, to whose end the suction cup is fixed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.engine import mujoco
 from grs_agents.errors import InputError
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.robot import ROBOT_CONTYPE, add_actuator, add_tool
 
-FloatArray = npt.NDArray[np.float64]
 TIPS: Final = ("tip", "tool0", "attachment_site", "ee", "end_effector", "flange", "tcp")
 """Names of the site that the suction cup is fixed to, the first that is there; without any, the last body's frame."""
 LARGEST: Final = 4_000_000
@@ -140,24 +139,29 @@ def _attach(world: Any, spec: Any, path: Path, turn: float) -> None:
     quaternion = np.empty(4)
     mujoco.mju_mulQuat(quaternion, np.array(place[1]), np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)]))
     carrier.name = carrier.name or "carrier"
+    _strip(spec, names)
+    for joint in chain:
+        _limit(joint, 360.0 if spec.compiler.degree else 2 * np.pi)
+    end = f"{_PREFIX}{carrier.name}"
+    world.attach(spec, prefix=_PREFIX, frame=world.worldbody.add_frame())
+    add_tool(world.body(end), place[0], tuple(quaternion))
+    for name, torque in zip(names, torques, strict=True):
+        add_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torque)
+
+
+def _strip(spec: Any, names: Sequence[str]) -> None:
+    """Leave an arm's bodies and its joints of these names; bodies weigh nothing, solid geoms count as the robot's."""
     for elements in (spec.keys, spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.lights, spec.cameras):
         for element in list(elements):
             spec.delete(element)
     for joint in list(spec.joints):
         if str(joint.name) not in names:
             spec.delete(joint)
-    for joint in chain:
-        _limit(joint, 360.0 if spec.compiler.degree else 2 * np.pi)
     for body in spec.bodies:
         body.gravcomp = 1.0
     for geom in spec.geoms:
         solid = bool(geom.contype or geom.conaffinity)
         geom.group, geom.contype, geom.conaffinity = 1, ROBOT_CONTYPE if solid else 0, 0
-    end = f"{_PREFIX}{carrier.name}"
-    world.attach(spec, prefix=_PREFIX, frame=world.worldbody.add_frame())
-    add_tool(world.body(end), place[0], tuple(quaternion))
-    for name, torque in zip(names, torques, strict=True):
-        add_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torque)
 
 
 def _limit(joint: Any, turn: float) -> None:

@@ -4,27 +4,24 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.base import Vec3
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.robot import Capsule, Link, add_chain
 
-# Modified Denavit-Hartenberg parameters (a, d, alpha) of each joint, metres and radians.
-_GEOMETRY: Final = (
-    (0.0, 0.333, 0.0), (0.0, 0.0, -np.pi / 2), (0.0, 0.316, np.pi / 2), (0.0825, 0.0, np.pi / 2),
-    (-0.0825, 0.384, -np.pi / 2), (0.0, 0.0, np.pi / 2), (0.088, 0.0, np.pi / 2),
-)  # fmt: skip
+_JOINTS: Final = np.loadtxt(
+    """
+    0.0     0.333  0  -2.8973   2.8973  87  4500  4.970684   3.875e-3   2.081e-3  -0.04762
+    0.0     0.0   -1  -1.7628   1.7628  87  4500  0.646926  -3.141e-3  -0.02872    3.495e-3
+    0.0     0.316  1  -2.8973   2.8973  87  3500  3.228604   2.7518e-2  3.9252e-2 -6.6502e-2
+    0.0825  0.0    1  -3.0718  -0.0698  87  3500  3.587895  -5.317e-2   0.104419   2.7454e-2
+   -0.0825  0.384 -1  -2.8973   2.8973  12  1200  1.225946  -1.1953e-2  4.1065e-2 -3.8437e-2
+    0.0     0.0    1  -0.0175   3.7525  12  1200  1.666555   6.0149e-2 -1.4117e-2 -1.0517e-2
+    0.088   0.0    1  -2.8973   2.8973  12   800  0.735522   1.0517e-2 -4.252e-3   6.1597e-2
+    """.splitlines()
+).tolist()
+"""For each joint: modified Denavit-Hartenberg parameters a, d (m) and alpha (quarter turns), lowest and highest angle
+(rad), torque (N m), stiffness (N m/rad); mass (kg) and its centre (m), identified and published with the maker's
+description."""
 _FLANGE: Final = (0.0, 0.0, 0.107)
-_LIMITS: Final = ((-2.8973, 2.8973), (-1.7628, 1.7628), (-2.8973, 2.8973), (-3.0718, -0.0698), (-2.8973, 2.8973),
-                  (-0.0175, 3.7525), (-2.8973, 2.8973))  # fmt: skip
-_TORQUES: Final = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)
-_STIFFNESS: Final = (4500.0, 4500.0, 3500.0, 3500.0, 1200.0, 1200.0, 800.0)
-# As identified and published with the maker's description: kg, m, kg m^2 (xx, yy, zz, xy, xz, yz).
-_MASSES: Final = (4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522)
-_CENTERS: Final[tuple[Vec3, ...]] = (
-    (3.875e-3, 2.081e-3, -0.04762), (-3.141e-3, -0.02872, 3.495e-3), (2.7518e-2, 3.9252e-2, -6.6502e-2),
-    (-5.317e-2, 0.104419, 2.7454e-2), (-1.1953e-2, 4.1065e-2, -3.8437e-2), (6.0149e-2, -1.4117e-2, -1.0517e-2),
-    (1.0517e-2, -4.252e-3, 6.1597e-2),
-)  # fmt: skip
 _INERTIAS: Final = (
     (0.70337, 0.70661, 9.117e-3, -1.39e-4, 6.772e-3, 1.9169e-2),
     (7.962e-3, 2.811e-2, 2.5995e-2, -3.925e-3, 1.0254e-2, 7.04e-4),
@@ -34,6 +31,7 @@ _INERTIAS: Final = (
     (1.964e-3, 4.354e-3, 5.433e-3, 1.09e-4, -1.158e-3, 3.41e-4),
     (1.2516e-2, 1.0027e-2, 4.815e-3, -4.28e-4, -1.196e-3, -7.41e-4),
 )
+"""From the same source, about the centre of mass: xx, yy, zz, xy, xz, yz, kg m^2."""
 _CAPSULES: Final[tuple[tuple[Capsule, ...], ...]] = (
     (((0.0, 0.0, -0.25), (0.0, 0.0, 0.0), 0.060),),
     (((0.0, 0.0, -0.05), (0.0, 0.0, 0.05), 0.060), ((0.0, -0.06, 0.0), (0.0, -0.16, 0.0), 0.055)),
@@ -47,19 +45,28 @@ _GUESS: Final = (0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, 0.0)
 
 
 def _link(index: int) -> Link:
-    a, d, alpha = _GEOMETRY[index]
+    a, d, quarters, low, high, torque, stiffness, mass, x, y, z = _JOINTS[index]
+    alpha = quarters * np.pi / 2
     return Link(
-        name=f"link_{index + 1}", position=(a, -float(np.sin(alpha)) * d, float(np.cos(alpha)) * d), roll=alpha,
-        limits=_LIMITS[index], torque=_TORQUES[index], stiffness=_STIFFNESS[index], mass=_MASSES[index],
-        center=_CENTERS[index], inertia=_INERTIAS[index], capsules=_CAPSULES[index], touches=index >= 2,
-    )  # fmt: skip
+        name=f"link_{index + 1}",
+        position=(a, -float(np.sin(alpha)) * d, float(np.cos(alpha)) * d),
+        roll=alpha,
+        limits=(low, high),
+        torque=torque,
+        stiffness=stiffness,
+        mass=mass,
+        center=(x, y, z),
+        inertia=_INERTIAS[index],
+        capsules=_CAPSULES[index],
+        touches=index >= 2,
+    )
 
 
 class Panda(Arm):
     """Franka Emika's Panda, seven joints, with the suction cup in place of its hand."""
 
     def __init__(self) -> None:
-        links = tuple(_link(index) for index in range(len(_GEOMETRY)))
+        links = tuple(_link(index) for index in range(len(_JOINTS)))
 
         def add(spec: Any) -> None:
             add_chain(spec, links, _FLANGE)

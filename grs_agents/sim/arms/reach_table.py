@@ -6,11 +6,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm_model import Posture
 from grs_agents.sim.arms.joint_paths import turns_about_z
 from grs_agents.sim.arms.robot import DOWN
 
-FloatArray = npt.NDArray[np.float64]
 _RADII: Final = np.arange(0.14, 1.2, 0.025)
 _HEIGHTS: Final = np.concatenate([[0.001], np.arange(0.05, 0.71, 0.06)])
 _BEARINGS: Final = np.linspace(-np.pi / 2, np.pi / 2, 13)
@@ -58,24 +58,28 @@ def tabulate(posture: Posture, home: FloatArray) -> ReachTable:
     """Try the arm on the grid, each point from a neighbour that was served."""
     turning = posture.turns_about_base()
     bearings = np.zeros(1) if turning else _BEARINGS
-    served = np.zeros((len(bearings), len(_RADII), len(_HEIGHTS)), dtype=bool)
-    for index, bearing in enumerate(bearings):
-        tool = turns_about_z(np.array([bearing]))[0] @ DOWN
-        before: dict[int, FloatArray] = {}
-        for row, radius in enumerate(_RADII):
-            above: FloatArray | None = None
-            known, before = before, dict[int, FloatArray]()
-            for column in reversed(range(len(_HEIGHTS))):
-                point = np.array([radius * np.cos(bearing), radius * np.sin(bearing), _HEIGHTS[column]])
-                near = (above, *(known.get(column + step) for step in (0, 1, -1)))
-                start = next((joints for joints in near if joints is not None), None)
-                if start is None and served[index].any():
-                    continue
-                found = posture.solve(point, tool, home if start is None else start, home, _EXPLORING)
-                if found is not None and posture.first_gap(found[None]) is None:
-                    served[index, row, column] = True
-                    before[column] = above = found
-                else:
-                    above = None
+    served = np.array([_served_at(float(bearing), posture, home) for bearing in bearings])
     low, high = (posture.low[0] - home[0], posture.high[0] - home[0]) if turning else (-np.pi / 2, np.pi / 2)
     return ReachTable(served, (float(low), float(high)))
+
+
+def _served_at(bearing: float, posture: Posture, home: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which radii and heights (R, H) the arm serves at one bearing (rad)."""
+    tool = turns_about_z(np.array([bearing]))[0] @ DOWN
+    served = np.zeros((len(_RADII), len(_HEIGHTS)), dtype=bool)
+    nearer: dict[int, FloatArray] = {}  # joint positions at the radius before, by the index of the height
+    for row, radius in enumerate(_RADII):
+        above: FloatArray | None = None
+        before, nearer = nearer, dict[int, FloatArray]()
+        for column in reversed(range(len(_HEIGHTS))):
+            point = np.array([radius * np.cos(bearing), radius * np.sin(bearing), _HEIGHTS[column]])
+            near = (above, *(before.get(column + step) for step in (0, 1, -1)))
+            start = next((joints for joints in near if joints is not None), None)
+            if start is None and served.any():
+                continue
+            above = posture.solve(point, tool, home if start is None else start, home, _EXPLORING)
+            if above is not None and posture.first_gap(above[None]) is not None:
+                above = None
+            if above is not None:
+                served[row, column], nearer[column] = True, above
+    return served

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.engine import mujoco
 
-FloatArray = npt.NDArray[np.float64]
 CUP_RADIUS: Final = 0.010
 TOOL_LENGTH: Final = 0.15
 """From the flange to the tip of the suction cup, metres."""
@@ -63,15 +61,24 @@ def add_chain(spec: Any, links: Sequence[Link], flange: Vec3) -> None:
         body.explicitinertial = True
         body.mass, body.ipos, body.fullinertia = link.mass, link.center, link.inertia
         body.add_joint(
-            name=link.name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1), armature=0.1, range=link.limits,
+            name=link.name,
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=(0, 0, 1),
+            armature=0.1,
+            range=link.limits,
             limited=True,
-        )  # fmt: skip
+        )
         for index, (start, end, radius) in enumerate(link.capsules):
             body.add_geom(
-                name=f"{link.name}_{index}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=(*start, *end),
-                size=(radius, 0, 0), rgba=(0.75, 0.77, 0.8, 1.0), group=1,
-                contype=ROBOT_CONTYPE if link.touches else _UNTOUCHED, conaffinity=0,
-            )  # fmt: skip
+                name=f"{link.name}_{index}",
+                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                fromto=(*start, *end),
+                size=(radius, 0, 0),
+                rgba=(0.75, 0.77, 0.8, 1.0),
+                group=1,
+                contype=ROBOT_CONTYPE if link.touches else _UNTOUCHED,
+                conaffinity=0,
+            )
         add_actuator(spec, link.name, link.stiffness, link.torque)
         parent = body
     add_tool(parent, flange)
@@ -95,13 +102,23 @@ def add_tool(flange: Any, position: Sequence[float], quaternion: Sequence[float]
     cup = flange.add_body(name="cup", pos=position, quat=quaternion, gravcomp=1.0)
     shared: dict[str, Any] = {"contype": ROBOT_CONTYPE, "conaffinity": 0, "group": 1}
     cup.add_geom(
-        name="tool", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(0.008, 0, 0), mass=0.1,
-        fromto=(0, 0, 0.0, 0, 0, TOOL_LENGTH - 0.025), rgba=(0.2, 0.2, 0.22, 1.0), **shared,
-    )  # fmt: skip
+        name="tool",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        size=(0.008, 0, 0),
+        mass=0.1,
+        fromto=(0, 0, 0.0, 0, 0, TOOL_LENGTH - 0.025),
+        rgba=(0.2, 0.2, 0.22, 1.0),
+        **shared,
+    )
     cup.add_geom(
-        name="cup", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(CUP_RADIUS, 0.01, 0), mass=0.05,
-        pos=(0, 0, TOOL_LENGTH - 0.01), rgba=(0.1, 0.1, 0.1, 1.0), **shared,
-    )  # fmt: skip
+        name="cup",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=(CUP_RADIUS, 0.01, 0),
+        mass=0.05,
+        pos=(0, 0, TOOL_LENGTH - 0.01),
+        rgba=(0.1, 0.1, 0.1, 1.0),
+        **shared,
+    )
     cup.add_site(name="tip", pos=(0, 0, TOOL_LENGTH), size=(0.003, 0.003, 0.003))
 
 

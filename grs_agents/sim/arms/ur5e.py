@@ -12,11 +12,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.base import Vec3
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import HOME, Arm
 from grs_agents.sim.arms.robot import DOWN, TOOL_LENGTH, Capsule, Link, add_chain
-
-FloatArray = npt.NDArray[np.float64]
 
 D1: Final = 0.1625
 A2: Final = -0.425
@@ -31,8 +29,14 @@ NEAREST: Final = 0.22
 """Closer to the base axis than this the arm would fold into itself, metres."""
 _SHOULDER: Final = 0.105
 """Radii of the shoulder and the forearm together, with a little room, metres."""
-LINKS: Final = ((0.0, D1, np.pi / 2), (A2, 0.0, 0.0), (A3, 0.0, 0.0), (0.0, D4, np.pi / 2), (0.0, D5, -np.pi / 2),
-                (0.0, D6, 0.0))  # fmt: skip
+LINKS: Final = (
+    (0.0, D1, np.pi / 2),
+    (A2, 0.0, 0.0),
+    (A3, 0.0, 0.0),
+    (0.0, D4, np.pi / 2),
+    (0.0, D5, -np.pi / 2),
+    (0.0, D6, 0.0),
+)
 """(a, d, alpha) of each joint."""
 
 
@@ -59,38 +63,6 @@ def solve(tips: FloatArray, yaws: FloatArray) -> FloatArray:
         turn = np.unwrap(turn)
     turn -= 2 * np.pi * np.round(turn[:1] / (2 * np.pi))
     return np.stack([base, shoulder, elbow, wrist, half, turn], axis=1)
-
-
-def reachable(tips: FloatArray) -> npt.NDArray[np.bool_]:
-    """Which of the points (N, 3) the tip can be brought to, tool down, within the nominal reach."""
-    radius = np.hypot(tips[:, 0], tips[:, 1])
-    inside = (radius >= NEAREST) & (radius <= REACH)
-    # Low and near the base the forearm's end would meet the shoulder: it must stay beside it or above it.
-    beside = np.sqrt(np.maximum(radius**2 - D4**2, 0.0)) - D5 >= _SHOULDER
-    inside &= beside | (tips[:, 2] + TOOL_LENGTH + D6 >= D1 + _SHOULDER)
-    return inside & np.isfinite(solve(tips, np.zeros(len(tips)))).all(axis=1)
-
-
-def solve_poses(tips: FloatArray, rotations: FloatArray, seed: FloatArray) -> FloatArray:
-    """Joint angles (N, 6) that bring the tip to ``tips`` (N, 3), the tool turned by ``rotations`` (N, 3, 3) from down.
-
-    All rows are on one of the eight branches, that nearest ``seed`` (6,); they are NaN if none serves the whole path.
-    """
-    tool = rotations @ DOWN
-    flange = tips - TOOL_LENGTH * tool[:, :, 2]
-    best, nearest = np.full((len(tips), 6), np.nan), np.inf
-    for signs in product((1.0, -1.0), repeat=3):
-        angles = _branch(flange, tool, signs)
-        if not np.isfinite(angles).all():
-            continue
-        joints = angles + _whole_turns(seed - angles[0])
-        joints[1:] -= np.cumsum(_whole_turns(np.diff(angles, axis=0)), axis=0)
-        joints[:, 2] -= _whole_turns(joints[:1, 2])
-        limits = np.array([TURN, TURN, np.pi, TURN, TURN, TURN])
-        distance = float(np.abs(joints[0] - seed).max())
-        if distance < nearest and (np.abs(joints) <= limits).all():
-            best, nearest = joints, distance
-    return best
 
 
 def _whole_turns(angles: FloatArray) -> FloatArray:
@@ -147,22 +119,18 @@ _CAPSULES: Final[tuple[Capsule, ...]] = (
     ((0.0, 0.0, 0.0), (0.0, 0.0, D5), 0.037),
     ((0.0, 0.0, 0.0), (0.0, 0.0, D6 - 0.02), 0.034),
 )
-# The maker's figures: kg; centre of mass and inertia in the Denavit-Hartenberg frame of each link; N m.
-_MASSES: Final = (3.761, 8.058, 2.846, 1.37, 1.3, 0.365)
-_CENTERS: Final[tuple[Vec3, ...]] = (
-    (0.0, -0.02561, 0.00193), (0.2125, 0.0, 0.11336), (0.15, 0.0, 0.0265), (0.0, -0.0018, 0.01634),
-    (0.0, 0.0018, 0.01634), (0.0, 0.0, -0.001159),
-)  # fmt: skip
-_INERTIAS: Final = (
-    (7.00210e-3, 6.48091e-3, 6.57286e-3, 7.3e-7, -1.053e-5, 4.9994e-4),
-    (1.505885e-2, 3.3388086e-1, 3.3247207e-1, -5.4e-5, 5.63e-6, -1.81e-6),
-    (3.99632e-3, 7.879254e-2, 7.848510e-2, -1.365e-5, 1.37272e-3, -6.6e-6),
-    (1.65491e-3, 1.35962e-3, 1.26279e-3, -2.82e-6, -4.38e-6, 1.0157e-4),
-    (1.35617e-3, 1.27827e-3, 9.6614e-4, -2.74e-6, 4.44e-6, -5.048e-5),
-    (1.8694e-4, 1.8908e-4, 2.5756e-4, 6e-8, -1.7e-7, -9.2e-7),
-)
-_TORQUES: Final = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
-_STIFFNESS: Final = (6000.0, 6000.0, 4000.0, 2000.0, 2000.0, 1000.0)
+_LINKS: Final = np.loadtxt(
+    """
+    3.761    0.0 -0.02561   0.00193 150 6000   7.0021e-3   6.48091e-3   6.57286e-3    7.3e-7  -1.053e-5 4.9994e-4
+    8.058 0.2125      0.0   0.11336 150 6000 1.505885e-2 3.3388086e-1 3.3247207e-1   -5.4e-5    5.63e-6  -1.81e-6
+    2.846   0.15      0.0    0.0265 150 4000  3.99632e-3  7.879254e-2   7.84851e-2 -1.365e-5 1.37272e-3   -6.6e-6
+     1.37    0.0  -0.0018   0.01634  28 2000  1.65491e-3   1.35962e-3   1.26279e-3  -2.82e-6   -4.38e-6 1.0157e-4
+      1.3    0.0   0.0018   0.01634  28 2000  1.35617e-3   1.27827e-3    9.6614e-4  -2.74e-6    4.44e-6 -5.048e-5
+    0.365    0.0      0.0 -0.001159  28 1000   1.8694e-4    1.8908e-4    2.5756e-4      6e-8    -1.7e-7   -9.2e-7
+    """.splitlines()
+).tolist()
+"""The maker's figures for each link: mass (kg); its centre (m) in the Denavit-Hartenberg frame of the link; torque
+(N m) and stiffness (N m/rad) of the joint; inertia about the centre, xx, yy, zz, xy, xz, yz (kg m^2)."""
 
 
 def _links() -> tuple[Link, ...]:
@@ -171,18 +139,25 @@ def _links() -> tuple[Link, ...]:
     for index, (a, d, alpha) in enumerate(LINKS):
         cos, sin = float(np.cos(alpha)), float(np.sin(alpha))
         turn = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
-        x, y, z = np.array([a, 0.0, d]) + turn @ np.asarray(_CENTERS[index])
-        xx, yy, zz, xy, xz, yz = _INERTIAS[index]
+        mass, *center, torque, stiffness, xx, yy, zz, xy, xz, yz = _LINKS[index]
+        x, y, z = np.array([a, 0.0, d]) + turn @ np.asarray(center)
         tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
         half = np.pi if index == 2 else TURN
         found.append(
             Link(
-                name=_NAMES[index], position=position, roll=roll, limits=(-half, half), torque=_TORQUES[index],
-                stiffness=_STIFFNESS[index], mass=_MASSES[index], center=(float(x), float(y), float(z)),
+                name=_NAMES[index],
+                position=position,
+                roll=roll,
+                limits=(-half, half),
+                torque=torque,
+                stiffness=stiffness,
+                mass=mass,
+                center=(float(x), float(y), float(z)),
                 inertia=(*np.diag(tensor).tolist(), float(tensor[0, 1]), float(tensor[0, 2]), float(tensor[1, 2])),
-                capsules=(_CAPSULES[index],), touches=index >= 2,
+                capsules=(_CAPSULES[index],),
+                touches=index >= 2,
             )
-        )  # fmt: skip
+        )
         position, roll = (a, 0.0, d), alpha
     return tuple(found)
 
@@ -209,9 +184,30 @@ class UR5e(Arm):
         return joints
 
     def solve_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
-        """As ``Arm.solve_poses``, in closed form."""
-        return solve_poses(tips, rotations, self.home if seed is None else seed)
+        """As ``Arm.solve_poses``, in closed form: all rows on that of the eight branches that is nearest ``seed``."""
+        if seed is None:
+            seed = self.home
+        tool = rotations @ DOWN
+        flange = tips - TOOL_LENGTH * tool[:, :, 2]
+        best, nearest = np.full((len(tips), 6), np.nan), np.inf
+        for signs in product((1.0, -1.0), repeat=3):
+            angles = _branch(flange, tool, signs)
+            if not np.isfinite(angles).all():
+                continue
+            joints = angles + _whole_turns(seed - angles[0])
+            joints[1:] -= np.cumsum(_whole_turns(np.diff(angles, axis=0)), axis=0)
+            joints[:, 2] -= _whole_turns(joints[:1, 2])
+            limits = np.array([TURN, TURN, np.pi, TURN, TURN, TURN])
+            distance = float(np.abs(joints[0] - seed).max())
+            if distance < nearest and (np.abs(joints) <= limits).all():
+                best, nearest = joints, distance
+        return best
 
     def reachable(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
-        """As ``Arm.reachable``, in closed form."""
-        return reachable(tips)
+        """As ``Arm.reachable``, in closed form, within the nominal reach."""
+        radius = np.hypot(tips[:, 0], tips[:, 1])
+        inside = (radius >= NEAREST) & (radius <= REACH)
+        # Low and near the base the forearm's end would meet the shoulder: it must stay beside it or above it.
+        beside = np.sqrt(np.maximum(radius**2 - D4**2, 0.0)) - D5 >= _SHOULDER
+        inside &= beside | (tips[:, 2] + TOOL_LENGTH + D6 >= D1 + _SHOULDER)
+        return inside & np.isfinite(solve(tips, np.zeros(len(tips)))).all(axis=1)

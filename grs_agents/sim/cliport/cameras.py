@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from grs_agents.engine import mujoco
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.library import Library
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world import rendering
 from grs_agents.sim.world.rendering import FRONT, LEFT, RIGHT, View
 
-FloatArray = npt.NDArray[np.float64]
 CameraConfig = dict[str, Any]
 
 

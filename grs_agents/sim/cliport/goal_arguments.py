@@ -12,19 +12,22 @@ from grs_agents.sim.world.tabletop import as_pose, is_number, is_vector
 
 
 def make_goal(
-    objs: Any, matches: Any, targ_poses: Any, replace: bool, rotations: bool, metric: str, params: Any,
-    step_max_reward: float, symmetries: Any,
-) -> Goal:  # fmt: skip
+    objs: Any,
+    matches: Any,
+    targ_poses: Any,
+    replace: bool,
+    rotations: bool,
+    metric: str,
+    params: Any,
+    step_max_reward: float,
+    symmetries: Any,
+) -> Goal:
     """Check the arguments of ``Task.add_goal`` and bring them into one shape.
 
     Raises:
         SimulationError: an argument does not fit; the message says which, and what would.
     """
-    reward = float(step_max_reward) if _is_real(step_max_reward) else np.nan
-    if not np.isfinite(reward) or reward < 0:
-        raise SimulationError(
-            f"add_goal: step_max_reward is {step_max_reward!r}"[:200], "give a share of 1, e.g. 1 / len(objects)"
-        )
+    reward = _reward(step_max_reward)
     if isinstance(objs, Goal):
         return objs.model_copy(update={"max_reward": reward})
     numbers, own_symmetries = _objects(objs)
@@ -94,13 +97,16 @@ def _objects(objs: Any) -> tuple[list[int], list[float]]:
     return [number for number, _ in pairs], [symmetry for _, symmetry in pairs]
 
 
-def _is_real(value: Any) -> bool:
-    """Whether ``float`` takes it."""
+def _reward(value: Any) -> float:
     try:
-        float(value)
+        reward = float(value)
     except (TypeError, ValueError):
-        return False
-    return True
+        reward = np.nan
+    if not np.isfinite(reward) or reward < 0:
+        raise SimulationError(
+            f"add_goal: step_max_reward is {value!r}"[:200], "give a share of 1, e.g. 1 / len(objects)"
+        )
+    return reward
 
 
 def _is_pair(item: Any) -> bool:

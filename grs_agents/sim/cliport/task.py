@@ -6,9 +6,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.goal_arguments import doubts, make_goal
@@ -24,7 +24,6 @@ from grs_agents.sim.motion import placement
 from grs_agents.sim.world import templates
 from grs_agents.sim.world.footprints import Prism, prisms
 
-FloatArray = npt.NDArray[np.float64]
 _PATIENCE = 200
 _ORIGIN: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 _LENIENT = 0.05
@@ -101,10 +100,19 @@ class Task(TaskKit):
         self.goals, self.lang_goals, self.progress = [], [], 0.0
 
     def add_goal(
-        self, objs: Any, matches: Any = None, targ_poses: Any = None, replace: bool = False, rotations: bool = True,
-        metric: str = "pose", params: Any = None, step_max_reward: float = 1.0, symmetries: Any = None,
-        language_goal: str = "", **_: Any,
-    ) -> None:  # fmt: skip
+        self,
+        objs: Any,
+        matches: Any = None,
+        targ_poses: Any = None,
+        replace: bool = False,
+        rotations: bool = True,
+        metric: str = "pose",
+        params: Any = None,
+        step_max_reward: float = 1.0,
+        symmetries: Any = None,
+        language_goal: str = "",
+        **_: Any,
+    ) -> None:
         """State a goal. Goals are met one after the other; their ``step_max_reward`` should add up to 1.
 
         Args:
@@ -190,7 +198,7 @@ class Task(TaskKit):
 
     def make_kitting_objects(
         self, env: Environment, targets: Sequence[Any], obj_shapes: Sequence[int], n_objects: int, colors: Any
-    ) -> tuple[list[tuple[int, tuple[float, None]]], list[npt.NDArray[np.float64]]]:
+    ) -> tuple[list[tuple[int, tuple[float, None]]], list[FloatArray]]:
         """Put ``n_objects`` kitting shapes at free places: ``(objects, matches)`` for ``add_goal``.
 
         Args:
@@ -253,9 +261,10 @@ def task_class(module: ModuleType) -> type[Task]:
         SimulationError: it defines none.
     """
     found = [
-        value for value in vars(module).values()
+        value
+        for value in vars(module).values()
         if isinstance(value, type) and issubclass(value, Task) and value.__module__ == module.__name__
-    ]  # fmt: skip
+    ]
     if not found:
         raise SimulationError(
             f"module {module.__name__} defines no subclass of Task", "define a class that derives from Task"

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.cliport import cameras
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.goals.task_accounting import TaskAccounting
@@ -25,7 +26,6 @@ from grs_agents.sim.world.colors import COLORS
 from grs_agents.sim.world.footprints import turn
 from grs_agents.sim.world.tabletop import Tabletop, as_pose
 
-FloatArray = npt.NDArray[np.float64]
 _BEAD: Final = "sphere/sphere_rope.urdf"
 _BEAD_RADIUS: Final = 0.005
 _BENDS: Final = (1.0, 1.0, 1.6, 2.4, 3.2, 4.2)
@@ -198,9 +198,15 @@ class TaskKit:
         return found
 
     def make_ropes(
-        self, env: Environment, corners: Any, radius: float = 0.005, n_parts: int = 20, color_name: str = "red",
-        *_: Any, **__: Any,
-    ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], npt.NDArray[np.float64]]:  # fmt: skip
+        self,
+        env: Environment,
+        corners: Any,
+        radius: float = 0.005,
+        n_parts: int = 20,
+        color_name: str = "red",
+        *_: Any,
+        **__: Any,
+    ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], FloatArray]:
         """Lay a rope of beads on a free place of the table, in a gentle curve.
 
         Args:
@@ -268,11 +274,8 @@ def _over(triangles: FloatArray, count: int, rng: np.random.Generator) -> FloatA
     return np.asarray(corner[chosen] + share[:, :1] * first[chosen] + share[:, 1:] * second[chosen])
 
 
-_TURN: Final = 2 * np.pi
-SYMMETRIES: Final = (
-    _TURN, _TURN, _TURN / 3, _TURN / 4, _TURN / 4, _TURN, _TURN / 2, _TURN / 5, _TURN / 2, _TURN / 4,
-    _TURN / 5, 0.0, _TURN, _TURN, _TURN, _TURN, 0.0, _TURN / 6, _TURN, _TURN,
-)  # fmt: skip
+_FOLDS: Final = (1, 1, 3, 4, 4, 1, 2, 5, 2, 4, 5, 0, 1, 1, 1, 1, 0, 6, 1, 1)
+SYMMETRIES: Final = tuple(2 * np.pi / fold if fold else 0.0 for fold in _FOLDS)
 """For each kitting shape the angle (rad) after which it looks the same; 0 = any."""
 SCALE: Final = (0.003, 0.003, 0.001)
 SIZE: Final = (0.08, 0.08, 0.02)
@@ -280,9 +283,12 @@ SIZE: Final = (0.08, 0.08, 0.02)
 
 
 def kitting_objects(
-    env: Tabletop, place: Callable[[Sequence[float]], Any], targets: Sequence[Any], shapes: Sequence[int],
+    env: Tabletop,
+    place: Callable[[Sequence[float]], Any],
+    targets: Sequence[Any],
+    shapes: Sequence[int],
     colors: Sequence[Any],
-) -> tuple[list[tuple[int, tuple[float, None]]], list[npt.NDArray[np.float64]]]:  # fmt: skip
+) -> tuple[list[tuple[int, tuple[float, None]]], list[FloatArray]]:
     """Put one object of each shape at a free place.
 
     Args:
@@ -307,7 +313,7 @@ def kitting_objects(
         )
     kinds = np.asarray(shapes)
     objects: list[tuple[int, tuple[float, None]]] = []
-    matches: list[npt.NDArray[np.float64]] = []
+    matches: list[FloatArray] = []
     for shape, color in zip(shapes, colors, strict=False):
         replace = {"FNAME": f"{shape:02d}.obj", "SCALE": SCALE, "COLOR": color}
         urdf = templates.fill(env.library, "kitting/object-template.urdf", replace)

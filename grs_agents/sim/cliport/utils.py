@@ -3,12 +3,10 @@
 import random
 from collections.abc import Sequence
 
-import numpy as np
-import numpy.typing as npt
-
 from grs_agents.base import Vec3
 from grs_agents.geometry.transforms import (
     IDENTITY,
+    FloatArray,
     apply,
     eulerXYZ_to_quatXYZW,
     invert,
@@ -49,21 +47,14 @@ __all__ = [
     "yaw_of",
 ]
 
-FloatArray = npt.NDArray[np.float64]
-
 
 COLORS_NAMES = list(COLORS)
 TRAIN_COLORS = ["blue", "red", "green", "yellow", "brown", "gray", "cyan"]
 EVAL_COLORS = ["blue", "red", "green", "orange", "purple", "pink", "white"]
-assembling_kit_shapes = dict(
-    enumerate(
-        (
-            "letter R shape", "letter A shape", "triangle", "square", "plus", "letter T shape", "diamond", "pentagon",
-            "rectangle", "flower", "star", "circle", "letter G shape", "letter V shape", "letter E shape",
-            "letter L shape", "ring", "hexagon", "heart", "letter M shape",
-        )
-    )
-)  # fmt: skip
+_SHAPES = """letter R shape, letter A shape, triangle, square, plus, letter T shape, diamond, pentagon, rectangle,
+flower, star, circle, letter G shape, letter V shape, letter E shape, letter L shape, ring, hexagon, heart,
+letter M shape"""
+assembling_kit_shapes = dict(enumerate(_SHAPES.replace("\n", " ").split(", ")))
 """What the kitting shapes look like, by number."""
 
 

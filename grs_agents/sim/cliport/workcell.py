@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.cliport import cameras, end_effectors
 from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
 from grs_agents.sim.motion import placement, tool_paths
@@ -17,7 +18,6 @@ from grs_agents.sim.world.recording import Recording
 from grs_agents.sim.world.rendering import Sight
 from grs_agents.sim.world.tabletop import Tabletop, as_pose
 
-FloatArray = npt.NDArray[np.float64]
 _SPEED: Final = 1.0
 """Radians a second of the fastest joint in ``movej``."""
 _REACHED: Final = 0.01

@@ -7,10 +7,10 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.expert import placement_planner
 from grs_agents.sim.goals.scene_view import SceneView, toppled
 from grs_agents.sim.goals.task_accounting import ScoredTask
@@ -20,7 +20,6 @@ from grs_agents.sim.motion.grasp import find_grasp
 from grs_agents.sim.motion.placement import Blocked, Spot, Suits, reach_note
 from grs_agents.sim.world.tabletop import Tabletop
 
-FloatArray = npt.NDArray[np.float64]
 _SAMPLES: Final = 24
 _MISS: Final = 0.02
 """What a bead out of tolerance costs besides its distance, metres."""
@@ -240,8 +239,11 @@ class Oracle:
     def _clear(self, blocked: Blocked, number: int, view: SceneView, depth: int) -> Action | Stop:
         """Move what is in the way: to its own target if it has one, else aside."""
         blocker, name = blocked.blocker, view.name(blocked.blocker)
-        stop = Stop("target_occupied", f"{view.name(number)}: its way or target is occupied by {name}, which cannot "
-                    "be moved aside", (view.name(number), name))  # fmt: skip
+        stop = Stop(
+            "target_occupied",
+            f"{view.name(number)}: its way or target is occupied by {name}, which cannot be moved aside",
+            (view.name(number), name),
+        )
         attempt = (-1, blocker)
         if depth >= _DEPTH or self._attempts.get(attempt, 0) >= _ATTEMPTS:
             return stop
@@ -270,8 +272,12 @@ class Oracle:
             fallen = f"{name} toppled (tilt {tilt:.0f} deg) and was not placed in {_ATTEMPTS} tries{last}"
             return Stop("toppled", fallen, (name,))
         position = view.pose(number)[0]
-        return Stop("dropped", f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at "
-                    f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}){last}", (name,))  # fmt: skip
+        return Stop(
+            "dropped",
+            f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at "
+            f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}){last}",
+            (name,),
+        )
 
 
 def _action(number: int, hold: Vec3, spot: Spot, view: SceneView) -> Action:

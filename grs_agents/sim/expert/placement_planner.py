@@ -88,28 +88,31 @@ def _still_good(planned: Planned, number: int, view: SceneView, lift: float) -> 
 
 def aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float) -> Spot | None:
     """A spot out of the way, near where the object is: within what it stands in if there is room, else on the table."""
-    bounds = view.bounds
-    table = Region(
-        (float(bounds[0].mean()), float(bounds[1].mean())),
-        (float(np.ptp(bounds[0])), float(np.ptp(bounds[1]))), 0.0,
-    )  # fmt: skip
     body, center = view.outline(number), view.pose(number)[0]
     reserved = [Prism(prism.outline, 0.0, 1.0) for prism in (*keep_free, *_goal_areas(view, number))]
+    taken = [*view.others(number), *reserved]
     marks = [view.outline(other) for other in view.ids if not view.model(other).colliders]
-    solid = [*view.others(number), *reserved, *(Prism(mark.outline, 0.0, 1.0) for mark in marks)]
-    holders = [other for other in view.ids if other != number and view.hollow(other) and view.over(other, center)]
-    regions = [_within(view.outline(other)) for other in holders]
-    turns = [0.0, np.pi / 2, np.pi / 4]
-    for region, gap in (*((region, 0.003) for region in regions), (table, 0.03), (table, 0.01)):
-        obstacles = [*view.others(number), *reserved] if region is not table else solid
-        spot = find_spot(body, center, turns, region, obstacles, gap, Suits(lift, view.arm), spread=True, near=center)
+    unmarked = [*taken, *(Prism(mark.outline, 0.0, 1.0) for mark in marks)]
+    (x0, x1), (y0, y1), _ = view.bounds.tolist()
+    table = _box_region(x0, y0, x1, y1)
+    tries = [(_box_region(*holder.box), 0.003, taken) for holder in _holders(number, view)]
+    for region, gap, obstacles in (*tries, (table, 0.03, unmarked), (table, 0.01, unmarked)):
+        turns, suits = [0.0, np.pi / 2, np.pi / 4], Suits(lift, view.arm)
+        spot = find_spot(body, center, turns, region, obstacles, gap, suits, spread=True, near=center)
         if spot is not None and spot.height <= max(body.low, 0.0) + _CLIMB:
             return spot
     return None
 
 
-def _within(outline: Prism) -> Region:
-    x0, y0, x1, y1 = outline.box
+def _holders(number: int, view: SceneView) -> list[Prism]:
+    """The outlines of the containers that an object stands in."""
+    center = view.pose(number)[0]
+    return [
+        view.outline(other) for other in view.ids if other != number and view.hollow(other) and view.over(other, center)
+    ]
+
+
+def _box_region(x0: float, y0: float, x1: float, y1: float) -> Region:
     return Region(((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0, y1 - y0), 0.0)
 
 

@@ -57,9 +57,15 @@ def pose_target(goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: f
     blocked = [reason for reason in reasons if isinstance(reason, Blocked)]
     if blocked:
         return blocked[0]
-    return reasons[0] if reasons else Stop(
-        "error", f"no target pose matches {view.name(number)}: its row of matches is all zeros", (view.name(number),)
-    )  # fmt: skip
+    return (
+        reasons[0]
+        if reasons
+        else Stop(
+            "error",
+            f"no target pose matches {view.name(number)}: its row of matches is all zeros",
+            (view.name(number),),
+        )
+    )
 
 
 def _distance(target: Pose, pose: Pose) -> float:
@@ -152,8 +158,9 @@ def _turns_into(target: Pose, number: int, symmetry: float, view: SceneView) -> 
     """Turns (rad) along what stands at the target, however that lies by now, if the target allows any."""
     hosts = [
         view.yaw(other) - view.yaw(number)
-        for other in view.ids if other != number and view.model(other).colliders and view.over(other, target[0])
-    ]  # fmt: skip
+        for other in view.ids
+        if other != number and view.model(other).colliders and view.over(other, target[0])
+    ]
     return [turn for host in hosts for turn in _quarters(host)] if symmetry <= 0 else []
 
 
@@ -195,9 +202,10 @@ def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], t
     ]
     beside = [
         (part.outline, prism.outline)
-        for part in body for prism in near(part, level, center[0].tolist(), _ROOM)
+        for part in body
+        for prism in near(part, level, center[0].tolist(), _ROOM)
         if -_ROOM - 2 * _NUDGE < gaps(part.outline, prism.outline, center)[0] < _ROOM
-    ]  # fmt: skip
+    ]
     if not beside:
         return center
     steps = np.linspace(-1, 1, 7) * min(_NUDGE, task.pos_eps / 2)
@@ -214,48 +222,42 @@ def _blocker(
     if height <= wanted:
         return None
     top = [
-        prism.owner for prism in others
+        prism.owner
+        for prism in others
         if prism.high > height - 0.005 and gaps(shape.outline, prism.outline, offset)[0] < -0.0005
-    ]  # fmt: skip
+    ]
     movable = [owner for owner in top if view.is_free(owner) and not view.hollow(owner)]
     return movable[0] if movable else None
 
 
 def _tight(number: int, fit: _Fit, target: Pose, task: ScoredTask, view: SceneView) -> int | None:
     """What is to be moved anyway and would be shoved, or would tip the object off; None if nothing does."""
-    waiting = {
-        other
-        for goal in task.goals
-        for other, score in zip(goal.objects, task.grs.scores(goal), strict=True)
-        if other != number and score < 0.985 and view.is_free(other) and not view.hollow(other)
-    }
+    waiting = _waiting(number, task, view)
     up = fit.height - min(part.low for part in fit.parts)
     standing = [prism for prism in view.prisms if prism.owner in waiting and prism.high > fit.height - _STEP]
     for part in fit.parts:
         for prism in near(part, standing, fit.offset[0].tolist(), _BESIDE):
             gap = gaps(part.outline, prism.outline, fit.offset)[0]
             level = prism.low < part.high + up and prism.high > max(part.low + up, fit.height + 0.003)
-            if level and gap < _BESIDE and not view.over(prism.owner, target[0]):
-                return prism.owner
-            if not fit.stands and abs(prism.high - part.low - up) < _STEP and gap < -0.0005:
+            shoved = level and gap < _BESIDE and not view.over(prism.owner, target[0])
+            if shoved or (not fit.stands and abs(prism.high - part.low - up) < _STEP and gap < -0.0005):
                 return prism.owner
     return None
 
 
+def _waiting(number: int, task: ScoredTask, view: SceneView) -> set[int]:
+    """The other movable objects that goals still want elsewhere; what may hold things stays."""
+    return {
+        other
+        for goal in task.goals
+        for other, score in zip(goal.objects, task.grs.scores(goal), strict=True)
+        if other != number and score < 0.985 and view.is_free(other) and not view.hollow(other)
+    }
+
+
 def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: ScoredTask, view: SceneView) -> bool:
     """Whether to stand an object on what is in its way: it is meant to be there, and its top is wide and flat."""
-    wanted = [
-        place
-        for goal in view.stated_goals if blocker in goal.objects
-        for place in (goal.targets if goal.metric == "pose" else [zone.pose for zone in goal.zones])
-    ]  # fmt: skip
-    spoken_of = any(blocker in goal.named for goal in view.stated_goals)
-    start = view.places.get(blocker)
-    ball = any(shape.kind == "sphere" for shape in view.model(blocker).colliders)
-    # What stays where it is, and whose very place is the target, is what the object is to stand on.
-    if not spoken_of and not ball and start is not None:
-        wanted.append(start)
-    there = any(_distance(place, target) < task.pos_eps for place in wanted)
+    there = any(_distance(place, target) < task.pos_eps for place in _meant_places(blocker, view))
     if not there or height + (shape.high - shape.low) >= TALLEST_STACK:
         return False
     center = np.array([[target[0][0], target[0][1]]])
@@ -264,3 +266,17 @@ def _stackable(blocker: int, shape: Prism, target: Pose, height: float, task: Sc
         float(np.ptp(top, axis=0).min()) > 0.025 and inside_margin(np.zeros((1, 2)), top, center)[0] > 0.01
         for top in tops
     )
+
+
+def _meant_places(number: int, view: SceneView) -> list[Pose]:
+    """Where goals want an object; where it stood at the start if no goal speaks of it, unless it is a ball."""
+    places: list[Pose] = []
+    for goal in view.stated_goals:
+        if number in goal.objects:
+            places += goal.targets if goal.metric == "pose" else [zone.pose for zone in goal.zones]
+    # What stays where it is, and whose very place is the target, is what the object is to stand on.
+    ball = any(shape.kind == "sphere" for shape in view.model(number).colliders)
+    spoken_of = any(number in goal.named for goal in view.stated_goals)
+    if not ball and not spoken_of and number in view.places:
+        places.append(view.places[number])
+    return places

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.robot import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.expert.oracle import Action, Oracle
 from grs_agents.sim.goals.relation_rules import zone_of
@@ -22,7 +23,6 @@ from grs_agents.sim.motion.push import HEIGHT, poses_of
 from grs_agents.sim.world.footprints import gaps, rectangle, turn
 from grs_agents.sim.world.tabletop import Tabletop
 
-FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 _LANES: Final = 11
 """Strips of the blade's width in which pieces queue up behind one another."""
@@ -286,8 +286,9 @@ class _Scene:
         area = rectangle((float(middle[0]), float(middle[1])), (length, BLADE_WIDTH), float(np.arctan2(way[1], way[0])))
         return any(
             gaps(area, prism.outline, np.zeros((1, 2)))[0] < 0
-            for prism in self.view.prisms if not self.view.is_free(prism.owner)
-        )  # fmt: skip
+            for prism in self.view.prisms
+            if not self.view.is_free(prism.owner)
+        )
 
     def why_not(self) -> Stop:
         """No stroke is worth its effort: what is still astray."""
@@ -311,11 +312,12 @@ def _places(goal: Goal, row: int, spread: float, pos_eps: float, view: SceneView
     if zones:
         return [
             Place(
-                np.asarray(zone.pose[0][:2]), np.maximum(np.asarray(zone.size[:2]) - 2 * spread - 0.002, 0.004),
+                np.asarray(zone.pose[0][:2]),
+                np.maximum(np.asarray(zone.size[:2]) - 2 * spread - 0.002, 0.004),
                 transforms.yaw_of(zone.pose[1]),
             )
             for zone in zones
-        ]  # fmt: skip
+        ]
     targets = [goal.targets[index] for index in goal.options(row)]
     side = np.full(2, 1.2 * pos_eps)
     return [Place(np.asarray(target[0][:2]), side, transforms.yaw_of(target[1])) for target in targets]

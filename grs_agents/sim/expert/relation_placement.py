@@ -66,9 +66,10 @@ class RelationPlanner:
             return [level for level in levels if shortfall(goal, goal.objects[level], view)]
         planned = self._lines.get(goal, {})
         return [
-            row for row, number in enumerate(goal.objects)
+            row
+            for row, number in enumerate(goal.objects)
             if number not in planned or math.dist(planned[number], view.pose(number)[0][:2]) > _ARRIVED
-        ]  # fmt: skip
+        ]
 
     def _in_line(self, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
         plan = self._lines.get(goal) or _line(goal, view, lift)
@@ -164,10 +165,12 @@ def _in_the_way(spot: Spot, number: int, view: SceneView, below: int = -1) -> in
     """A movable object, other than the one ``below``, that holds an object up at a spot."""
     shape = turned(view.outline(number), np.asarray(view.pose(number)[0][:2]), spot.turn)
     found = [
-        prism.owner for prism in view.others(number, below)
-        if prism.high > spot.height - 0.003 and view.is_free(prism.owner)
+        prism.owner
+        for prism in view.others(number, below)
+        if prism.high > spot.height - 0.003
+        and view.is_free(prism.owner)
         and gaps(shape.outline, prism.outline, np.array([spot.center]))[0] < -0.0005
-    ]  # fmt: skip
+    ]
     return found[0] if found and spot.height > 0.003 else None
 
 

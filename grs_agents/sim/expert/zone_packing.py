@@ -77,8 +77,14 @@ def _pack_once(region: Region, order: Sequence[int], view: SceneView, lift: floa
     plan: dict[int, Spot] = {}
     for number in order:
         body, center = view.outline(number), view.pose(number)[0]
-        standing = [*obstacles, *(prism for prism in view.prisms if prism.owner in order and prism.owner not in plan
-                                  and prism.owner != number)]  # fmt: skip
+        standing = [
+            *obstacles,
+            *(
+                prism
+                for prism in view.prisms
+                if prism.owner in order and prism.owner not in plan and prism.owner != number
+            ),
+        ]
         alone = len(order) == 1
         spot = find_spot(
             body, center, turns_for(number, region, view), inner, standing, gap, Suits(lift, view.arm), spread=alone
@@ -116,27 +122,31 @@ def why_not(zone: Zone, number: int, members: Sequence[int], view: SceneView, li
 
 
 def _taken(region: Region, number: int, members: Sequence[int], view: SceneView, lift: float, size: str) -> Target:
-    name, body, center = view.name(number), view.outline(number), view.pose(number)[0]
-    inside = [
-        other for other in view.ids
-        if other != number and view.is_free(other)
-        and gaps(view.outline(other).outline, region.outline, np.zeros((1, 2)))[0] < -0.002
-    ]  # fmt: skip
+    """What is to be moved out of a full region; a spot on top of what lies there; or why neither is possible."""
+    name, body = view.name(number), view.outline(number)
+    inside = _movable_in(region, number, view)
     foreign = [other for other in inside if other in members or not _over_region(other, region, view)]
-    wide = _wanted_nowhere(inside, view)
-    for other in foreign or wide:
+    for other in foreign or _wanted_nowhere(inside, view):
         return Blocked(other, (Prism(region.outline, 0.0, 1.0, number),))
-    spot = find_spot(
-        body, center, turns_for(number, region, view), region, view.others(number), 0.002, Suits(lift, view.arm),
-        spread=True, stack=True,
-    )  # fmt: skip
+    turns, suits = turns_for(number, region, view), Suits(lift, view.arm)
+    center, others = view.pose(number)[0], view.others(number)
+    spot = find_spot(body, center, turns, region, others, 0.002, suits, spread=True, stack=True)
     if spot is not None and spot.height + body.high - body.low < TALLEST_STACK:
         return spot
     names = tuple(dict.fromkeys(view.name(other) for other in inside))
-    return Stop(
-        "target_occupied", f"no room for {name} in the target zone {size}: occupied by {', '.join(names)}",
-        (name, *names),
-    )  # fmt: skip
+    detail = f"no room for {name} in the target zone {size}: occupied by {', '.join(names)}"
+    return Stop("target_occupied", detail, (name, *names))
+
+
+def _movable_in(region: Region, number: int, view: SceneView) -> list[int]:
+    """The other movable objects that reach into a region."""
+    return [
+        other
+        for other in view.ids
+        if other != number
+        and view.is_free(other)
+        and gaps(view.outline(other).outline, region.outline, np.zeros((1, 2)))[0] < -0.002
+    ]
 
 
 def _over_region(number: int, region: Region, view: SceneView) -> bool:

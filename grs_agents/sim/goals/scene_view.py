@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.library import ObjectModel
 from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.world.collision_volumes import Volume
@@ -142,7 +142,6 @@ class SceneView:
         return bool(inside_margin(_POINT, self.outline(number).outline, offset)[0] >= 0)
 
 
-FloatArray = npt.NDArray[np.float64]
 _TOUCHING: Final = 0.006
 _FOOTING: Final = 0.002
 """How far within what carries it a centre of mass must lie, metres."""
@@ -166,10 +165,13 @@ def around(number: int, view: SceneView) -> set[int]:
     return {
         other
         for other in view.ids
-        if own.low < _TOUCHING and other != number and view.model(other).colliders
-        and view.outline(other).low < own.high and view.outline(other).high > own.low
+        if own.low < _TOUCHING
+        and other != number
+        and view.model(other).colliders
+        and view.outline(other).low < own.high
+        and view.outline(other).high > own.low
         and view.over(other, view.pose(number)[0])
-    }  # fmt: skip
+    }
 
 
 def marks_under(number: int, view: SceneView) -> set[int]:
@@ -179,9 +181,10 @@ def marks_under(number: int, view: SceneView) -> set[int]:
     return {
         other
         for other in view.ids
-        if not view.model(other).colliders and abs(view.outline(other).high) < _TOUCHING
+        if not view.model(other).colliders
+        and abs(view.outline(other).high) < _TOUCHING
         and view.over(other, view.pose(number)[0])
-    }  # fmt: skip
+    }
 
 
 def _carries(prism: Prism, feet: Iterable[Prism]) -> bool:

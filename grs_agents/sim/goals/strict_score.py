@@ -71,10 +71,13 @@ class StrictScorer:
             value += goal.max_reward * shares[-1]
         bystanders = [number for number in view.ids if view.is_free(number) and number not in final]
         fallen = [number for number in bystanders if toppled(number, view, self.task.rot_eps)]
-        notes.update({number: f"{view.name(number)} was knocked over" for number in fallen})
-        standing = 1 - len(fallen) / len(bystanders) if fallen else 1.0
-        weakest = 0.0 if fallen else min(shares, default=0.0)
-        return StrictScore(round(min(1.0, value) * standing, 9), round(weakest, 9), tuple(notes.values()))
+        weakest = min(shares, default=0.0)
+        if fallen:
+            notes.update({number: f"{view.name(number)} was knocked over" for number in fallen})
+            return StrictScore(
+                round(min(1.0, value) * (1 - len(fallen) / len(bystanders)), 9), 0.0, tuple(notes.values())
+            )
+        return StrictScore(round(min(1.0, value), 9), round(weakest, 9), tuple(notes.values()))
 
     def _goal(self, goal: Goal, view: SceneView, last: set[int], notes: dict[int, str]) -> list[float]:
         """The score of each object of one goal; ``notes`` gains a clause for each of ``last`` that falls short."""
@@ -109,9 +112,8 @@ class StrictScorer:
         number = goal.objects[row]
         pose, low = view.pose(number), view.outline(number).low
         claimed = [
-            index for index in goal.options(row)
-            if self.task.is_match(pose, goal.targets[index], goal.symmetries[row])
-        ]  # fmt: skip
+            index for index in goal.options(row) if self.task.is_match(pose, goal.targets[index], goal.symmetries[row])
+        ]
         if not claimed:
             return "is at none of its targets"
         if any(self._holds(goal, row, index, view) for index in claimed):

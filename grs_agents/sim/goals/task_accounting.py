@@ -28,9 +28,12 @@ def angle_between(first: float, second: float, symmetry: float) -> float:
 
 
 def pose_matches(
-    pose: Pose, target: Pose, symmetry: float,
-    pos_eps: float = POSITION_TOLERANCE, rot_eps: float = ROTATION_TOLERANCE,
-) -> bool:  # fmt: skip
+    pose: Pose,
+    target: Pose,
+    symmetry: float,
+    pos_eps: float = POSITION_TOLERANCE,
+    rot_eps: float = ROTATION_TOLERANCE,
+) -> bool:
     """Whether ``pose`` is at ``target``: xy within ``pos_eps`` metres, yaw within ``rot_eps`` radians."""
     distance = float(np.hypot(pose[0][0] - target[0][0], pose[0][1] - target[0][1]))
     turn = angle_between(transforms.yaw_of(pose[1]), transforms.yaw_of(target[1]), symmetry)
@@ -38,9 +41,13 @@ def pose_matches(
 
 
 def object_scores(
-    goal: Goal, poses: dict[int, Pose], volumes: dict[int, Volume], ceiling: float,
-    pos_eps: float = POSITION_TOLERANCE, rot_eps: float = ROTATION_TOLERANCE,
-) -> list[float]:  # fmt: skip
+    goal: Goal,
+    poses: dict[int, Pose],
+    volumes: dict[int, Volume],
+    ceiling: float,
+    pos_eps: float = POSITION_TOLERANCE,
+    rot_eps: float = ROTATION_TOLERANCE,
+) -> list[float]:
     """For each object of a ``pose`` or ``zone`` goal, how far (0..1) it is where it should be."""
     if goal.metric == "zone":
         return [share_inside(volumes[number], poses[number], goal.zones, ceiling) for number in goal.objects]

@@ -8,10 +8,22 @@ from grs_agents.base import Frozen, Vec3
 from grs_agents.errors import GrsError
 
 Outcome = Literal[
-    "success", "stopped", "partial", "step_limit", "unreachable", "dropped", "toppled", "target_occupied",
-    "target_too_small", "no_free_space", "nothing_to_do", "simulated_step_limit", "object_limit", "vertex_limit",
+    "success",
+    "stopped",
+    "partial",
+    "step_limit",
+    "unreachable",
+    "dropped",
+    "toppled",
+    "target_occupied",
+    "target_too_small",
+    "no_free_space",
+    "nothing_to_do",
+    "simulated_step_limit",
+    "object_limit",
+    "vertex_limit",
     "error",
-]  # fmt: skip
+]
 
 
 _WELL: Final = ("placed", "pushed")

@@ -125,29 +125,30 @@ class TaskInstance(Frozen):
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
-        ids = [item.id for item in self.objects]
-        if len(set(ids)) != len(ids):
+        ids = {item.id for item in self.objects}
+        if len(ids) != len(self.objects):
             raise ValueError("object ids must differ")
-        unknown = {number for goal in self.goals for number in goal.named} - set(ids)
-        if unknown:
+        if unknown := {number for goal in self.goals for number in goal.named} - ids:
             raise ValueError(f"goals name objects {sorted(unknown)} that the instance does not have")
-        loose = {number for tie in self.ties for number in (tie.parent, tie.child)} - set(ids)
-        if loose:
-            raise ValueError(f"ties name objects {sorted(loose)} that the instance does not have")
+        if unknown := {number for tie in self.ties for number in (tie.parent, tie.child)} - ids:
+            raise ValueError(f"ties name objects {sorted(unknown)} that the instance does not have")
         pairs = sum(len(goal.objects) * max(1, len(goal.targets)) for goal in self.goals)
         if pairs > MOST_PAIRS:
             raise ValueError(
                 f"the goals pair objects with targets {pairs} times, at most {MOST_PAIRS} times are allowed"
             )
+        self._check_ties()
+        return self
+
+    def _check_ties(self) -> None:
         poses = {item.id: item.pose for item in self.objects}
         for tie in self.ties:
-            ends = [_place(poses[tie.parent], tie.parent_frame[0]), _place(poses[tie.child], tie.child_frame[0])]
-            if (gap := math.dist(*ends)) > LARGEST_TIE_GAP:
+            places = _place(poses[tie.parent], tie.parent_frame[0]), _place(poses[tie.child], tie.child_frame[0])
+            if (gap := math.dist(*places)) > LARGEST_TIE_GAP:
                 raise ValueError(
                     f"the tie of objects {tie.parent} and {tie.child} joins places {gap:.2f} m apart, at most "
                     f"{LARGEST_TIE_GAP} m: place the objects as they are tied"
                 )
-        return self
 
 
 def _place(pose: Pose, point: Vec3) -> Vec3:

@@ -1,18 +1,18 @@
 """Where the suction cup can take hold: flat, uncovered points on an object's top, found by rays from above."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Vec3
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.robot import CUP_RADIUS
 from grs_agents.sim.world.footprints import Prism, inside_margin, near, nearest_point
 from grs_agents.sim.world.physics import Physics
 
-FloatArray = npt.NDArray[np.float64]
 _SPACING: Final = 0.009
 _MOST: Final = 120
 _FARTHER: Final = 0.0002
@@ -66,33 +66,36 @@ def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, othe
         outline: around the whole object.
         others: prisms of what else there is, thin things among it that rays would miss.
     """
-    fallback: tuple[float, Vec3] | None = None
-    covered: dict[int, int] = {}
+    best: tuple[float, Vec3] | None = None
+    covered: Counter[int] = Counter()
     around = near(outline, others, (0.0, 0.0), _BODY + _SWAY)
     for rank, (x, y) in enumerate(_candidates(center, outline)):
-        if fallback is not None and fallback[0] <= _FARTHER * rank:
+        if best is not None and best[0] <= _FARTHER * rank:
             break  # nothing that is left can be better
         height, owner = physics.height_below(x, y)
         if owner != number:
             if owner >= 0 and height > outline.low:
-                covered[owner] = covered.get(owner, 0) + 1
+                covered[owner] += 1
             continue
-        roughness, beside = _roughness(physics, number, x, y, height)
-        if beside < 0:
-            room, neighbour = _room(physics, around, x, y, height)
-            beside = neighbour if room < 0 else beside
-            roughness += max(0.0, _SWAY - room)
+        roughness, beside = _hindrance(physics, number, around, (x, y, height))
         if beside >= 0:
-            covered[beside] = covered.get(beside, 0) + 1
+            covered[beside] += 1
             continue
-        if roughness == 0:
-            return Grasp((x, y, height))
-        cost = roughness + _FARTHER * rank
-        if fallback is None or cost < fallback[0]:
-            fallback = (cost, (x, y, height))
-    if fallback is not None:
-        return Grasp(fallback[1])
-    return Grasp(None, tuple(sorted(covered, key=lambda owner: -covered[owner])))
+        cost = roughness + (_FARTHER * rank if roughness else 0.0)
+        if best is None or cost < best[0]:
+            best = (cost, (x, y, height))
+    if best is not None:
+        return Grasp(best[1])
+    return Grasp(None, tuple(owner for owner, _ in covered.most_common()))
+
+
+def _hindrance(physics: Physics, number: int, others: Sequence[Prism], point: Vec3) -> tuple[float, int]:
+    """How rough a point of an object is for the cup, 0 = not at all, and the id of what is in its way, or -1."""
+    roughness, beside = _roughness(physics, number, *point)
+    if beside >= 0:
+        return roughness, beside
+    room, neighbour = _room(physics, others, *point)
+    return roughness + max(0.0, _SWAY - room), neighbour if room < 0 else -1
 
 
 def _candidates(center: Vec3, outline: Prism) -> list[tuple[float, float]]:

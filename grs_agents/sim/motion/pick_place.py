@@ -6,12 +6,13 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.robot import CUP_RADIUS
 from grs_agents.sim.motion import grasp
+from grs_agents.sim.motion.placement import at
 from grs_agents.sim.motion.tool_paths import (
     Pace,
     ToolPose,
@@ -28,7 +29,6 @@ from grs_agents.sim.world.footprints import Prism
 from grs_agents.sim.world.physics import Physics
 from grs_agents.sim.world.suction import HOLDING_FORCE
 
-FloatArray = npt.NDArray[np.float64]
 FREE_SPEED: Final = 1.2
 HELD_SPEED: Final = 0.8
 TOUCH_SPEED: Final = 0.06
@@ -112,47 +112,38 @@ class PickPlace:
         physics = self.physics
         near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
         if not self._travel(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
-            return None, f"the arm cannot reach {_at(point)} with the tool down{self._hindrance}"
+            return None, f"the arm cannot reach {at(point)} with the tool down{self._hindrance}"
         lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
         if not self._descend(near, lowest, lambda: bool(physics.touched())):
-            return None, f"the arm cannot reach {_at(lowest.point)} with the tool down{self._hindrance}"
+            return None, f"the arm cannot reach {at(lowest.point)} with the tool down{self._hindrance}"
         touched = sorted(physics.touched() & physics.world.welds.keys())
         if not touched:
             fixed = sorted(physics.touched())
             what = f"{self.names[fixed[0]]}, which is fixed," if fixed else "nothing to grasp"
-            return None, f"{what} at {_at(point)}"
+            return None, f"{what} at {at(point)}"
         best = max(touched, key=lambda number: grasp.seal(physics, number))
         share = grasp.seal(physics, best)
         if share < grasp.SEALED and best not in physics.world.beads:
             self._retreat()
             return None, (
-                f"the cup finds no seal on {self.names[best]} at {_at(point)}: {share:.0%} of its lip lies on it, "
+                f"the cup finds no seal on {self.names[best]} at {at(point)}: {share:.0%} of its lip lies on it, "
                 f"it needs {grasp.SEALED:.0%}"
             )
         physics.cup.grasp(best)
         return best, "grasped"
 
     def _place(self, grasped: int, place: ToolPose) -> str:
-        physics, tip = self.physics, self.physics.tip
-        own = [obstacle for obstacle in self.obstacles if obstacle.owner == grasped]
-        tied = grasped in physics.world.limp
-        fellows = physics.world.limp if tied else {grasped}
-        others = [obstacle for obstacle in self.obstacles if obstacle.owner not in fellows]
-        drop = max(0.0, tip[2] - min((prism.low for prism in own), default=tip[2]))
-        radius = max(
-            (float(np.linalg.norm(prism.outline - np.asarray(tip[:2]), axis=1).max()) for prism in own), default=0.05
-        )
+        physics = self.physics
         up = upward(place.tilt)
         tilted = bool(up[2] < 1.0)
-        hanging = float(np.hypot(radius, drop)) if tilted else drop
+        radius, drop = self._extent_below_tip(grasped)
         near = place.moved(0.012 * up)
-        speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
-        if not self._travel(near, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance):
+        if not self._carry(grasped, near, radius, drop, tilted):
             if physics.held is None:
                 self._retreat()
                 return self._dropped(grasped)
             self._put_down()
-            how = f"over its neighbours to {_at(place.point)}" + (" so tilted" if tilted else "")
+            how = f"over its neighbours to {at(place.point)}" + (" so tilted" if tilted else "")
             return f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
         deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
         lowest = place.moved(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
@@ -161,6 +152,25 @@ class PickPlace:
         held = physics.held == grasped
         self._release(up)
         return "placed" if held else self._dropped(grasped)
+
+    def _extent_below_tip(self, number: int) -> tuple[float, float]:
+        """How far an object reaches from the tip to the side, and below it, metres."""
+        tip = self.physics.tip
+        own = [obstacle for obstacle in self.obstacles if obstacle.owner == number]
+        if not own:
+            return 0.05, 0.0
+        radius = max(float(np.linalg.norm(prism.outline - np.asarray(tip[:2]), axis=1).max()) for prism in own)
+        return radius, max(0.0, tip[2] - min(prism.low for prism in own))
+
+    def _carry(self, number: int, end: ToolPose, radius: float, drop: float, tilted: bool) -> bool:
+        """Travel to a pose with an object that reaches ``radius`` to the side of the tip and ``drop`` below it."""
+        limp = self.physics.world.limp
+        tied = number in limp
+        fellows = limp if tied else {number}
+        others = [obstacle for obstacle in self.obstacles if obstacle.owner not in fellows]
+        hanging = float(np.hypot(radius, drop)) if tilted else drop
+        speed, clearance = (ROPE_SPEED, _ROPE_CLEARANCE) if tied else (HELD_SPEED, _CLEARANCE)
+        return self._travel(end, (hanging if tilted else radius) + 0.01, hanging, others, speed, clearance)
 
     def _dropped(self, number: int) -> str:
         name, slip = self.names[number], self.physics.cup.slip
@@ -174,9 +184,7 @@ class PickPlace:
 
     def _put_down(self) -> None:
         physics, held, tip = self.physics, self.physics.held, self._here()
-        self._descend(
-            tip, tip.moved(np.array([0.0, 0.0, -0.02])), lambda: held is not None and physics.supported(held)
-        )  # fmt: skip
+        self._descend(tip, tip.moved(np.array([0.0, 0.0, -0.02])), lambda: held is not None and physics.supported(held))
         self._release(_UP)
 
     def _release(self, up: FloatArray) -> None:
@@ -198,9 +206,14 @@ class PickPlace:
         return ToolPose(self.physics.tip, self.yaw, self.tilt)
 
     def _travel(
-        self, end: ToolPose, radius: float, drop: float, obstacles: Sequence[Prism], speed: float,
+        self,
+        end: ToolPose,
+        radius: float,
+        drop: float,
+        obstacles: Sequence[Prism],
+        speed: float,
         clearance: float = _CLEARANCE,
-    ) -> bool:  # fmt: skip
+    ) -> bool:
         """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` of it.
 
         Args:
@@ -278,7 +291,3 @@ class PickPlace:
         if gap is not None:
             self._hindrance = f": {gap}"
         return gap is None
-
-
-def _at(point: Vec3) -> str:
-    return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f})"

@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.world.footprints import Prism, gaps, inside_margin, rectangle, rest_heights, turn
 
-FloatArray = npt.NDArray[np.float64]
 _BATCH: Final = 256
 _BATCHES: Final = 6
 _FLUSH: Final = 0.003
@@ -25,9 +25,13 @@ _LEVEL: Final = 0.012
 
 
 def random_pose(
-    size: Sequence[float], bounds: FloatArray, obstacles: Sequence[Prism], rng: np.random.Generator,
-    arm: Arm, gap: float = 0.01,
-) -> Pose | None:  # fmt: skip
+    size: Sequence[float],
+    bounds: FloatArray,
+    obstacles: Sequence[Prism],
+    rng: np.random.Generator,
+    arm: Arm,
+    gap: float = 0.01,
+) -> Pose | None:
     """A pose on the table where a box of ``size`` (m) stands free and the arm reaches it, or None.
 
     Args:
@@ -52,9 +56,14 @@ def random_pose(
 
 
 def _free(
-    outline: FloatArray, top: float, offsets: FloatArray, bounds: FloatArray, obstacles: Sequence[Prism], arm: Arm,
+    outline: FloatArray,
+    top: float,
+    offsets: FloatArray,
+    bounds: FloatArray,
+    obstacles: Sequence[Prism],
+    arm: Arm,
     gap: float,
-) -> npt.NDArray[np.bool_]:  # fmt: skip
+) -> npt.NDArray[np.bool_]:
     around = np.array(
         [
             [bounds[0, 0], bounds[1, 0]],
@@ -106,10 +115,18 @@ def turned(body: Prism, center: FloatArray, angle: float) -> Prism:
 
 
 def find_spot(
-    body: Prism, center: Vec3, yaws: Sequence[float], region: Region, obstacles: Sequence[Prism], gap: float,
-    suits: Callable[[FloatArray, FloatArray], npt.NDArray[np.bool_]], *, spread: bool = False, stack: bool = False,
+    body: Prism,
+    center: Vec3,
+    yaws: Sequence[float],
+    region: Region,
+    obstacles: Sequence[Prism],
+    gap: float,
+    suits: Callable[[FloatArray, FloatArray], npt.NDArray[np.bool_]],
+    *,
+    spread: bool = False,
+    stack: bool = False,
     near: Vec3 | None = None,
-) -> Spot | None:  # fmt: skip
+) -> Spot | None:
     """A place inside a region where an object rests on the lowest level there is, clear of its neighbours.
 
     Args:

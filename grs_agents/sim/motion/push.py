@@ -4,17 +4,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.joint_paths import ramped
 from grs_agents.sim.arms.robot import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.motion.pick_place import FREE_SPEED, PickPlace
 from grs_agents.sim.motion.placement import at, wrap
 from grs_agents.sim.motion.tool_paths import ToolPose
 
-FloatArray = npt.NDArray[np.float64]
 HEIGHT: Final = 0.005
 BEFORE: Final = 0.02
 SHORT: Final = 0.05

@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.joint_paths import ramped, turns_about_z
 from grs_agents.sim.world.footprints import Prism
 from grs_agents.sim.world.suction import HOLDING_FORCE
 
-FloatArray = npt.NDArray[np.float64]
 _DETOURS: Final = (0.35, 0.45, 0.28, 0.55, 0.70)
 _UPRIGHT: Final = 0.02
 """Tilts below this are none, radians."""

@@ -10,11 +10,11 @@ import numpy.typing as npt
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.geometry.hulls import half_spaces
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.library.mesh_files import read_vertices
 from grs_agents.sim.instance.goal import Zone
 
-FloatArray = npt.NDArray[np.float64]
 _POINTS: Final = 600
 """About as many points stand for one object."""
 _ROUND: Final = 6

@@ -4,7 +4,7 @@ Ties are joints of ropes and what is fixed to another object. The arm's own room
 placed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -39,22 +39,17 @@ def limp_of(ties: Sequence[InstanceTie]) -> frozenset[int]:
 def add_ties(spec: Any, ties: Sequence[InstanceTie], timestep: float) -> None:
     """One equality of two sites for each tie, between the bodies called ``object_<id>``."""
     for index, tie in enumerate(ties):
-        _add_tie(spec, tie, index, timestep)
-
-
-def _add_tie(spec: Any, tie: InstanceTie, index: int, timestep: float) -> None:
-    ends = ((tie.parent, tie.parent_frame), (tie.child, tie.child_frame))
-    names: list[str] = []
-    for number, (position, (x, y, z, w)) in ends:
-        names.append(f"tie_{index}_{number}")
-        spec.body(f"object_{number}").add_site(name=names[-1], pos=position, quat=(w, x, y, z))
-    kind = mujoco.mjtEq.mjEQ_CONNECT if tie.kind == "point" else mujoco.mjtEq.mjEQ_WELD
-    equality = spec.add_equality(
-        name=f"tie_{index}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
-    )
-    equality.solref = (2 * timestep, 1.0)
-    if tie.kind == "point":
-        _make_bead(spec, tie)
+        names: list[str] = []
+        for number, (position, (x, y, z, w)) in ((tie.parent, tie.parent_frame), (tie.child, tie.child_frame)):
+            names.append(f"tie_{index}_{number}")
+            spec.body(f"object_{number}").add_site(name=names[-1], pos=position, quat=(w, x, y, z))
+        kind = mujoco.mjtEq.mjEQ_CONNECT if tie.kind == "point" else mujoco.mjtEq.mjEQ_WELD
+        equality = spec.add_equality(
+            name=f"tie_{index}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=names[0], name2=names[1]
+        )
+        equality.solref = (2 * timestep, 1.0)
+        if tie.kind == "point":
+            _make_bead(spec, tie)
 
 
 def _make_bead(spec: Any, tie: InstanceTie) -> None:
@@ -158,16 +153,29 @@ def new_spec(timestep: float) -> Any:
     spec.default.geom.solref = (2.5 * timestep, 1.0)
     spec.worldbody.add_light(pos=(0.3, -0.5, 2.0), dir=(0.0, 0.2, -1.0))
     spec.worldbody.add_geom(
-        name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=(1.2, 1.2, 0.05), pos=(0.4, 0.0, -0.05),
-        rgba=(0.80, 0.72, 0.60, 1.0), contype=1, conaffinity=1, friction=(0.8, 0.01, 0.0005), condim=4,
-    )  # fmt: skip
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=(1.2, 1.2, 0.05),
+        pos=(0.4, 0.0, -0.05),
+        rgba=(0.80, 0.72, 0.60, 1.0),
+        contype=1,
+        conaffinity=1,
+        friction=(0.8, 0.01, 0.0005),
+        condim=4,
+    )
     return spec
 
 
 def build(
-    objects: Sequence[InstanceObject], library: Library, timestep: float = TIMESTEP, visuals: bool = False,
-    ties: Sequence[InstanceTie] = (), tool: Tool = "suction", arm: Arm | None = None, background: str | None = None,
-) -> World:  # fmt: skip
+    objects: Sequence[InstanceObject],
+    library: Library,
+    timestep: float = TIMESTEP,
+    visuals: bool = False,
+    ties: Sequence[InstanceTie] = (),
+    tool: Tool = "suction",
+    arm: Arm | None = None,
+    background: str | None = None,
+) -> World:
     """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
 
     Args:
@@ -186,19 +194,37 @@ def build(
     """
     spec = new_spec(timestep)
     arm = arm or get_arm()
-    _add_arm(spec, arm, tool)
+    arm.add(spec)
+    if tool == "spatula":
+        fit_spatula(spec)
     models = {item.id: model_of(item, library) for item in objects}
     free = [item.id for item in objects if is_free(item, models[item.id])]
     for item in objects:
         _add_object(spec, item, models[item.id], library, visuals)
-    _add_background(spec, background, library, visuals)
+    if background is not None:
+        _add_background(spec, library.model(background), library, visuals)
     if len(ties) > _FEW_TIES or (tool == "spatula" and len(free) > _CROWD):
         _for_a_crowd(spec)
     graspable = free if tool == "suction" else []
     _add_suction(spec, graspable, timestep)
     add_ties(spec, ties, timestep)
-    model, limp = _compiled(spec), limp_of(ties)
-    bodies = {item.id: int(model.body(f"object_{item.id}").id) for item in objects}
+    limp = limp_of(ties)
+    beads = frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD)
+    bodies = [item.id for item in objects]
+    return _indexed(_compiled(spec), arm, bodies, free, graspable, limp, beads)
+
+
+def _indexed(
+    model: Any,
+    arm: Arm,
+    objects: Sequence[int],
+    free: Sequence[int],
+    graspable: Sequence[int],
+    limp: frozenset[int],
+    beads: frozenset[int],
+) -> World:
+    """A compiled model with the places of everything in it; the other arguments are ids of objects."""
+    bodies = {number: int(model.body(f"object_{number}").id) for number in objects}
     owner_of = {body: number for number, body in bodies.items()}
     return World(
         model=model,
@@ -206,20 +232,14 @@ def build(
         bodies=bodies,
         welds={number: int(model.equality(f"suction_{number}").id) for number in graspable},
         addresses={number: int(model.joint(f"object_{number}").qposadr[0]) for number in free},
-        limp=limp,
-        beads=frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD),
         owners=tuple(owner_of.get(int(body), -1) for body in model.geom_bodyid),
         cup_geom=int(model.geom("cup").id),
         cup_body=int(model.body("cup").id),
         tip_site=int(model.site("tip").id),
         arm=arm,
+        limp=limp,
+        beads=beads,
     )
-
-
-def _add_arm(spec: Any, arm: Arm, tool: Tool) -> None:
-    arm.add(spec)
-    if tool == "spatula":
-        fit_spatula(spec)
 
 
 def _compiled(spec: Any) -> Any:
@@ -244,9 +264,13 @@ def _add_suction(spec: Any, graspable: Sequence[int], timestep: float) -> None:
     """One weld to the cup, switched off, for each object that it may take."""
     for number in graspable:
         weld = spec.add_equality(
-            name=f"suction_{number}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1="cup", name2=f"object_{number}", active=False,
-        )  # fmt: skip
+            name=f"suction_{number}",
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="cup",
+            name2=f"object_{number}",
+            active=False,
+        )
         weld.solref = (2 * timestep, 1.0)
 
 
@@ -274,38 +298,49 @@ def _add_object(spec: Any, item: InstanceObject, shapes: ObjectModel, library: L
     body = spec.worldbody.add_body(name=name)
     if is_free(item, shapes):
         body.add_freejoint(name=name)
+    geoms = _add_colliders(spec, body, shapes, library, visuals)
     volumes = [_volume(shape, library) for shape in shapes.colliders]
     total = sum(volumes)
     mass = shapes.mass if shapes.mass > 0 else max(0.02, _DENSITY * total)
-    for index, (shape, volume) in enumerate(zip(shapes.colliders, volumes, strict=True)):
-        geom = _add_geom(spec, body, shape, library, f"{name}_{index}")
-        rolling = _ROLLING if shape.kind == "sphere" else 0.0
-        geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
-        geom.condim, geom.friction = 6 if rolling else 4, (shapes.friction, 0.01, rolling)
+    for geom, shape, volume in zip(geoms, shapes.colliders, volumes, strict=True):
         geom.mass = max(mass * volume / total, 1e-5)
         geom.rgba = (*(item.color or shape.color or _GREY)[:3], 1.0)  # a ray misses what is wholly transparent
-    for index, shape in enumerate(shapes.visuals if visuals else ()):
-        geom = _add_geom(spec, body, shape, library, f"{name}_visual_{index}")
-        geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 0, 0.0, 2
-        geom.rgba = item.color or shape.color or _named_color(item, library)
+        if shape.kind == "sphere":
+            geom.condim, geom.friction = 6, (shapes.friction, 0.01, _ROLLING)
+    for geom, shape in _add_visuals(spec, body, shapes, library, visuals):
+        geom.mass, geom.rgba = 0.0, item.color or shape.color or _named_color(item, library)
 
 
-def _add_background(spec: Any, name: str | None, library: Library, visuals: bool) -> None:
-    """One body that never moves, if there is one; objects and the arm bump into its boxes."""
-    if name is None:
-        return
-    shapes = library.model(name)
+def _add_background(spec: Any, shapes: ObjectModel, library: Library, visuals: bool) -> None:
+    """One body that never moves; objects and the arm bump into its boxes."""
     body = spec.worldbody.add_body(name="background")
-    for index, shape in enumerate(shapes.colliders):
-        geom = _add_geom(spec, body, shape, library, f"background_{index}")
-        geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
-        geom.condim, geom.friction = 4, (shapes.friction, 0.01, 0.0)
-    for index, shape in enumerate(shapes.visuals if visuals else ()):
-        geom = _add_geom(spec, body, shape, library, f"background_visual_{index}")
-        geom.contype, geom.conaffinity, geom.group, geom.rgba = 0, 0, 2, shape.color or _GREY
+    _add_colliders(spec, body, shapes, library, visuals)
+    for geom, shape in _add_visuals(spec, body, shapes, library, visuals):
+        geom.rgba = shape.color or _GREY
         if shape.kind == "mesh":
             # It is open, so it has no volume.
             spec.mesh(geom.meshname).inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+
+
+def _add_colliders(spec: Any, body: Any, shapes: ObjectModel, library: Library, visuals: bool) -> list[Any]:
+    """Add what is touched; it is seen only where ``visuals`` are not."""
+    geoms = [
+        _add_geom(spec, body, shape, library, f"{body.name}_{index}") for index, shape in enumerate(shapes.colliders)
+    ]
+    for geom in geoms:
+        geom.contype, geom.conaffinity, geom.group = 1, 1 | ROBOT_CONTYPE, 3 if visuals else 0
+        geom.condim, geom.friction = 4, (shapes.friction, 0.01, 0.0)
+    return geoms
+
+
+def _add_visuals(
+    spec: Any, body: Any, shapes: ObjectModel, library: Library, visuals: bool
+) -> Iterator[tuple[Any, Shape]]:
+    """Add what is only seen, if ``visuals`` are asked for: each geom with its shape."""
+    for index, shape in enumerate(shapes.visuals if visuals else ()):
+        geom = _add_geom(spec, body, shape, library, f"{body.name}_visual_{index}")
+        geom.contype, geom.conaffinity, geom.group = 0, 0, 2
+        yield geom, shape
 
 
 def _named_color(item: InstanceObject, library: Library) -> tuple[float, float, float, float]:

@@ -6,13 +6,12 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.library import ObjectModel, Shape
 
-FloatArray = npt.NDArray[np.float64]
 Value = TypeVar("Value")
 _CIRCLE = 12
 _REMEMBERED = 512
@@ -221,9 +220,10 @@ def near(prism: Prism, others: Iterable[Prism], offset: Sequence[float], reach: 
     (x0, y0, x1, y1), (dx, dy) = prism.box, offset
     x0, y0, x1, y1 = x0 + dx - reach, y0 + dy - reach, x1 + dx + reach, y1 + dy + reach
     return [
-        other for other in others
+        other
+        for other in others
         if other.box[0] <= x1 and other.box[1] <= y1 and other.box[2] >= x0 and other.box[3] >= y0
-    ]  # fmt: skip
+    ]
 
 
 def nearest_point(outline: FloatArray, point: FloatArray) -> FloatArray:

@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.engine import mujoco
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms import joint_paths
 from grs_agents.sim.arms.robot import DOWN
 from grs_agents.sim.instance.episode import SimulationError
@@ -17,7 +17,6 @@ from grs_agents.sim.world.budget import Budget
 from grs_agents.sim.world.compilation import World, place
 from grs_agents.sim.world.suction import Cup
 
-FloatArray = npt.NDArray[np.float64]
 _STILL: Final = 0.01
 """Slower than this is at rest, m/s."""
 _GLANCE, _SURGE = 4, 0.2
@@ -27,9 +26,14 @@ _ARRIVED: Final = 0.002
 _GENTLE: Final = 0.15
 """Fastest a body may be pushed out of another while the scene settles at reset, m/s."""
 _WARNINGS: Final = (
-    "a body without inertia", "too many contacts", "too many constraints", "positions out of bounds",
-    "speeds out of bounds", "accelerations out of bounds", "controls out of bounds",
-)  # fmt: skip
+    "a body without inertia",
+    "too many contacts",
+    "too many constraints",
+    "positions out of bounds",
+    "speeds out of bounds",
+    "accelerations out of bounds",
+    "controls out of bounds",
+)
 """What MuJoCo's warnings mean, in their order."""
 _CROWD: Final = 24
 _MOST_CONTACTS: Final = 4000

@@ -50,8 +50,11 @@ class Recording:
         times, positions, quaternions, tool = (np.array(column) for column in zip(*self._frames, strict=True))
         buffer = io.BytesIO()
         np.savez_compressed(
-            buffer, times=times, positions=positions.astype(np.float32),
-            quaternions=quaternions[..., [1, 2, 3, 0]].astype(np.float32), names=np.array(self.names),
+            buffer,
+            times=times,
+            positions=positions.astype(np.float32),
+            quaternions=quaternions[..., [1, 2, 3, 0]].astype(np.float32),
+            names=np.array(self.names),
             tool=tool.astype(np.float32),
-        )  # fmt: skip
+        )
         return write_bytes(path, buffer.getvalue())

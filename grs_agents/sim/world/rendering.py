@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.engine import mujoco
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.library import Library
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world import compilation
 
-FloatArray = npt.NDArray[np.float64]
 _LIGHT = np.array([0.2, -0.3, 0.93])
 _GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
 _NO_ARM = np.array([1, 0, 1, 0, 0, 0], dtype=np.uint8)
@@ -117,9 +117,19 @@ def _picture(
     count = shape[0] * shape[1]
     geom, distance, normal = np.full(count, -1, np.int32), np.empty(count), np.empty(3 * count)
     mujoco.mj_multiRay(
-        scene.model, scene.data, eye, directions.ravel(), groups, 1, -1, geom, distance, normal,
-        count, 1e10,
-    )  # fmt: skip
+        scene.model,
+        scene.data,
+        eye,
+        directions.ravel(),
+        groups,
+        1,
+        -1,
+        geom,
+        distance,
+        normal,
+        count,
+        1e10,
+    )
     hit = geom >= 0
     paint = np.asarray(scene.model.geom_rgba)[:, :3]
     shade = np.clip(np.abs(normal.reshape(-1, 3) @ _LIGHT), 0.3, 1.0)

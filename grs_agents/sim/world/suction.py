@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.engine import mujoco
 from grs_agents.sim.arms.robot import ROBOT_CONTYPE
 from grs_agents.sim.world.compilation import World
 
-FloatArray = npt.NDArray[np.float64]
 HOLDING_FORCE: Final = 15.0
 """What the suction cup holds, newtons: 60 kPa below the air's pressure on a disk of 20 mm (18.8 N), times 0.8."""
 WATCHED: Final = 4

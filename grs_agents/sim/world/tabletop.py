@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
 from grs_agents.library import Library, ObjectModel
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.instance.episode import NoFreeSpaceError, Recorder, SimulationError
@@ -17,8 +17,6 @@ from grs_agents.sim.world import budget, compilation, footprints, templates
 from grs_agents.sim.world.collision_volumes import Volume, volume_of
 from grs_agents.sim.world.colors import rgba
 from grs_agents.sim.world.physics import Physics
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -125,11 +123,14 @@ class Tabletop:
             self.warn(f"add_object({name!r}): 'deformable' moves as 'rigid' does")
         return self.insert(
             InstanceObject(
-                id=self._next, asset=filling.template if filling else name,
-                fill=dict(filling.values) if filling else {}, color=None if color is None else rgba(color),
-                pose=as_pose(pose, f"add_object({name!r})"), category=category,
+                id=self._next,
+                asset=filling.template if filling else name,
+                fill=dict(filling.values) if filling else {},
+                color=None if color is None else rgba(color),
+                pose=as_pose(pose, f"add_object({name!r})"),
+                category=category,
             )
-        )  # fmt: skip
+        )
 
     def insert(self, item: InstanceObject) -> int:
         """Add a typed object; returns the id it has here.

@@ -44,9 +44,12 @@ _known: WeakKeyDictionary[Library, dict[tuple[str, str, str], Any]] = WeakKeyDic
 
 
 def configure(
-    library: Library | None = None, seed: int = 0, robot: str = DEFAULT, limits: Limits | None = None,
+    library: Library | None = None,
+    seed: int = 0,
+    robot: str = DEFAULT,
+    limits: Limits | None = None,
     background: str | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none.
 
     Args:
@@ -145,9 +148,12 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
 def fill_noting(library: Library, template: str, replace: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
     """As ``fill``, and what ``unsure`` says of it."""
     return remembered(
-        library, "name", template, replace,
+        library,
+        "name",
+        template,
+        replace,
         lambda: (fill(library, template, replace), tuple(unsure(library, template, replace))),
-    )  # fmt: skip
+    )
 
 
 def _check_lengths(template: str, values: Values) -> None:

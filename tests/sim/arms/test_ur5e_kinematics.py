@@ -19,4 +19,4 @@ def test_the_tip_comes_where_it_was_asked_to_with_the_tool_down(radius, bearing,
 
 def test_points_too_far_too_near_and_too_high_are_out_of_reach() -> None:
     points = np.array([[0.5, 0, 0.1], [0.95, 0, 0.1], [0.1, 0, 0.1], [0.6, 0, 0.9]])
-    assert ur5e.reachable(points).tolist() == [True, False, False, False]
+    assert ur5e.UR5e().reachable(points).tolist() == [True, False, False, False]

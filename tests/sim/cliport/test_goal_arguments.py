@@ -11,9 +11,16 @@ POSE = ((0.5, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))
 
 def goal(**changes):
     given: dict[str, Any] = {
-        "objs": [1, 2], "matches": np.ones((2, 1)), "targ_poses": [POSE], "replace": True, "rotations": True,
-        "metric": "pose", "params": None, "step_max_reward": 1.0, "symmetries": None,
-    } | changes  # fmt: skip
+        "objs": [1, 2],
+        "matches": np.ones((2, 1)),
+        "targ_poses": [POSE],
+        "replace": True,
+        "rotations": True,
+        "metric": "pose",
+        "params": None,
+        "step_max_reward": 1.0,
+        "symmetries": None,
+    } | changes
     return make_goal(**given)
 
 

@@ -19,9 +19,16 @@ class Laying(Scripted):
         beads, targets, matches = task.make_ropes(env, self.ends, n_parts=self.n_parts)
         self.beads = [number for number, _ in beads]
         task.add_goal(
-            objs=beads, matches=matches, targ_poses=targets, replace=False, rotations=False, metric="pose",
-            params=None, step_max_reward=1, language_goal="lay it straight",
-        )  # fmt: skip
+            objs=beads,
+            matches=matches,
+            targ_poses=targets,
+            replace=False,
+            rotations=False,
+            metric="pose",
+            params=None,
+            step_max_reward=1,
+            language_goal="lay it straight",
+        )
 
 
 def ready(task, seed: int = 0) -> Environment:

@@ -18,7 +18,7 @@ from grs_agents.sim import (
     stacked,
     upright,
     utils,
-)  # fmt: skip
+)
 
 BLOCKS = tuple(f"block/{color}_block.urdf" for color in ("red", "blue", "green", "yellow"))
 ON_SIDE = utils.eulerXYZ_to_quatXYZW((np.pi / 2, 0, 0))
@@ -127,7 +127,7 @@ def box_on_its_side(task, env) -> None:
         (row, {}, "beside the line"),
         (tower, {"_2": at(0.38, -0.3, 0.0605)}, "green_block.urdf does not rest on block/blue"),
     ],
-)  # fmt: skip
+)
 def test_what_falls_short_is_said_in_one_clause(scene, moves, clause) -> None:
     episode = score(scene, **moves)
     assert episode.strict == episode.reward < 1

@@ -20,9 +20,15 @@ def thing(number: int, x: float = 0.5, y: float = 0.0, asset: str = RED, **more:
 
 def goal(number: int, x: float, y: float, **more: Any) -> dict[str, Any]:
     said: dict[str, Any] = {
-        "objects": (number,), "matches": ((1,),), "targets": (((x, y, 0.02), FLAT),), "replace": False,
-        "rotations": False, "metric": "pose", "max_reward": 1.0, "symmetries": (0.0,),
-    }  # fmt: skip
+        "objects": (number,),
+        "matches": ((1,),),
+        "targets": (((x, y, 0.02), FLAT),),
+        "replace": False,
+        "rotations": False,
+        "metric": "pose",
+        "max_reward": 1.0,
+        "symmetries": (0.0,),
+    }
     return said | more
 
 
@@ -33,9 +39,13 @@ def tie(parent: int, child: int, x: float = 0.0, **more: Any) -> dict[str, Any]:
 
 def instance(**changed: Any) -> TaskInstance:
     said: dict[str, Any] = {
-        "task": "Trial", "seed": 0, "max_steps": 3, "timestep": 0.004, "objects": (thing(1), thing(2, 0.5, 0.1)),
+        "task": "Trial",
+        "seed": 0,
+        "max_steps": 3,
+        "timestep": 0.004,
+        "objects": (thing(1), thing(2, 0.5, 0.1)),
         "goals": (goal(1, 0.5, -0.2),),
-    }  # fmt: skip
+    }
     return TaskInstance.model_validate_json(json.dumps(said | changed), strict=True)
 
 
@@ -69,9 +79,11 @@ def test_what_no_instance_may_say(changed: dict[str, Any], message: str) -> None
 def test_the_work_of_all_goals_is_bounded() -> None:
     objects = tuple(range(1, 101))
     wide = goal(1, 0.5, 0.2) | {
-        "objects": objects, "matches": ((1,) * 100,) * 100, "targets": (((0.5, 0.2, 0.02), FLAT),) * 100,
+        "objects": objects,
+        "matches": ((1,) * 100,) * 100,
+        "targets": (((0.5, 0.2, 0.02), FLAT),) * 100,
         "symmetries": (0.0,) * 100,
-    }  # fmt: skip
+    }
     with pytest.raises(ValidationError, match="pair objects with targets 20000 times, at most 10000"):
         instance(objects=tuple(thing(number) for number in objects), goals=(wide, wide))
 
@@ -88,7 +100,7 @@ def test_the_work_of_all_goals_is_bounded() -> None:
         ({}, "../../../../../../etc/passwd", "unknown asset"),
         ({"DIM": (0.1, 0.1, 0.1)}, "../library/" + BOX, "unknown asset"),
     ],
-)  # fmt: skip
+)
 def test_an_odd_filling_ends_the_episode_with_a_clear_error(fill: dict[str, Any], asset: str, message: str) -> None:
     odd = instance(objects=(thing(1), thing(2, 0.5, 0.2, asset=asset, fill=fill)))
     done = rollout(odd, Library())

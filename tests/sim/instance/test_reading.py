@@ -15,27 +15,61 @@ from grs_agents.sim.instance.instance import MAX_BYTES
 
 POSE = [[0.5, 0.0, 0.02], [0.0, 0.0, 0.0, 1.0]]
 VALID: dict[str, Any] = {
-    "version": 2, "task": "Packing", "seed": 3, "max_steps": 4, "timestep": 0.004,
+    "version": 2,
+    "task": "Packing",
+    "seed": 3,
+    "max_steps": 4,
+    "timestep": 0.004,
     "objects": [
         {"id": 1, "asset": "block/red_block.urdf", "pose": POSE, "color": [1.0, 0.0, 0.0, 1.0]},
-        {"id": 2, "asset": "box/box-template.urdf", "fill": {"DIM": [0.1, 0.1, 0.1]}, "pose": POSE,
-         "category": "fixed"},
+        {
+            "id": 2,
+            "asset": "box/box-template.urdf",
+            "fill": {"DIM": [0.1, 0.1, 0.1]},
+            "pose": POSE,
+            "category": "fixed",
+        },
     ],
     "ties": [{"kind": "point", "parent": 1, "child": 2, "parent_frame": POSE, "child_frame": POSE}],
     "goals": [
-        {"objects": [1], "matches": [[1]], "targets": [POSE], "replace": False, "rotations": True, "metric": "pose",
-         "max_reward": 0.5, "symmetries": [0.0], "language": "put it there"},
-        {"objects": [1], "matches": [[]], "targets": [], "replace": False, "rotations": True, "metric": "relation",
-         "max_reward": 0.5, "symmetries": [0.0], "relation": {"kind": "on", "reference": 2}},
+        {
+            "objects": [1],
+            "matches": [[1]],
+            "targets": [POSE],
+            "replace": False,
+            "rotations": True,
+            "metric": "pose",
+            "max_reward": 0.5,
+            "symmetries": [0.0],
+            "language": "put it there",
+        },
+        {
+            "objects": [1],
+            "matches": [[]],
+            "targets": [],
+            "replace": False,
+            "rotations": True,
+            "metric": "relation",
+            "max_reward": 0.5,
+            "symmetries": [0.0],
+            "relation": {"kind": "on", "reference": 2},
+        },
     ],
     "warnings": ["a word"],
-}  # fmt: skip
+}
 _ODD = (
-    st.none() | st.booleans() | st.text(max_size=5) | st.integers(-(10**400), 10**400) | st.integers(-5, 300)
-    | st.floats(allow_nan=False, allow_infinity=False) | st.just([]) | st.just({})
+    st.none()
+    | st.booleans()
+    | st.text(max_size=5)
+    | st.integers(-(10**400), 10**400)
+    | st.integers(-5, 300)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.just([])
+    | st.just({})
     | st.just([[0.5, 0, 0], [0, 0, 0, 2]])
-    | st.lists(st.integers(-3, 3), max_size=4) | st.dictionaries(st.text(max_size=3), st.integers(), max_size=2)
-)  # fmt: skip
+    | st.lists(st.integers(-3, 3), max_size=4)
+    | st.dictionaries(st.text(max_size=3), st.integers(), max_size=2)
+)
 
 
 def places(tree: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

@@ -21,9 +21,18 @@ def single(tmp_path: Path):
     def made(shape: str, size: list[float], x: float, y: float, mass: float = 0.1, robot: str = "ur5e") -> Environment:
         (tmp_path / "thing.urdf").write_text(URDF.format(mass=mass, shape=shape))
         asset = {
-            "name": "thing.urdf", "kind": "thing", "category": "thing", "size": size, "mass": mass, "friction": 0.8,
-            "color": "gray", "description": "a thing", "hollow": False, "fixture": False, "template": {},
-        }  # fmt: skip
+            "name": "thing.urdf",
+            "kind": "thing",
+            "category": "thing",
+            "size": size,
+            "mass": mass,
+            "friction": 0.8,
+            "color": "gray",
+            "description": "a thing",
+            "hollow": False,
+            "fixture": False,
+            "template": {},
+        }
         (tmp_path / "manifest.json").write_text(json.dumps({"version": 1, "assets": [asset]}))
         scene = Scripted(lambda task, env: env.add_object("thing.urdf", at(x, y, size[2] / 2)))
         env = Environment(str(tmp_path), task=scene, robot=robot)

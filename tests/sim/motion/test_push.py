@@ -123,8 +123,11 @@ def test_the_oracle_of_pushes_says_why_it_stops() -> None:
         task.add_goal(upright(env.add_object("cylinder/cylinder.urdf", lying)))
 
     assert "no goal says where" in played(tipped).episode.detail
-    env = played(lambda task, env: zone_goal(
-        task, [env.add_object("block/red_block.urdf", at(1.0, 0.6, 0.02))], LEFT, (0.12, 0.12, 0)))  # fmt: skip
+    env = played(
+        lambda task, env: zone_goal(
+            task, [env.add_object("block/red_block.urdf", at(1.0, 0.6, 0.02))], LEFT, (0.12, 0.12, 0)
+        )
+    )
     assert env.episode.outcome == "unreachable", env.episode.detail
     assert played(lambda task, env: None).episode.outcome == "nothing_to_do"
 
@@ -138,8 +141,11 @@ def test_words_about_piles_choose_the_spatula_and_suction_tasks_keep_the_cup() -
 
     assert isinstance(ready(block).ee, Spatula)
     assert Piles().primitive is push
-    episode, env = run(lambda task, env: zone_goal(
-        task, [env.add_object("block/red_block.urdf", at(0.5, 0.0, 0.02))], LEFT, (0.12, 0.12, 0)))  # fmt: skip
+    episode, env = run(
+        lambda task, env: zone_goal(
+            task, [env.add_object("block/red_block.urdf", at(0.5, 0.0, 0.02))], LEFT, (0.12, 0.12, 0)
+        )
+    )
     assert episode.outcome == "success"
     assert not isinstance(env.ee, Spatula)
 

@@ -14,17 +14,26 @@ KIT = "kitting/object-template.urdf"
 BOX = "box/box-template.urdf"
 SPOT = ((0.5, 0.0, 0.05), (0.0, 0.0, 0.0, 1.0))
 PLAIN = "<link name='a'><collision><geometry><box size='DIM0 DIM1 DIM2'/></geometry></collision>{}</link>"
-BOMB = "<!DOCTYPE r [<!ENTITY a 'aaaaaaaaaa'>" + "".join(
-    f"<!ENTITY {one} '{f'&{other};' * 10}'>" for one, other in zip("bcdefghi", "abcdefgh", strict=True)
-) + "]>"  # fmt: skip
+BOMB = (
+    "<!DOCTYPE r [<!ENTITY a 'aaaaaaaaaa'>"
+    + "".join(f"<!ENTITY {one} '{f'&{other};' * 10}'>" for one, other in zip("bcdefghi", "abcdefgh", strict=True))
+    + "]>"
+)
 
 
 def overlay(folder: Path, text: str) -> Library:
     """A library with one template of a stranger's."""
     entry = {
-        "name": "own/own-template.urdf", "kind": "x", "category": "box", "size": [0.1, 0.1, 0.1], "mass": 0.1,
-        "friction": 0.5, "color": "red", "description": "x", "template": {"DIM": [0.1, 0.1, 0.1]},
-    }  # fmt: skip
+        "name": "own/own-template.urdf",
+        "kind": "x",
+        "category": "box",
+        "size": [0.1, 0.1, 0.1],
+        "mass": 0.1,
+        "friction": 0.5,
+        "color": "red",
+        "description": "x",
+        "template": {"DIM": [0.1, 0.1, 0.1]},
+    }
     (folder / "own").mkdir()
     (folder / "own" / "own-template.urdf").write_text(text)
     (folder / "manifest.json").write_text(json.dumps({"assets": [entry]}))
