@@ -238,11 +238,16 @@ def _tight(number: int, fit: _Fit, target: Pose, task: ScoredTask, view: SceneVi
     for part in fit.parts:
         for prism in near(part, standing, fit.offset[0].tolist(), _BESIDE):
             gap = gaps(part.outline, prism.outline, fit.offset)[0]
-            level = prism.low < part.high + up and prism.high > max(part.low + up, fit.height + 0.003)
-            shoved = level and gap < _BESIDE and not view.over(prism.owner, target[0])
-            if shoved or (not fit.stands and abs(prism.high - part.low - up) < _STEP and gap < -0.0005):
+            if _shoves(part, up, prism, fit) and gap < _BESIDE and not view.over(prism.owner, target[0]):
+                return prism.owner
+            if not fit.stands and abs(prism.high - part.low - up) < _STEP and gap < -0.0005:
                 return prism.owner
     return None
+
+
+def _shoves(part: Prism, up: float, prism: Prism, fit: _Fit) -> bool:
+    """Whether a part of an object that is lifted by ``up`` (m) stands level with another object's prism."""
+    return prism.low < part.high + up and prism.high > max(part.low + up, fit.height + 0.003)
 
 
 def _waiting(number: int, task: ScoredTask, view: SceneView) -> set[int]:

@@ -66,11 +66,11 @@ def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, othe
         outline: around the whole object.
         others: prisms of what else there is, thin things among it that rays would miss.
     """
-    best: tuple[float, Vec3] | None = None
+    best: tuple[float, Vec3 | None] = (np.inf, None)
     covered: Counter[int] = Counter()
     around = near(outline, others, (0.0, 0.0), _BODY + _SWAY)
     for rank, (x, y) in enumerate(_candidates(center, outline)):
-        if best is not None and best[0] <= _FARTHER * rank:
+        if best[0] <= _FARTHER * rank:
             break  # nothing that is left can be better
         height, owner = physics.height_below(x, y)
         if owner != number:
@@ -82,11 +82,9 @@ def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, othe
             covered[beside] += 1
             continue
         cost = roughness + (_FARTHER * rank if roughness else 0.0)
-        if best is None or cost < best[0]:
+        if cost < best[0]:
             best = (cost, (x, y, height))
-    if best is not None:
-        return Grasp(best[1])
-    return Grasp(None, tuple(owner for owner, _ in covered.most_common()))
+    return Grasp(best[1], () if best[1] else tuple(owner for owner, _ in covered.most_common()))
 
 
 def _hindrance(physics: Physics, number: int, others: Sequence[Prism], point: Vec3) -> tuple[float, int]:

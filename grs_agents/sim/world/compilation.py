@@ -4,7 +4,7 @@ Ties are joints of ropes and what is fixed to another object. The arm's own room
 placed.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -203,28 +203,24 @@ def build(
         _add_object(spec, item, models[item.id], library, visuals)
     if background is not None:
         _add_background(spec, library.model(background), library, visuals)
-    if len(ties) > _FEW_TIES or (tool == "spatula" and len(free) > _CROWD):
-        _for_a_crowd(spec)
     graspable = free if tool == "suction" else []
+    if len(ties) > _FEW_TIES or len(free) - len(graspable) > _CROWD:
+        _for_a_crowd(spec)
     _add_suction(spec, graspable, timestep)
     add_ties(spec, ties, timestep)
-    limp = limp_of(ties)
-    beads = frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD)
-    bodies = [item.id for item in objects]
-    return _indexed(_compiled(spec), arm, bodies, free, graspable, limp, beads)
+    return _indexed(_compiled(spec), arm, models, free, graspable, limp_of(ties))
 
 
 def _indexed(
     model: Any,
     arm: Arm,
-    objects: Sequence[int],
+    models: Mapping[int, ObjectModel],
     free: Sequence[int],
     graspable: Sequence[int],
     limp: frozenset[int],
-    beads: frozenset[int],
 ) -> World:
-    """A compiled model with the places of everything in it; the other arguments are ids of objects."""
-    bodies = {number: int(model.body(f"object_{number}").id) for number in objects}
+    """A compiled model with the places of everything in it; ``models`` and the rest by ids of objects."""
+    bodies = {number: int(model.body(f"object_{number}").id) for number in models}
     owner_of = {body: number for number, body in bodies.items()}
     return World(
         model=model,
@@ -238,7 +234,7 @@ def _indexed(
         tip_site=int(model.site("tip").id),
         arm=arm,
         limp=limp,
-        beads=beads,
+        beads=frozenset(number for number in limp if max(models[number].size) <= LARGEST_BEAD),
     )
 
 
