@@ -21,7 +21,7 @@ _UTILS = ("eulerXYZ_to_quatXYZW", "quatXYZW_to_eulerXYZ", "multiply", "invert", 
 
 def api_reference() -> str:
     """Markdown on ``Task``, ``Environment``, the oracle, ``utils`` and ``p``."""
-    arm = get_arm(templates.default_robot())
+    arm = get_arm(templates.defaults.robot)
     lines = [
         "```python",
         "from grs_agents.sim import Task, Environment, utils, p",

@@ -88,15 +88,13 @@ class Environment(Workcell):
         library = library or templates.default_library()
         if self.assets_root and Path(self.assets_root).is_dir():
             library = library.overlay(Path(self.assets_root))
-        super().__init__(library, Budget(budget), get_arm(robot or templates.default_robot()), seed)
+        super().__init__(library, Budget(budget), get_arm(robot or templates.defaults.robot), seed)
         self.pix_size = 0.003125
         self.task: EpisodeTask | None = None
         self.failed_placements = 0
         pybullet.attach(self)
         if task is not None:
             self.set_task(task)
-
-    # --- set-up -----------------------------------------------------------------------------------------
 
     def set_task(self, task: EpisodeTask) -> None:
         """Choose the task that ``reset`` sets up."""
@@ -131,8 +129,6 @@ class Environment(Workcell):
             self.recorder.look = self._look
         return self.observation
 
-    # --- what there is ----------------------------------------------------------------------------------
-
     @property
     def info(self) -> Info:
         """``{id: (position, rotation, size), ..., 'lang_goal': str}``."""
@@ -155,8 +151,6 @@ class Environment(Workcell):
     def episode(self) -> Episode:
         """How the current episode stands."""
         return self.recorder.episode()
-
-    # --- acting -----------------------------------------------------------------------------------------
 
     def step(self, action: Action | None = None) -> tuple[Observation, float, bool, Info]:
         """Pick and place once, or push once if that is the task's primitive, then score.

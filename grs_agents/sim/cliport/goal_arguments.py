@@ -1,6 +1,6 @@
 """Goals as programs state them: checked, in one shape, and in CLIPort's order of fields."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -21,35 +21,50 @@ def make_goal(
     params: Any,
     step_max_reward: float,
     symmetries: Any,
-) -> Goal:
+) -> tuple[Goal, list[str]]:
     """Check the arguments of ``Task.add_goal`` and bring them into one shape.
+
+    Returns:
+        The goal, and a sentence for each argument that does not quite fit: what was assumed about it.
 
     Raises:
         SimulationError: an argument does not fit; the message says which, and what would.
     """
     reward = _reward(step_max_reward)
     if isinstance(objs, Goal):
-        return objs.model_copy(update={"max_reward": reward})
-    numbers, own_symmetries = _objects(objs)
+        return objs.model_copy(update={"max_reward": reward}), []
+    pairs = _objects(objs)
     if metric not in ("pose", "zone"):
         raise SimulationError(f"add_goal: metric {metric!r} is unknown", "use 'pose' or 'zone'")
     targets = _poses(targ_poses)
-    zones = _zones(params) if metric == "zone" else []
+    entries = _zone_entries(params) if metric == "zone" else []
+    zones = tuple(map(_zone, entries))
     if metric == "pose" and not targets:
         raise SimulationError("add_goal: metric 'pose' needs target poses, targ_poses is empty", "give targ_poses")
-    if metric == "zone" and not targets:
-        targets = [zone.pose for zone in zones]
-    return Goal.model_construct(
-        objects=tuple(numbers),
-        matches=_matches(matches, len(numbers), len(targets)),
-        targets=tuple(targets),
+    goal = Goal.model_construct(
+        objects=tuple(number for number, _ in pairs),
+        matches=_matches(matches, len(pairs), len(targets or zones)),
+        targets=tuple(targets) or tuple(zone.pose for zone in zones),
         replace=bool(replace),
         rotations=bool(rotations),
         metric="zone" if metric == "zone" else "pose",
-        zones=tuple(zones),
+        zones=zones,
         max_reward=reward,
-        symmetries=_symmetries(symmetries, own_symmetries),
+        symmetries=_symmetries(symmetries, [symmetry for _, symmetry in pairs]),
     )
+    return goal, [f"add_goal: {note}" for note in _notes(goal, matches, entries, symmetries)]
+
+
+def _notes(goal: Goal, matches: Any, zones: Sequence[Any], symmetries: Any) -> Iterator[str]:
+    """What was assumed about arguments of a goal."""
+    count, targets = len(goal.objects), len(goal.targets)
+    if matches is not None and np.shape(matches) != (count, targets):
+        yield f"matches of shape {np.shape(matches)} was taken for {count} objects and {targets} targets"
+    given = count if symmetries is None else np.atleast_1d(np.asarray(symmetries, dtype=object)).shape[0]
+    if given not in (1, count):
+        yield f"{given} symmetries for {count} objects: the last one serves for the others"
+    if any((np.asarray(zone[1], dtype=np.float64) < 0).any() for zone in zones):
+        yield "a zone size with negative lengths was taken without their sign"
 
 
 def as_goal(fields: Any) -> Goal:
@@ -66,35 +81,18 @@ def as_goal(fields: Any) -> Goal:
             "append (objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward), or use add_goal",
         )
     objs, matches, targets, replace, rotations, metric, params, reward = cast(Sequence[Any], fields)
-    return make_goal(objs, matches, targets, replace, rotations, metric, params, reward, None)
+    return make_goal(objs, matches, targets, replace, rotations, metric, params, reward, None)[0]
 
 
-def doubts(objs: Any, matches: Any, targ_poses: Any, metric: str, params: Any, symmetries: Any) -> list[str]:
-    """What ``make_goal`` has to assume about arguments that do not quite fit, one sentence each."""
-    if isinstance(objs, Goal):
-        return []
-    count, found = len(_objects(objs)[0]), list[str]()
-    targets = len(_poses(targ_poses)) or (len(_zones(params)) if metric == "zone" else 0)
-    shape = np.shape(matches)
-    if matches is not None and shape != (count, targets):
-        found.append(f"matches of shape {shape} was taken for {count} objects and {targets} targets")
-    given = count if symmetries is None else np.atleast_1d(np.asarray(symmetries, dtype=object)).shape[0]
-    if given not in (1, count):
-        found.append(f"{given} symmetries for {count} objects: the last one serves for the others")
-    if _has_negative_zone(metric, params):
-        found.append("a zone size with negative lengths was taken without their sign")
-    return [f"add_goal: {doubt}" for doubt in found]
-
-
-def _objects(objs: Any) -> tuple[list[int], list[float]]:
+def _objects(objs: Any) -> list[tuple[int, float]]:
+    """The ids of a goal's objects, each with its symmetry."""
     try:
         items: list[Any] = [objs] if is_number(objs) or _is_pair(objs) else list(objs)
     except TypeError as error:
         raise SimulationError(f"add_goal: objs is {objs!r}", "give ids that env.add_object returned") from error
     if not items:
         raise SimulationError("add_goal: objs is empty", "name at least one object id")
-    pairs = [_object(item) for item in items]
-    return [number for number, _ in pairs], [symmetry for _, symmetry in pairs]
+    return [_object(item) for item in items]
 
 
 def _reward(value: Any) -> float:
@@ -135,15 +133,14 @@ def _poses(targ_poses: Any) -> list[Pose]:
     return [as_pose(pose, "add_goal: targ_poses") for pose in targ_poses]
 
 
-def _zones(params: Any) -> list[Zone]:
+def _zone_entries(params: Any) -> list[Any]:
+    """What a program gave as zones, one pair of pose and size each."""
     entries = list(cast(Sequence[Any], params)) if isinstance(params, list | tuple) else []
     if len(entries) == 2 and isinstance(entries[0], dict):
-        return _zones(entries[1])  # CLIPort's (object points, zones): the points are sampled here
-    if len(entries) == 2 and is_vector(entries[1], 2, 3):
-        return [_zone(entries)]
+        return _zone_entries(entries[1])  # CLIPort's (object points, zones): the points are sampled here
     if not entries:
         raise SimulationError("add_goal: metric 'zone' needs params", "give params=[(zone_pose, zone_size)]")
-    return [_zone(entry) for entry in entries]
+    return [entries] if len(entries) == 2 and is_vector(entries[1], 2, 3) else entries
 
 
 def _zone(entry: Any) -> Zone:
@@ -158,16 +155,6 @@ def _zone(entry: Any) -> Zone:
     height = float(extents[2]) if len(extents) == 3 else 0.0
     size = (float(extents[0]), float(extents[1]), height)
     return Zone.model_construct(pose=as_pose(entry[0], "add_goal: zone"), size=size)
-
-
-def _has_negative_zone(metric: str, params: Any) -> bool:
-    """Whether a zone's size is negative along an axis, as the difference of unordered box corners is."""
-    if metric != "zone":
-        return False
-    entries = params[1] if len(params) == 2 and isinstance(params[0], dict) else params
-    bare = len(entries) == 2 and is_vector(entries[1], 2, 3)
-    sizes = [entries[1]] if bare else [entry[1] for entry in entries]
-    return any(bool((np.asarray(size, dtype=np.float64) < 0).any()) for size in sizes)
 
 
 def _matches(matches: Any, objects: int, targets: int) -> tuple[tuple[int, ...], ...]:

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-import numpy as np
-
 from grs_agents.base import Quat, Vec3
 from grs_agents.geometry import transforms
 from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
@@ -37,11 +35,6 @@ class PlainShape:
 _shapes: list[PlainShape] = []
 
 
-def forget() -> None:
-    """Forget every shape, as a new environment begins without any."""
-    _shapes.clear()
-
-
 def add_shape(kind: int, radius: float, half_extents: Sequence[float], length: float, color: Any = None) -> int:
     """Note a shape; returns its number.
 
@@ -63,29 +56,6 @@ def add_shape(kind: int, radius: float, half_extents: Sequence[float], length: f
     return len(_shapes) - 1
 
 
-def add_body(env: Tabletop, mass: float, collision: int, visual: int, position: Any, rotation: Any) -> int:
-    """Add a body of one noted shape to an environment; returns its id.
-
-    What has no mass cannot move; what has no collision shape is a mark on the table. The mass is the template's.
-
-    Raises:
-        SimulationError: there is no such shape.
-    """
-    for number in (collision, visual):
-        if not -1 <= number < len(_shapes):
-            raise SimulationError(
-                f"p.createMultiBody: there is no shape {number}", "use what createCollisionShape returned"
-            )
-    if collision < 0 and visual < 0:
-        raise SimulationError("p.createMultiBody: a body without any shape", "give a collision shape")
-    shape, seen = _shapes[collision if collision >= 0 else visual], _shapes[visual if visual >= 0 else collision]
-    template = _TEMPLATES[shape.kind] if collision >= 0 else _MARK
-    urdf = templates.fill(env.library, template, {"DIM": shape.size})
-    pose = ((0.0, 0.0, 0.0) if position is None else transforms.vec3(position), transforms.quat(rotation))
-    category = "rigid" if mass > 0 and collision >= 0 else "fixed"
-    return env.add_object(urdf, pose, category, color=None if seen.color is None else list(np.asarray(seen.color)))
-
-
 JOINT_PRISMATIC, JOINT_FIXED, JOINT_POINT2POINT = 1, 4, 5
 _JOINTS: Final[dict[int, Literal["point", "fixed"]]] = {JOINT_POINT2POINT: "point", JOINT_FIXED: "fixed"}
 _GEOMS: Final = {"sphere": GEOM_SPHERE, "box": GEOM_BOX, "cylinder": GEOM_CYLINDER, "mesh": GEOM_MESH}
@@ -94,9 +64,9 @@ _current: list[Tabletop] = []
 
 
 def attach(env: Tabletop) -> None:
-    """Make ``env`` the environment that the calls below read."""
+    """Make ``env`` the environment that the calls below read; it begins without any shape."""
     _current[:] = [env]
-    forget()
+    _shapes.clear()
 
 
 def _environment() -> Tabletop:
@@ -236,9 +206,28 @@ def createMultiBody(
     *_: Any,
     **__: Any,
 ) -> int:
-    """Add a body of one shape; returns its id. Without mass it is fixed, without a collision shape a mark."""
-    shapes = (baseCollisionShapeIndex, baseVisualShapeIndex)
-    return add_body(_environment(), baseMass, *shapes, basePosition, baseOrientation)
+    """Add a body of one shape; returns its id. Without mass it is fixed, without a collision shape a mark.
+
+    The mass is the template's.
+
+    Raises:
+        SimulationError: there is no such shape.
+    """
+    env, collision, visual = _environment(), baseCollisionShapeIndex, baseVisualShapeIndex
+    for number in (collision, visual):
+        if not -1 <= number < len(_shapes):
+            raise SimulationError(
+                f"p.createMultiBody: there is no shape {number}", "use what createCollisionShape returned"
+            )
+    if collision < 0 and visual < 0:
+        raise SimulationError("p.createMultiBody: a body without any shape", "give a collision shape")
+    shape, seen = _shapes[collision if collision >= 0 else visual], _shapes[visual if visual >= 0 else collision]
+    template = _TEMPLATES[shape.kind] if collision >= 0 else _MARK
+    urdf = templates.fill(env.library, template, {"DIM": shape.size})
+    position = (0.0, 0.0, 0.0) if basePosition is None else transforms.vec3(basePosition)
+    category = "rigid" if baseMass > 0 and collision >= 0 else "fixed"
+    color = None if seen.color is None else list(seen.color)
+    return env.add_object(urdf, (position, transforms.quat(baseOrientation)), category, color=color)
 
 
 def changeDynamics(bodyUniqueId: int, *_: Any, **__: Any) -> None:

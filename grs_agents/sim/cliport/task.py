@@ -11,7 +11,7 @@ from grs_agents.base import Pose, Quat
 from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.cliport.goal_arguments import doubts, make_goal
+from grs_agents.sim.cliport.goal_arguments import make_goal
 from grs_agents.sim.cliport.task_helpers import TaskKit, kitting_objects
 from grs_agents.sim.expert.oracle import Oracle
 from grs_agents.sim.expert.push_oracle import PushOracle
@@ -80,8 +80,6 @@ class Task(TaskKit):
         self.lang_goals: list[str] = []
         self.progress = 0.0
 
-    # --- set-up -----------------------------------------------------------------------------------------
-
     def additional_reset(self) -> None:
         """What GenSim derives from the words of ``lang_template``.
 
@@ -141,13 +139,15 @@ class Task(TaskKit):
         Raises:
             SimulationError: an argument does not fit; the message says which, and what would.
         """
-        goal = make_goal(objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries)
+        goal, notes = make_goal(
+            objs, matches, targ_poses, replace, rotations, metric, params, step_max_reward, symmetries
+        )
         env = self.grs.reset_in
         if env is not None:
             for number in goal.named:
                 env.object(number)
-            for doubt in doubts(objs, matches, targ_poses, metric, params, symmetries):
-                env.warn(doubt)
+            for note in notes:
+                env.warn(note)
         self.goals.append(goal)
         if language_goal:
             self.lang_goals.append(str(language_goal))
@@ -210,8 +210,6 @@ class Task(TaskKit):
         """
         shapes = [int(shape) for shape in obj_shapes[:n_objects]]
         return kitting_objects(env, lambda size: self.get_random_pose(env, size), targets, shapes, colors)
-
-    # --- scoring ----------------------------------------------------------------------------------------
 
     def reward(self) -> tuple[float, dict[str, Any]]:
         """What was gained since the last call; goals that are met leave ``goals``."""

@@ -4,50 +4,23 @@ import random
 from collections.abc import Sequence
 
 from grs_agents.base import Vec3
-from grs_agents.geometry.transforms import (
-    IDENTITY,
-    FloatArray,
-    apply,
-    eulerXYZ_to_quatXYZW,
-    invert,
-    multiply,
-    multiply_quaternions,
-    plain_pose,
-    quat,
-    quatXYZW_to_eulerXYZ,
-    rotation_matrix,
-    vec3,
-    yaw_of,
-)
-from grs_agents.sim.world.colors import COLORS
+from grs_agents.geometry import transforms
+from grs_agents.geometry.transforms import FloatArray
+from grs_agents.sim.world import colors
 
-__all__ = [
-    "COLORS",
-    "COLORS_NAMES",
-    "EVAL_COLORS",
-    "IDENTITY",
-    "TRAIN_COLORS",
-    "FloatArray",
-    "apply",
-    "assembling_kit_shapes",
-    "eulerXYZ_to_quatXYZW",
-    "get_colors",
-    "get_colors_names",
-    "invert",
-    "map_kit_scale",
-    "multiply",
-    "multiply_quaternions",
-    "pix_to_xyz",
-    "plain_pose",
-    "quat",
-    "quatXYZW_to_eulerXYZ",
-    "rotation_matrix",
-    "vec3",
-    "xyz_to_pix",
-    "yaw_of",
-]
-
-
+IDENTITY = transforms.IDENTITY
+apply = transforms.apply
+eulerXYZ_to_quatXYZW = transforms.eulerXYZ_to_quatXYZW
+invert = transforms.invert
+multiply = transforms.multiply
+multiply_quaternions = transforms.multiply_quaternions
+plain_pose = transforms.plain_pose
+quat = transforms.quat
+quatXYZW_to_eulerXYZ = transforms.quatXYZW_to_eulerXYZ
+rotation_matrix = transforms.rotation_matrix
+vec3 = transforms.vec3
+yaw_of = transforms.yaw_of
+COLORS = colors.COLORS
 COLORS_NAMES = list(COLORS)
 TRAIN_COLORS = ["blue", "red", "green", "yellow", "brown", "gray", "cyan"]
 EVAL_COLORS = ["blue", "red", "green", "orange", "purple", "pink", "white"]

@@ -17,7 +17,7 @@ from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.motion.grasp import find_grasp
-from grs_agents.sim.motion.placement import Blocked, Spot, Suits, reach_note
+from grs_agents.sim.motion.placement import Blocked, Spot, Suits, at, reach_note
 from grs_agents.sim.world.tabletop import Tabletop
 
 _SAMPLES: Final = 24
@@ -224,9 +224,8 @@ class Oracle:
         if not view.is_free(number):
             return Stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", (name,))
         if not self.table.arm.can_reach((position[0], position[1], view.outline(number).high)):
-            where = f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f})"
             note = reach_note((position[0], position[1], view.outline(number).high), self.table.arm)
-            return Stop("unreachable", f"object {name} at {where} {note}", (name,))
+            return Stop("unreachable", f"object {name} at {at(position)} {note}", (name,))
         hold = find_grasp(view.physics, number, position, view.outline(number), view.others(number))
         if hold.point is not None:
             return hold.point
@@ -271,13 +270,8 @@ class Oracle:
         if toppled(number, view, np.pi / 4):
             fallen = f"{name} toppled (tilt {tilt:.0f} deg) and was not placed in {_ATTEMPTS} tries{last}"
             return Stop("toppled", fallen, (name,))
-        position = view.pose(number)[0]
-        return Stop(
-            "dropped",
-            f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at "
-            f"({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}){last}",
-            (name,),
-        )
+        detail = f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at {at(view.pose(number)[0])}{last}"
+        return Stop("dropped", detail, (name,))
 
 
 def _action(number: int, hold: Vec3, spot: Spot, view: SceneView) -> Action:

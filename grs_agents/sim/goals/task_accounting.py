@@ -15,7 +15,7 @@ from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.instance.episode import SimulationError
 from grs_agents.sim.instance.goal import LONGEST_SENTENCE, Goal, worth_one
 from grs_agents.sim.instance.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
-from grs_agents.sim.world.collision_volumes import Volume, share_inside
+from grs_agents.sim.world.collision_volumes import share_inside
 from grs_agents.sim.world.tabletop import Tabletop
 
 
@@ -38,28 +38,6 @@ def pose_matches(
     distance = float(np.hypot(pose[0][0] - target[0][0], pose[0][1] - target[0][1]))
     turn = angle_between(transforms.yaw_of(pose[1]), transforms.yaw_of(target[1]), symmetry)
     return distance < pos_eps and turn < rot_eps
-
-
-def object_scores(
-    goal: Goal,
-    poses: dict[int, Pose],
-    volumes: dict[int, Volume],
-    ceiling: float,
-    pos_eps: float = POSITION_TOLERANCE,
-    rot_eps: float = ROTATION_TOLERANCE,
-) -> list[float]:
-    """For each object of a ``pose`` or ``zone`` goal, how far (0..1) it is where it should be."""
-    if goal.metric == "zone":
-        return [share_inside(volumes[number], poses[number], goal.zones, ceiling) for number in goal.objects]
-    return [
-        float(
-            any(
-                pose_matches(poses[number], goal.targets[index], goal.symmetries[row], pos_eps, rot_eps)
-                for index in goal.options(row)
-            )
-        )
-        for row, number in enumerate(goal.objects)
-    ]
 
 
 class ScoredTask(Protocol):
@@ -143,10 +121,16 @@ class TaskAccounting:
         if goal.relation is not None:
             view = SceneView(env, self.stated, task.goals)
             return [float(not clause) for clause in shortfalls(goal, view, task.rot_eps)]
-        poses = {number: env.get_object_pose(number) for number in goal.objects}
-        volumes = {number: env.volume(number) for number in goal.objects}
-        ceiling = float(task.zone_bounds[2, 1])
-        return object_scores(goal, poses, volumes, ceiling, task.pos_eps, task.rot_eps)
+        poses = [env.get_object_pose(number) for number in goal.objects]
+        if goal.metric == "zone":
+            ceiling = float(task.zone_bounds[2, 1])
+            pairs = zip(goal.objects, poses, strict=True)
+            return [share_inside(env.volume(number), pose, goal.zones, ceiling) for number, pose in pairs]
+        return [float(self._is_placed(goal, row, pose)) for row, pose in enumerate(poses)]
+
+    def _is_placed(self, goal: Goal, row: int, pose: Pose) -> bool:
+        eps, symmetry = (self._task.pos_eps, self._task.rot_eps), goal.symmetries[row]
+        return any(pose_matches(pose, goal.targets[index], symmetry, *eps) for index in goal.options(row))
 
     def count(self) -> tuple[int, int]:
         """How many objects of all goals are where they should be, and how many there are."""

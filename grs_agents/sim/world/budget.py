@@ -18,6 +18,7 @@ from grs_agents.sim.instance.episode import (
     VertexLimitError,
     clear_episodes,
 )
+from grs_agents.sim.world.footprints import per_model
 
 DEFAULT_BUDGET: Final = Limits().simulated_steps
 
@@ -30,9 +31,6 @@ class _Call:
 
 
 _call = _Call()
-_REMEMBERED: Final = 512
-_vertices: dict[int, tuple[ObjectModel, int]] = {}
-"""How many vertices the last few hundred models have, by identity: they never change."""
 
 
 def grant(limits: Limits) -> None:
@@ -120,15 +118,10 @@ def with_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
     return count
 
 
+@per_model
 def _vertices_of(shapes: ObjectModel, library: Library) -> int:
-    known = _vertices.get(id(shapes))
-    if known is None:
-        meshes = [shape.mesh or "" for shape in (*shapes.colliders, *shapes.visuals) if shape.kind == "mesh"]
-        if len(_vertices) >= _REMEMBERED:
-            _vertices.clear()
-        known = (shapes, sum(len(read_vertices(library.mesh_path(mesh))) for mesh in meshes))
-        _vertices[id(shapes)] = known
-    return known[1]
+    meshes = [shape.mesh or "" for shape in (*shapes.colliders, *shapes.visuals) if shape.kind == "mesh"]
+    return sum(len(read_vertices(library.mesh_path(mesh))) for mesh in meshes)
 
 
 def _note(error: SimulationError) -> SimulationError:

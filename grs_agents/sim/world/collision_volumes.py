@@ -14,6 +14,7 @@ from grs_agents.geometry.transforms import FloatArray
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.library.mesh_files import read_vertices
 from grs_agents.sim.instance.goal import Zone
+from grs_agents.sim.world.footprints import per_model
 
 _POINTS: Final = 600
 """About as many points stand for one object."""
@@ -36,6 +37,7 @@ class Volume:
 _shares: dict[tuple[int, Pose, tuple[Zone, ...], float], tuple[Volume, float]] = {}
 
 
+@per_model
 def volume_of(model: ObjectModel, library: Library) -> Volume:
     """The collision volume of an object; a mark without colliders is one point.
 

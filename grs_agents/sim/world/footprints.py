@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -13,20 +13,23 @@ from grs_agents.geometry.transforms import FloatArray
 from grs_agents.library import ObjectModel, Shape
 
 Value = TypeVar("Value")
+Rest = ParamSpec("Rest")
 _CIRCLE = 12
 _REMEMBERED = 512
 
 
-def per_model(function: Callable[[ObjectModel], Value]) -> Callable[[ObjectModel], Value]:
+def per_model(
+    function: Callable[Concatenate[ObjectModel, Rest], Value],
+) -> Callable[Concatenate[ObjectModel, Rest], Value]:
     """Remember what a function made of each of the last few hundred models (by identity: they never change)."""
     known: dict[int, tuple[ObjectModel, Value]] = {}
 
-    def recall(model: ObjectModel) -> Value:
+    def recall(model: ObjectModel, *rest: Rest.args, **more: Rest.kwargs) -> Value:
         entry = known.get(id(model))
         if entry is None:
             if len(known) >= _REMEMBERED:
                 known.clear()
-            entry = known[id(model)] = (model, function(model))
+            entry = known[id(model)] = (model, function(model, *rest, **more))
         return entry[1]
 
     return recall

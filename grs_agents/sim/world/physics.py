@@ -183,8 +183,7 @@ class Physics:
         if number not in self.world.addresses:
             return 0.0
         start = self.model.body_dofadr[self.world.bodies[number]]
-        velocity = np.abs(self.data.qvel[start : start + 6])
-        return float(max(velocity[:3].max(), 0.1 * velocity[3:].max()))
+        return self._fastest(self.data.qvel[start : start + 6])
 
     def settle(self, seconds: float = 1.2) -> None:
         """Wait until everything rests, at most ``seconds`` of simulated time; errors as ``check``."""

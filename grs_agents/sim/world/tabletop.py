@@ -56,13 +56,12 @@ class Tabletop:
         self.seed(seed)
         self.timestep = compilation.TIMESTEP
         self.tool: compilation.Tool = "suction"
-        self.background = templates.default_background()
+        self.background = templates.defaults.background
         self.warnings: list[str] = []
         self._objects: dict[int, InstanceObject] = {}
         self._ties: list[InstanceTie] = []
         self._models: dict[int, ObjectModel] = {}
         self._outlines: dict[int, _Outline] = {}
-        self._volumes: dict[int, tuple[ObjectModel, Volume]] = {}
         self._physics: Physics | None = None
         self._stale, self._vertices = False, 0
         self._world: tuple[object, compilation.World] | None = None
@@ -70,7 +69,7 @@ class Tabletop:
 
     def seed(self, seed: int | None = None) -> int:
         """Seed ``rng``, which places objects at random; returns the seed used."""
-        self.seed_used = templates.default_seed() if seed is None else int(seed)
+        self.seed_used = templates.defaults.seed if seed is None else int(seed)
         self.rng = np.random.default_rng(self.seed_used)
         return self.seed_used
 
@@ -80,7 +79,7 @@ class Tabletop:
         self._ties.clear()
         self._models.clear()
         self._outlines.clear()
-        self._physics, self._stale, self._vertices, self.background = None, False, 0, templates.default_background()
+        self._physics, self._stale, self._vertices, self.background = None, False, 0, templates.defaults.background
 
     def add_object(
         self,
@@ -211,11 +210,7 @@ class Tabletop:
 
     def volume(self, obj: int) -> Volume:
         """The collision volume of an object as points in its own frame."""
-        shapes = self.shapes(obj)
-        known = self._volumes.get(id(shapes))
-        if known is None or known[0] is not shapes:
-            known = self._volumes[id(shapes)] = (shapes, volume_of(shapes, self.library))
-        return known[1]
+        return volume_of(self.shapes(obj), self.library)
 
     def is_free(self, obj: int) -> bool:
         """Whether an object can be moved."""

@@ -31,14 +31,16 @@ class Filling:
 
 
 @dataclass
-class _Defaults:
+class Defaults:
+    """What an ``Environment`` takes where its caller names nothing; ``default_library()`` gives the library."""
+
     library: Library | None = None
     seed: int = 0
     robot: str = DEFAULT
     background: str | None = None
 
 
-_defaults = _Defaults()
+defaults = Defaults()
 _filled: dict[str, Filling] = {}
 _known: WeakKeyDictionary[Library, dict[tuple[str, str, str], Any]] = WeakKeyDictionary()
 
@@ -57,31 +59,15 @@ def configure(
         limits: what all environments of this process may cost together from now on; None leaves that as it is.
         background: library name of what stands fixed around the robot in all of them.
     """
-    _defaults.library, _defaults.seed, _defaults.robot, _defaults.background = library, seed, robot, background
+    defaults.library, defaults.seed, defaults.robot, defaults.background = library, seed, robot, background
     if limits is not None:
         budget.grant(limits)
 
 
 def default_library() -> Library:
     """The library given to ``configure``, else the one shipped with GRS."""
-    if _defaults.library is None:
-        _defaults.library = Library()
-    return _defaults.library
-
-
-def default_seed() -> int:
-    """The seed given to ``configure``, else 0."""
-    return _defaults.seed
-
-
-def default_robot() -> str:
-    """The robot given to ``configure``, else the UR5e."""
-    return _defaults.robot
-
-
-def default_background() -> str | None:
-    """The background given to ``configure``, if any."""
-    return _defaults.background
+    defaults.library = defaults.library or Library()
+    return defaults.library
 
 
 def asset_name(name: str, library: Library) -> str:
@@ -132,12 +118,12 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     base, before = asset_name(template, library), {}
     if base in _filled:  # a program that overwrites the template's name with the result fills that again
         base, before = _filled[base].template, _filled[base].values
-    defaults = library.template_defaults(base)
-    if not defaults:
+    preset = library.template_defaults(base)
+    if not preset:
         return base
     for row in replace.values():
         _array(row)
-    values = resolve_template({**before, **_positive(replace, defaults)}, defaults)[0]
+    values = resolve({**before, **_positive(replace, preset)}, preset)[0]
     _check_lengths(base, values)
     library.filled(base, values)
     name = f"{base}#{sorted(values.items())}"
@@ -168,27 +154,25 @@ def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[
     base = asset_name(template, library)
     if base in _filled:
         return []
-    defaults = library.template_defaults(base)
-    if not defaults:
+    preset = library.template_defaults(base)
+    if not preset:
         return ["it is no template, used as it is"]
-    known, assumed = template_stems(defaults), resolve_template(_positive(replace, defaults), defaults)[1]
+    known, assumed = stems(preset), resolve(_positive(replace, preset), preset)[1]
     found = [f"{stem} left out takes its default {_row(row)}" for stem, row in assumed.items()]
     found += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
-    negative = [
-        stem for stem in replace if stem in known and _is_length(stem, defaults) and _has_negative(replace[stem])
-    ]
+    negative = [stem for stem in replace if stem in known and _is_length(stem, preset) and _has_negative(replace[stem])]
     return found + [f"{stem} has negative lengths, taken without their sign" for stem in negative]
 
 
-def _is_length(stem: str, defaults: Values) -> bool:
+def _is_length(stem: str, preset: Values) -> bool:
     """Whether a stem speaks of lengths; a template without ``DIM``, a corner, has positions under such names."""
-    return "DIM" in defaults and stem.startswith(("DIM", "HALF", "SCALE"))
+    return "DIM" in preset and stem.startswith(("DIM", "HALF", "SCALE"))
 
 
-def _positive(replace: Mapping[str, Any], defaults: Values) -> dict[str, Any]:
+def _positive(replace: Mapping[str, Any], preset: Values) -> dict[str, Any]:
     """Lengths made positive: box corners in the wrong order give negative ones."""
     return {
-        stem: np.abs(value).tolist() if _is_length(stem, defaults) and _has_negative(value) else value
+        stem: np.abs(value).tolist() if _is_length(stem, preset) and _has_negative(value) else value
         for stem, value in replace.items()
     }
 

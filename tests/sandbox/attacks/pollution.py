@@ -87,7 +87,7 @@ def simulation(pollute: bool) -> Any:
         sim.configure(seed=99)
         task, environment = cast(Any, sim.Task), cast(Any, sim.Environment)
         task.reset = environment.step = lambda *_: None
-    return [templates.default_seed(), sim.Task.reset.__name__, sim.Environment.step.__name__]
+    return [templates.defaults.seed, sim.Task.reset.__name__, sim.Environment.step.__name__]
 
 
 def machinery(pollute: bool) -> Any:

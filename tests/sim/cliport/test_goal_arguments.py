@@ -21,7 +21,7 @@ def goal(**changes):
         "step_max_reward": 1.0,
         "symmetries": None,
     } | changes
-    return make_goal(**given)
+    return make_goal(**given)[0]
 
 
 def test_cliports_tuple_of_eight_becomes_a_goal() -> None:
