@@ -109,13 +109,15 @@ def run(request: Request, context: ToolContext) -> Result:
         return Result(instances=(), failures=failures, seconds=0.0, backend=context.sandbox.backend)
     drawn, first = _draw_all(tuple(dict.fromkeys(request.seeds)), request, context)
     calls = first.calls
-    if kept := tuple(seed for seed, one in drawn.items() if isinstance(one, TaskInstance)):
+    if kept := tuple(seed for seed, outcome in drawn.items() if isinstance(outcome, TaskInstance)):
         again, second = _draw_all(kept, request, context)
         calls += second.calls
         drawn |= {seed: _same(drawn[seed], again[seed]) for seed in kept}
     return Result(
-        instances=tuple(one.model_dump(mode="json") for one in drawn.values() if isinstance(one, TaskInstance)),
-        failures=tuple(one for one in drawn.values() if isinstance(one, Failure)),
+        instances=tuple(
+            outcome.model_dump(mode="json") for outcome in drawn.values() if isinstance(outcome, TaskInstance)
+        ),
+        failures=tuple(outcome for outcome in drawn.values() if isinstance(outcome, Failure)),
         seconds=sum(call.seconds for call in calls),
         backend=first.last.backend,
     )
@@ -138,7 +140,7 @@ def _draw_all(
     seeds: Sequence[int], request: Request, context: ToolContext
 ) -> tuple[dict[int, TaskInstance | Failure], BatchResult]:
     """Draw each seed once, in a process that ran nothing before."""
-    each = sandbox.call_batch(
+    batch = sandbox.call_batch(
         context.sandbox,
         "instantiate",
         request.model_dump(mode="json") | {"limits": context.limits.model_dump(mode="json")},
@@ -147,7 +149,7 @@ def _draw_all(
         hopeless=lambda call: True,  # what hangs in reset for one seed hangs for all
         readable=readable(request.library_roots, request.robot),
     )
-    return {seed: _draw(seed, each, request.simulation, context.limits) for seed in seeds}, each
+    return {seed: _draw(seed, batch, request.simulation, context.limits) for seed in seeds}, batch
 
 
 def _same(first: TaskInstance | Failure, second: TaskInstance | Failure) -> TaskInstance | Failure:
@@ -183,17 +185,17 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
         sandbox.seed_everything(int(item))
         sim.begin_test()
         event: dict[str, Any] = {"instance": None}
-        with sandbox.CapturedError() as caught:
+        with sandbox.CapturedError() as captured:
             if loading.error is not None:
                 raise loading.error
             instance = sim.instantiate(task(), int(item), library)
             if (limit := sim.reached()) is not None:  # though the program caught it
                 raise limit
             event["instance"] = instance.model_dump_json()
-        if isinstance(caught.error, MemoryError):
-            raise caught.error
-        if caught.error is not None:
-            event = _failure(caught.error)
+        if isinstance(captured.error, MemoryError):
+            raise captured.error
+        if captured.error is not None:
+            event = _failure(captured.error)
         sandbox.progress({"item": item, "phase": "end", **event})
     return {}
 
@@ -205,15 +207,15 @@ def _failure(error: BaseException) -> dict[str, str]:
     return {**shown, "outcome": str(getattr(error, "outcome", "error"))}
 
 
-def _draw(seed: int, each: BatchResult, source: str, limits: Limits) -> TaskInstance | Failure:
+def _draw(seed: int, batch: BatchResult, source: str, limits: Limits) -> TaskInstance | Failure:
     item = str(seed)
-    if item in each.stopped:
-        return _stopped(seed, each.stopped[item], source)
-    event = each.ended.get(item)
-    if item in each.repeated or item in each.untimely:
+    if item in batch.stopped:
+        return _stopped(seed, batch.stopped[item], source)
+    event = batch.ended.get(item)
+    if item in batch.repeated or item in batch.untimely:
         return Failure(seed=seed, outcome="forged", message="its instance was reported twice, or out of turn")
-    if event is None and not each.last.events:
-        return _stopped(seed, each.last, source)
+    if event is None and not batch.last.events:
+        return _stopped(seed, batch.last, source)
     if event is None:
         message = f"an earlier seed used up the limit of {limits.wall_seconds:g} s for all of them"
         return Failure(seed=seed, outcome="not_run", message=message)

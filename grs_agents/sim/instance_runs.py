@@ -12,10 +12,10 @@ from grs_agents.library import Library
 from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import Task
-from grs_agents.sim.instance.episode import Episode, stop_of
+from grs_agents.sim.instance.episode import Episode, stop_from_error
 from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.instance.instance import TaskInstance
-from grs_agents.sim.motion.placement import Suits
+from grs_agents.sim.motion.placement import ReachTest
 from grs_agents.sim.world.recording import Recording
 
 LEAST_IDLE: Final = 2.0
@@ -149,14 +149,14 @@ def rollout(instance: TaskInstance, library: Library | None = None, recording: P
     recorder: Recording | None = None
     try:
         env.reset()
-        initial = _poses(env, task)
-        reachable = _reachable(env, task)
+        initial = _object_poses(env, task)
+        reachable = _reachable_ids(env, task)
         recorder = Recording(env.physics, task.ids) if recording is not None else None
         begin = float(env.physics.data.time)
         solve(env, task)
     except GrsError as error:
-        env.recorder.stop = stop_of(error)
-    final = _poses(env, task) if initial else {}
+        env.recorder.stop = stop_from_error(error)
+    final = _object_poses(env, task) if initial else {}
     if recorder is not None and recording is not None:
         recorder.save(recording)
     done = Rollout(
@@ -200,19 +200,19 @@ def _idle_reward(env: Environment, task: Task, seconds: float) -> float:
     return float(min(1.0, max(worth, task.reward()[0])))
 
 
-def _poses(env: Environment, task: InstanceTask) -> dict[int, Pose]:
+def _object_poses(env: Environment, task: InstanceTask) -> dict[int, Pose]:
     return {own: env.get_object_pose(number) for own, number in task.ids.items()}
 
 
-def _reachable(env: Environment, task: InstanceTask) -> tuple[int, ...]:
-    found: list[int] = []
+def _reachable_ids(env: Environment, task: InstanceTask) -> tuple[int, ...]:
+    ids: list[int] = []
     for own, number in task.ids.items():
         if env.is_free(number):
             position, size = env.get_object_pose(number)[0], env.get_object_size(number)
             top = np.array([max(0.0, position[2] + size[2] / 2)])
-            if Suits(0.0, env.arm)(np.array([position[:2]]), top)[0]:
-                found.append(own)
-    return tuple(found)
+            if ReachTest(0.0, env.arm)(np.array([position[:2]]), top)[0]:
+                ids.append(own)
+    return tuple(ids)
 
 
 def _moved(env: Environment, task: InstanceTask, initial: dict[int, Pose], final: dict[int, Pose]) -> tuple[str, ...]:

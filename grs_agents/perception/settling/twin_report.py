@@ -12,7 +12,7 @@ from grs_agents.perception.configuration import DEFAULT, Settling
 from grs_agents.perception.settling.settling import PlacedObject, RestState, instances, on_table, settle
 from grs_agents.perception.settling.unseen_support import may_have_unseen_support
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, TwinReport
-from grs_agents.sim.world.rendering import Sight, cast
+from grs_agents.sim.world.rendering import VisibleScene, cast_rays
 
 
 def fidelity(
@@ -39,8 +39,8 @@ def fidelity(
     camera, pose = frame.camera, np.asarray(table.T_robot_cam)
     local = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=-1)
     directions = np.asarray((local @ pose[:3, :3].T)[None], np.float64)
-    sight = Sight(instances([placed for placed in objects if on_table(placed, config)], library), library)
-    picture = cast(sight, pose[:3, 3].copy(), directions)
+    sight = VisibleScene(instances([placed for placed in objects if on_table(placed, config)], library), library)
+    picture = cast_rays(sight, pose[:3, 3].copy(), directions)
     off = np.abs(picture.depth[0] - frame.depth[rows, columns])
     return float(((off <= config.near) & (picture.owner[0] >= 0)).mean())
 

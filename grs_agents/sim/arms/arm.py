@@ -14,9 +14,9 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.geometry.transforms import FloatArray
-from grs_agents.sim.arms.arm_model import Gap, Posture, arm_model
-from grs_agents.sim.arms.joint_paths import blend, evenly, knots, turns_about_z
-from grs_agents.sim.arms.reach_table import ReachTable, tabulate
+from grs_agents.sim.arms.arm_model import ArmModel, Collision, model_without_rest_contacts
+from grs_agents.sim.arms.joint_paths import evenly_spaced_rows, hermite_spline, rotations_about_z, waypoint_rows
+from grs_agents.sim.arms.reach_table import ReachTable, tabulate_reach
 from grs_agents.sim.arms.robot import DOWN
 
 HOME: Final[Vec3] = (0.35, 0.0, 0.42)
@@ -53,21 +53,25 @@ class Arm:
         return self.nearest if name == "nearest" else self.farthest
 
     @cached_property
-    def _model(self) -> Posture:
-        return arm_model(self.add, self.home)
+    def _model(self) -> ArmModel:
+        return model_without_rest_contacts(self.add, self.home)
 
     @cached_property
     def _table(self) -> ReachTable:
-        return tabulate(self._model, self.home)
+        return tabulate_reach(self._model, self.home)
 
     @cached_property
     def home(self) -> FloatArray:
         """Joint positions (dof,) of the waiting arm: radians, or metres of a slide."""
-        posture = Posture(self.add)
-        starts = [self._guess, posture.middle, *posture.low + (posture.high - posture.low) * _spread(posture.dof)]
+        posture = ArmModel(self.add)
+        guesses = [
+            self._guess,
+            posture.middle,
+            *posture.low + (posture.high - posture.low) * _unit_samples(posture.dof),
+        ]
         for point in _HOMES:
-            for start in starts:
-                joints = posture.solve(np.array(point), DOWN, start, start, 200)
+            for guess in guesses:
+                joints = posture.solve(np.array(point), DOWN, guess, guess, 200)
                 if joints is not None:
                     return joints
         raise InputError(
@@ -107,12 +111,12 @@ class Arm:
         Returns:
             Continuous rows; NaN where the arm cannot or its limits forbid.
         """
-        return self.solve_poses(tips, turns_about_z(yaws), seed)
+        return self.solve_poses(tips, rotations_about_z(yaws), seed)
 
     def solve_poses(self, tips: FloatArray, rotations: FloatArray, seed: FloatArray | None = None) -> FloatArray:
         """As ``solve``, with the tool turned by ``rotations`` (N, 3, 3) from straight down: they may tilt it."""
         joints = self.home if seed is None else seed
-        rows, found = knots(tips, rotations), list[FloatArray]()
+        rows, found = waypoint_rows(tips, rotations), list[FloatArray]()
         for index, row in enumerate(rows):
             ahead = joints if index < 2 else 2 * found[-1] - found[-2]
             solved = self._model.solve(tips[row], rotations[row] @ DOWN, ahead, self.home, 60 if index else 200)
@@ -120,7 +124,7 @@ class Arm:
                 return np.full((len(tips), self.dof), np.nan)
             found.append(solved)
             joints = solved
-        return blend(np.array(found), rows, len(tips))
+        return hermite_spline(np.array(found), rows, len(tips))
 
     def reachable(self, tips: FloatArray) -> npt.NDArray[np.bool_]:
         """Which of the points (N, 3) the tip can be brought to, tool down, clear of the table and of itself."""
@@ -134,17 +138,17 @@ class Arm:
         """Whether joint positions (N, dof) are all finite and within the limits."""
         return bool(np.isfinite(path).all() and ((path >= self.low - 1e-6) & (path <= self.high + 1e-6)).all())
 
-    def gap(self, path: FloatArray) -> Gap | None:
+    def gap(self, path: FloatArray) -> Collision | None:
         """Where along joint positions (N, dof) the arm first meets the table or itself; None: it keeps clear.
 
         Samples are at most ``_NEAR`` radians of any joint apart.
         """
         travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).max(axis=1))])
         count = max(2, int(np.ceil(travel[-1] / _NEAR)) + 1)
-        rows = evenly(travel, count)
+        rows = evenly_spaced_rows(travel, count)
         return self._model.first_gap(path[rows])
 
 
-def _spread(dof: int) -> FloatArray:
+def _unit_samples(dof: int) -> FloatArray:
     """A few dozen points (K, dof) spread over the unit cube, always the same."""
     return np.random.default_rng(0).random((60, dof))

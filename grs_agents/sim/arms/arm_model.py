@@ -22,7 +22,7 @@ _FLOOR: Final = "world"
 
 
 @dataclass(frozen=True)
-class Gap:
+class Collision:
     """Two parts that meet: their names, and by how much they overlap (m)."""
 
     first: str
@@ -34,7 +34,7 @@ class Gap:
         return f"its {self.second.replace('_', ' ')} would reach {self.depth:.3f} m into {other}"
 
 
-class Posture:
+class ArmModel:
     """A compiled arm with nothing but the table.
 
     Args:
@@ -119,8 +119,8 @@ class Posture:
                 return None
         return None
 
-    def first_gap(self, path: FloatArray) -> Gap | None:
-        """The first row of joint positions (N, dof) at which the arm meets the table or itself, as a ``Gap``."""
+    def first_gap(self, path: FloatArray) -> Collision | None:
+        """The first row of joint positions (N, dof) at which the arm meets the table or itself, as a ``Collision``."""
         model, data = self._model, self._data
         for row in path:
             data.qpos[:] = row
@@ -134,15 +134,15 @@ class Posture:
         """Pairs of bodies that meet at joint positions (dof,)."""
         return [] if self.first_gap(joints[None]) is None else [(gap.first, gap.second) for gap in self._gaps()]
 
-    def _gaps(self) -> list[Gap]:
-        found: list[Gap] = []
+    def _gaps(self) -> list[Collision]:
+        collisions: list[Collision] = []
         for pair, distance in zip(self._data.contact.geom, self._data.contact.dist, strict=True):
             first, second = sorted(int(self._model.geom_bodyid[geom]) for geom in pair)
             names = [str(self._model.body(body).name) for body in (first, second)]
-            found.append(Gap(names[0], names[1], max(0.0, -float(distance))))
-        return found
+            collisions.append(Collision(names[0], names[1], max(0.0, -float(distance))))
+        return collisions
 
 
-def arm_model(add: Callable[[Any], None], home: FloatArray) -> Posture:
+def model_without_rest_contacts(add: Callable[[Any], None], home: FloatArray) -> ArmModel:
     """The arm on its own; parts that touch while it waits at ``home`` (dof,) touch by design and do not count."""
-    return Posture(add, Posture(add).touching(home))
+    return ArmModel(add, ArmModel(add).touching(home))

@@ -11,24 +11,24 @@ _SPACING: Final = 0.04
 """Between two poses that are solved, metres; a radian of turning counts as 0.25 m."""
 
 
-def knots(tips: FloatArray, rotations: FloatArray) -> npt.NDArray[np.intp]:
+def waypoint_rows(tips: FloatArray, rotations: FloatArray) -> npt.NDArray[np.intp]:
     """The rows of a path of poses (N, 3), (N, 3, 3) that are to be solved; the first and the last among them."""
     steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
     cosine = np.einsum("nij,nij->n", rotations[1:], rotations[:-1]) / 2 - 0.5
     travel = np.concatenate([[0.0], np.cumsum(steps + 0.25 * np.arccos(np.clip(cosine, -1.0, 1.0)))])
     count = max(2, int(np.ceil(travel[-1] / _SPACING)) + 1)
-    return evenly(travel, count)
+    return evenly_spaced_rows(travel, count)
 
 
-def evenly(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:
+def evenly_spaced_rows(travel: FloatArray, count: int) -> npt.NDArray[np.intp]:
     """At most ``count`` rows, evenly spread over the distance travelled (N,) until each; first and last among them."""
     wanted: FloatArray = np.linspace(0.0, float(travel[-1]), count)
-    found: npt.NDArray[np.intp] = np.searchsorted(travel, wanted)
-    found[-1] = len(travel) - 1
-    return found[np.flatnonzero(np.diff(found, prepend=-1))]
+    rows: npt.NDArray[np.intp] = np.searchsorted(travel, wanted)
+    rows[-1] = len(travel) - 1
+    return rows[np.flatnonzero(np.diff(rows, prepend=-1))]
 
 
-def blend(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:
+def hermite_spline(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:
     """Rows (count, D) of a smooth curve through ``values`` (K, D) at ``rows`` (K,): a cubic Hermite spline."""
     if len(rows) == 1:
         return np.repeat(values, count, axis=0)
@@ -48,7 +48,7 @@ def blend(values: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatAr
     return curve
 
 
-def ramped(samples: int, ramp: float) -> FloatArray:
+def trapezoidal_profile(samples: int, ramp: float) -> FloatArray:
     """Shares (samples,) of a way, 0..1, at an even speed but for a share ``ramp`` of the time at either end."""
     time = np.linspace(0.0, 1.0, samples)
     gone = np.minimum(time, ramp) ** 2 / (2 * ramp) + np.clip(time - ramp, 0.0, 1 - 2 * ramp)
@@ -56,20 +56,20 @@ def ramped(samples: int, ramp: float) -> FloatArray:
     return gone / gone[-1]
 
 
-def rates(path: FloatArray, timestep: float) -> FloatArray:
+def joint_speeds(path: FloatArray, timestep: float) -> FloatArray:
     """How fast each joint moves (N, D) along positions (N, D), one row a time step (s)."""
-    found = np.zeros_like(path)
+    speeds = np.zeros_like(path)
     if len(path) > 1:
-        found[1:-1] = (path[2:] - path[:-2]) / (2 * timestep)
-        found[0], found[-1] = (path[1] - path[0]) / timestep, (path[-1] - path[-2]) / timestep
-    return found
+        speeds[1:-1] = (path[2:] - path[:-2]) / (2 * timestep)
+        speeds[0], speeds[-1] = (path[1] - path[0]) / timestep, (path[-1] - path[-2]) / timestep
+    return speeds
 
 
-def turns_about_z(angles: FloatArray) -> FloatArray:
+def rotations_about_z(angles: FloatArray) -> FloatArray:
     """The rotations (N, 3, 3) about the vertical by ``angles`` (N,), radians."""
-    found = np.zeros((len(angles), 3, 3))
-    found[:, 0, 0] = found[:, 1, 1] = np.cos(angles)
-    found[:, 1, 0] = np.sin(angles)
-    found[:, 0, 1] = -found[:, 1, 0]
-    found[:, 2, 2] = 1.0
-    return found
+    rotations = np.zeros((len(angles), 3, 3))
+    rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(angles)
+    rotations[:, 1, 0] = np.sin(angles)
+    rotations[:, 0, 1] = -rotations[:, 1, 0]
+    rotations[:, 2, 2] = 1.0
+    return rotations

@@ -38,15 +38,15 @@ def load_arm(path: Path) -> Arm:
     best: Arm | None = None
     refusal: InputError | None = None
     for turn in _QUARTERS:
-        arm = Arm(str(path), _adder(path, turn), guess)
+        arm = Arm(str(path), _arm_adder(path, turn), guess)
         try:
             arm.home.setflags(write=False)  # looked for now, so that an arm of no use is refused before it is used
         except InputError as error:
             refusal = refusal or error
             continue
-        if best is None or _room(arm) > _room(best) + 1e-3:
+        if best is None or _last_joint_margin(arm) > _last_joint_margin(best) + 1e-3:
             best = arm
-        if _room(best) >= _ROOM:
+        if _last_joint_margin(best) >= _ROOM:
             break
     if best is None:
         assert refusal is not None, "an arm was neither found nor refused"
@@ -54,11 +54,11 @@ def load_arm(path: Path) -> Arm:
     return best
 
 
-def _adder(path: Path, turn: float) -> Callable[[Any], None]:
+def _arm_adder(path: Path, turn: float) -> Callable[[Any], None]:
     return lambda world: _attach(world, _parse(path), path, turn)
 
 
-def _room(arm: Arm) -> float:
+def _last_joint_margin(arm: Arm) -> float:
     """How far the last joint of the waiting arm is from the nearer of its limits, radians or metres."""
     return float(min(arm.home[-1] - arm.low[-1], arm.high[-1] - arm.home[-1]))
 
@@ -74,7 +74,7 @@ def _parse(path: Path) -> Any:
         raise InputError(f"robot {path}: is no MJCF: {str(error)[:300]}", "mend what it names") from error
 
 
-def _tip(spec: Any, path: Path) -> tuple[Any, Any | None]:
+def _tip_body_and_site(spec: Any, path: Path) -> tuple[Any, Any | None]:
     """The body that carries the cup, and the site it is fixed to (None: the body's own frame)."""
     sites = {str(site.name): site for site in spec.sites}
     for name in TIPS:
@@ -83,22 +83,22 @@ def _tip(spec: Any, path: Path) -> tuple[Any, Any | None]:
     bodies: list[Any] = list(spec.bodies)
     if len(bodies) < 2:
         raise InputError(f"robot {path}: there is no body", "give an arm: bodies one inside the other, with joints")
-    return max(bodies, key=lambda body: len(_up(body))), None
+    return max(bodies, key=lambda body: len(_ancestors(body))), None
 
 
-def _up(body: Any) -> list[Any]:
+def _ancestors(body: Any) -> list[Any]:
     """A body and those that carry it, without the world."""
-    found: list[Any] = []
+    bodies: list[Any] = []
     while body is not None and str(body.name) != "world":
-        found.append(body)
+        bodies.append(body)
         body = body.parent
-    return found
+    return bodies
 
 
 def _chain(spec: Any, path: Path) -> list[Any]:
     """The joints from the base to the tip."""
-    carrier, site = _tip(spec, path)
-    joints = [joint for body in reversed(_up(carrier)) for joint in body.joints]
+    carrier, site = _tip_body_and_site(spec, path)
+    joints = [joint for body in reversed(_ancestors(carrier)) for joint in body.joints]
     where = f"site {site.name!r}" if site is not None else f"body {carrier.name!r}"
     if not joints:
         raise InputError(
@@ -132,16 +132,16 @@ def _attach(world: Any, spec: Any, path: Path, turn: float) -> None:
     The cup is turned by ``turn`` (radians) about its own axis.
     """
     chain = _chain(spec, path)
-    carrier, site = _tip(spec, path)
+    carrier, site = _tip_body_and_site(spec, path)
     names = [str(joint.name) for joint in chain]
-    torques = [_strongest(spec, name) for name in names]
+    torques = [_actuator_force(spec, name) for name in names]
     place = (tuple(site.pos), tuple(site.quat)) if site is not None else ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
     quaternion = np.empty(4)
     mujoco.mju_mulQuat(quaternion, np.array(place[1]), np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)]))
     carrier.name = carrier.name or "carrier"
-    _strip(spec, names)
+    _strip_to_arm(spec, names)
     for joint in chain:
-        _limit(joint, 360.0 if spec.compiler.degree else 2 * np.pi)
+        _complete_joint(joint, 360.0 if spec.compiler.degree else 2 * np.pi)
     end = f"{_PREFIX}{carrier.name}"
     world.attach(spec, prefix=_PREFIX, frame=world.worldbody.add_frame())
     add_tool(world.body(end), place[0], tuple(quaternion))
@@ -149,7 +149,7 @@ def _attach(world: Any, spec: Any, path: Path, turn: float) -> None:
         add_actuator(world, f"{_PREFIX}{name}", _STIFFNESS, torque)
 
 
-def _strip(spec: Any, names: Sequence[str]) -> None:
+def _strip_to_arm(spec: Any, names: Sequence[str]) -> None:
     """Leave an arm's bodies and its joints of these names; bodies weigh nothing, solid geoms count as the robot's."""
     for elements in (spec.keys, spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.lights, spec.cameras):
         for element in list(elements):
@@ -164,7 +164,7 @@ def _strip(spec: Any, names: Sequence[str]) -> None:
         geom.group, geom.contype, geom.conaffinity = 1, ROBOT_CONTYPE if solid else 0, 0
 
 
-def _limit(joint: Any, turn: float) -> None:
+def _complete_joint(joint: Any, turn: float) -> None:
     """Give a joint limits and some inertia of its own where the file gives none."""
     joint.armature = max(float(joint.armature), 0.05)
     low, high = (float(bound) for bound in joint.range)
@@ -173,7 +173,7 @@ def _limit(joint: Any, turn: float) -> None:
     joint.limited = True
 
 
-def _strongest(spec: Any, joint: str) -> float:
+def _actuator_force(spec: Any, joint: str) -> float:
     """The greatest force of the file's actuator of a joint, N m or N."""
     for actuator in spec.actuators:
         low, high = (float(bound) for bound in actuator.forcerange)

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.geometry.transforms import FloatArray
-from grs_agents.sim.arms.arm_model import Posture
-from grs_agents.sim.arms.joint_paths import turns_about_z
+from grs_agents.sim.arms.arm_model import ArmModel
+from grs_agents.sim.arms.joint_paths import rotations_about_z
 from grs_agents.sim.arms.robot import DOWN
 
 _RADII: Final = np.arange(0.14, 1.2, 0.025)
@@ -54,7 +54,7 @@ class ReachTable:
         return inside
 
 
-def tabulate(posture: Posture, home: FloatArray) -> ReachTable:
+def tabulate_reach(posture: ArmModel, home: FloatArray) -> ReachTable:
     """Try the arm on the grid, each point from a neighbour that was served."""
     turning = posture.turns_about_base()
     bearings = np.zeros(1) if turning else _BEARINGS
@@ -63,9 +63,9 @@ def tabulate(posture: Posture, home: FloatArray) -> ReachTable:
     return ReachTable(served, (float(low), float(high)))
 
 
-def _served_at(bearing: float, posture: Posture, home: FloatArray) -> npt.NDArray[np.bool_]:
+def _served_at(bearing: float, posture: ArmModel, home: FloatArray) -> npt.NDArray[np.bool_]:
     """Which radii and heights (R, H) the arm serves at one bearing (rad)."""
-    tool = turns_about_z(np.array([bearing]))[0] @ DOWN
+    tool = rotations_about_z(np.array([bearing]))[0] @ DOWN
     served = np.zeros((len(_RADII), len(_HEIGHTS)), dtype=bool)
     nearer: dict[int, FloatArray] = {}  # joint positions at the radius before, by the index of the height
     for row, radius in enumerate(_RADII):

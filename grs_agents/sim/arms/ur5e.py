@@ -134,7 +134,7 @@ _LINKS: Final = np.loadtxt(
 
 
 def _links() -> tuple[Link, ...]:
-    found: list[Link] = []
+    links: list[Link] = []
     position, roll = (0.0, 0.0, 0.0), 0.0
     for index, (a, d, alpha) in enumerate(LINKS):
         cos, sin = float(np.cos(alpha)), float(np.sin(alpha))
@@ -143,7 +143,7 @@ def _links() -> tuple[Link, ...]:
         x, y, z = np.array([a, 0.0, d]) + turn @ np.asarray(center)
         tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
         half = np.pi if index == 2 else TURN
-        found.append(
+        links.append(
             Link(
                 name=_NAMES[index],
                 position=position,
@@ -159,7 +159,7 @@ def _links() -> tuple[Link, ...]:
             )
         )
         position, roll = (a, 0.0, d), alpha
-    return tuple(found)
+    return tuple(links)
 
 
 class UR5e(Arm):

@@ -43,7 +43,7 @@ def config_of(view: View) -> CameraConfig:
 AGENT_CAMERAS: tuple[CameraConfig, ...] = tuple(config_of(view) for view in (FRONT, LEFT, RIGHT))
 
 
-def photograph(sight: rendering.Sight, config: Mapping[str, Any]) -> rendering.Picture:
+def render_config(sight: rendering.VisibleScene, config: Mapping[str, Any]) -> rendering.Picture:
     """What a configured camera sees.
 
     Raises:
@@ -65,14 +65,14 @@ def photograph(sight: rendering.Sight, config: Mapping[str, Any]) -> rendering.P
     pixels: FloatArray = np.indices((height, width)).astype(np.float64) + 0.5
     local = np.stack([(pixels[1] - cx) / fx, (pixels[0] - cy) / fy, np.ones((height, width))], axis=-1)
     directions = local @ transforms.rotation_matrix(rotation).T
-    return rendering.cast(sight, np.array(position), directions)
+    return rendering.cast_rays(sight, np.array(position), directions)
 
 
 _FAR: Final = 100.0
 """Height of the eye, metres: so far that a thing 0.3 m high leans over by less than a pixel."""
 
 
-def maps(
+def top_down_maps(
     objects: Sequence[InstanceObject], library: Library, bounds: FloatArray, pixel: float
 ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
     """Colour (H, W, 3), height above the table (H, W; m), object id (H, W; 0 = none); rows along y, columns along x.
@@ -88,7 +88,7 @@ def maps(
     x, y = float(bounds[0, 0]) + cells[1] * pixel, float(bounds[1, 0]) + cells[0] * pixel
     eye = np.array([bounds[0].mean(), bounds[1].mean(), _FAR])
     directions = np.stack([x - eye[0], y - eye[1], np.full(x.shape, -_FAR)], axis=-1) / _FAR
-    picture = rendering.cast(rendering.Sight(objects, library), eye, directions)
+    picture = rendering.cast_rays(rendering.VisibleScene(objects, library), eye, directions)
     height = np.where(picture.depth > 0, _FAR - picture.depth, 0)
     return picture.color, np.maximum(height, 0).astype(np.float32), np.maximum(picture.owner, 0)
 
@@ -96,14 +96,14 @@ def maps(
 class Observation(Mapping[str, Any]):
     """``color``: three (480, 640, 3) uint8 images; ``depth``: three (480, 640) float32 images, metres."""
 
-    def __init__(self, sight: rendering.Sight) -> None:
+    def __init__(self, sight: rendering.VisibleScene) -> None:
         self._sight = sight
         self._images: dict[str, tuple[npt.NDArray[Any], ...]] | None = None
 
     def __getitem__(self, key: str) -> tuple[npt.NDArray[Any], ...]:
         if key not in ("color", "depth"):
             raise KeyError(key)
-        images = self._images or rendering.observe(self._sight)
+        images = self._images or rendering.render_observation(self._sight)
         self._images = images
         return images[key]
 

@@ -14,7 +14,14 @@ from grs_agents.sim.cliport.goal_arguments import as_goal
 from grs_agents.sim.cliport.workcell import Workcell
 from grs_agents.sim.goals.strict_score import StrictScorer
 from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance.episode import ActionRecord, Episode, Recorder, SimulationError, remember, stop_of
+from grs_agents.sim.instance.episode import (
+    ActionRecord,
+    Episode,
+    Recorder,
+    SimulationError,
+    set_last_recorder,
+    stop_from_error,
+)
 from grs_agents.sim.motion.pick_place import PickPlace, PickPlaceResult
 from grs_agents.sim.motion.push import Push, PushResult
 from grs_agents.sim.world import templates
@@ -114,12 +121,12 @@ class Environment(Workcell):
         self.warnings.clear()
         self.recorder.look = None  # what it tells of is being cleared away
         self.recorder = Recorder(max_steps=int(self.task.max_steps))
-        remember(self.recorder)
+        set_last_recorder(self.recorder)
         try:
             self.tool = "spatula" if end_effectors.pushes(self.task.ee, self.task.primitive) else "suction"
             self.task.reset(self)
         except GrsError as error:
-            self.recorder.stop = stop_of(error)
+            self.recorder.stop = stop_from_error(error)
             raise
         self.task.goals = [as_goal(goal) for goal in self.task.goals]
         self.task.grs.close(self)
@@ -132,11 +139,9 @@ class Environment(Workcell):
     @property
     def info(self) -> Info:
         """``{id: (position, rotation, size), ..., 'lang_goal': str}``."""
-        found: Info = {
-            number: (*self.get_object_pose(number), self.get_object_size(number)) for number in self._objects
-        }
-        found["lang_goal"] = self.get_lang_goal()
-        return found
+        info: Info = {number: (*self.get_object_pose(number), self.get_object_size(number)) for number in self._objects}
+        info["lang_goal"] = self.get_lang_goal()
+        return info
 
     def get_lang_goal(self) -> str:
         """The current goal in words."""

@@ -87,7 +87,7 @@ def as_goal(fields: Any) -> Goal:
 def _objects(objs: Any) -> list[tuple[int, float]]:
     """The ids of a goal's objects, each with its symmetry."""
     try:
-        items: list[Any] = [objs] if is_number(objs) or _is_pair(objs) else list(objs)
+        items: list[Any] = [objs] if is_number(objs) or _is_id_with_symmetry(objs) else list(objs)
     except TypeError as error:
         raise SimulationError(f"add_goal: objs is {objs!r}", "give ids that env.add_object returned") from error
     if not items:
@@ -107,7 +107,7 @@ def _reward(value: Any) -> float:
     return reward
 
 
-def _is_pair(item: Any) -> bool:
+def _is_id_with_symmetry(item: Any) -> bool:
     """Whether something is CLIPort's ``(id, (symmetry, None))`` rather than several ids."""
     return isinstance(item, tuple) and len(cast(tuple[Any, ...], item)) == 2 and not is_number(item[1])
 
@@ -169,10 +169,10 @@ def _matches(matches: Any, objects: int, targets: int) -> tuple[tuple[int, ...],
             f"add_goal: matches has shape {array.shape} for {objects} objects and {targets} targets",
             f"give np.ones(({objects}, {targets})) or another array of that shape",
         )
-    found = np.zeros((objects, targets), dtype=np.int64)
+    rows = np.zeros((objects, targets), dtype=np.int64)
     kept = array[:objects, :targets]
-    found[:, : kept.shape[1]] = kept > 0
-    return tuple(map(tuple, found.tolist()))
+    rows[:, : kept.shape[1]] = kept > 0
+    return tuple(map(tuple, rows.tolist()))
 
 
 def _symmetries(symmetries: Any, own: Sequence[float]) -> tuple[float, ...]:

@@ -102,7 +102,7 @@ def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[A
     """
     env = _environment()
     own = env.object(objectUniqueId).color
-    found: list[tuple[Any, ...]] = []
+    entries: list[tuple[Any, ...]] = []
     for shape in env.shapes(objectUniqueId).visuals:
         dimensions = shape.size
         if shape.kind == "cylinder":
@@ -111,8 +111,8 @@ def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[A
             dimensions = shape.size * 3
         color = own or shape.color or (1.0, 1.0, 1.0, 1.0)
         entry = (dimensions, (shape.mesh or "").encode(), shape.position, shape.quaternion, color)
-        found.append((objectUniqueId, -1, _GEOMS[shape.kind], *entry))
-    return tuple(found)
+        entries.append((objectUniqueId, -1, _GEOMS[shape.kind], *entry))
+    return tuple(entries)
 
 
 def resetBasePositionAndOrientation(bodyUniqueId: int, posObj: Any, ornObj: Any, *_: Any, **__: Any) -> None:

@@ -163,7 +163,7 @@ class Task(TaskKit):
         """
         env = self.grs.reset_in
         library = env.library if env is not None else templates.default_library()
-        name, doubts = templates.fill_noting(library, template, replace)
+        name, doubts = templates.fill_noted(library, template, replace)
         if env is not None:
             for doubt in doubts:
                 env.warn(f"fill_template({template!r}): {doubt}")
@@ -183,10 +183,10 @@ class Task(TaskKit):
         """
         if any(extent < 0 for extent in obj_size):
             env.warn("get_random_pose: a size with negative lengths was taken without their sign")
-        found = placement.random_pose(obj_size, self.bounds, _standing(env), env.rng, env.arm)
-        if found is not None:
+        pose = placement.random_pose(obj_size, self.bounds, _obstacles(env), env.rng, env.arm)
+        if pose is not None:
             env.failed_placements = 0
-            return list(found[0]), found[1]
+            return list(pose[0]), pose[1]
         env.failed_placements += 1
         if env.failed_placements >= _PATIENCE:
             raise NoFreeSpaceError(
@@ -245,7 +245,7 @@ class Task(TaskKit):
         return PushOracle(self, env) if end_effectors.pushes(self.ee, self.primitive) else Oracle(self, env)
 
 
-def _standing(env: Environment) -> list[Prism]:
+def _obstacles(env: Environment) -> list[Prism]:
     """One outline for each object, marks on the table included, since nothing should start on a target; and what is
     around the robot."""
     around = [] if env.background is None else prisms(env.library.model(env.background), _ORIGIN)
@@ -258,16 +258,16 @@ def task_class(module: ModuleType) -> type[Task]:
     Raises:
         SimulationError: it defines none.
     """
-    found = [
+    classes = [
         value
         for value in vars(module).values()
         if isinstance(value, type) and issubclass(value, Task) and value.__module__ == module.__name__
     ]
-    if not found:
+    if not classes:
         raise SimulationError(
             f"module {module.__name__} defines no subclass of Task", "define a class that derives from Task"
         )
-    return found[-1]
+    return classes[-1]
 
 
 def names_task(tree: ast.Module) -> bool:

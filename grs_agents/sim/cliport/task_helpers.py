@@ -23,7 +23,7 @@ from grs_agents.sim.instance.instance import InstanceTie
 from grs_agents.sim.motion import placement
 from grs_agents.sim.world import templates
 from grs_agents.sim.world.colors import COLORS
-from grs_agents.sim.world.footprints import turn
+from grs_agents.sim.world.footprints import rotation_2d
 from grs_agents.sim.world.tabletop import Tabletop, as_pose
 
 _BEAD: Final = "sphere/sphere_rope.urdf"
@@ -33,7 +33,7 @@ _BENDS: Final = (1.0, 1.0, 1.6, 2.4, 3.2, 4.2)
 _TRIES: Final = 12
 
 
-def make(
+def add_rope(
     env: Tabletop, bounds: FloatArray, corners: Any, radius: float, n_parts: int, color_name: str
 ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], FloatArray]:
     """Add a rope; see ``Task.make_ropes``.
@@ -42,14 +42,14 @@ def make(
         SimulationError: fewer than two beads, or beads that would not fit side by side.
         NoFreeSpaceError: there is no room for it.
     """
-    first, last = (_point(corner) for corner in corners)
+    first, last = (_corner_point(corner) for corner in corners)
     step = (last - first) / max(n_parts, 1)
     spacing = float(np.linalg.norm(step))
     if n_parts < 2 or spacing < 0.002:
         raise SimulationError(
             f"make_ropes: {n_parts} beads over {spacing * n_parts:.3f} m", "give two corners apart, and more beads"
         )
-    points = _lay(env, bounds, n_parts, spacing, min(radius, spacing / 2))
+    points = _rope_curve_on_table(env, bounds, n_parts, spacing, min(radius, spacing / 2))
     numbers = _beads(env, points, min(radius, spacing / 2), color_name)
     for parent, child in pairwise(numbers):
         env.tie(
@@ -66,7 +66,7 @@ def make(
     return [(number, (0.0, None)) for number in numbers], targets, matches
 
 
-def _point(corner: Any) -> FloatArray:
+def _corner_point(corner: Any) -> FloatArray:
     point = np.asarray(corner[0] if np.ndim(corner[0]) else corner, dtype=np.float64)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise SimulationError(f"make_ropes: corner {corner!r} is no point", "give (x, y, z) in metres")
@@ -87,7 +87,7 @@ def _beads(env: Tabletop, points: FloatArray, radius: float, color_name: str) ->
     return numbers
 
 
-def _lay(env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: float) -> FloatArray:
+def _rope_curve_on_table(env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: float) -> FloatArray:
     """Points (count, 2) of a curve with equal steps that lies free on the table, within reach."""
     standing = [env.outline(item.id) for item in env.objects]
     for bend in _BENDS:
@@ -97,7 +97,7 @@ def _lay(env: Tabletop, bounds: FloatArray, count: int, spacing: float, radius: 
             pose = placement.random_pose(size, bounds, standing, env.rng, env.arm)
             if pose is None:
                 break
-            points = curve @ turn(transforms.yaw_of(pose[1])).T + np.asarray(pose[0][:2])
+            points = curve @ rotation_2d(transforms.yaw_of(pose[1])).T + np.asarray(pose[0][:2])
             if env.arm.reachable(np.column_stack([points, np.full(count, 2 * radius)])).all():
                 return points
     raise NoFreeSpaceError(
@@ -158,7 +158,7 @@ class TaskKit:
 
         Rows run along y, columns along x, ``pix_size`` metres each: ``utils.pix_to_xyz`` reads them.
         """
-        return cameras.maps(env.objects, env.library, self.bounds, self.pix_size)
+        return cameras.top_down_maps(env.objects, env.library, self.bounds, self.pix_size)
 
     def add_corner_anchor_for_pose(self, env: Environment, pose: Any) -> int:
         """Mark a pose on the table with an L of two thin lines that nothing touches; returns its id."""
@@ -190,12 +190,12 @@ class TaskKit:
             )
         # A cube a cell, so that none starts inside another.
         cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 2)
-        found: list[int] = []
+        ids: list[int] = []
         for cell in env.rng.permutation(cells)[: self.num_blocks]:
             x, y = low + (cell + 0.5) * 0.2 / side
             rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, float(env.rng.uniform(-np.pi, np.pi))))
-            found.append(env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=block_color))
-        return found
+            ids.append(env.add_object(_GRAIN, ((float(x), float(y), 0.005), rotation), color=block_color))
+        return ids
 
     def make_ropes(
         self,
@@ -222,7 +222,7 @@ class TaskKit:
         Raises:
             NoFreeSpaceError: there is no room for it.
         """
-        return make(env, self.bounds, corners, radius, int(n_parts), color_name)
+        return add_rope(env, self.bounds, corners, radius, int(n_parts), color_name)
 
     make_rope = make_ropes
 
@@ -257,14 +257,14 @@ class TaskKit:
 
         library, name = self.grs.env.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
         mesh: Any = trimesh.load_mesh(library.mesh_path(name))
-        points = _over(np.asarray(mesh.triangles, dtype=np.float64) * np.asarray(scale), num_points, self.rng)
+        points = _sample_surface(np.asarray(mesh.triangles, dtype=np.float64) * np.asarray(scale), num_points, self.rng)
         return [(transforms.vec3(point), transforms.IDENTITY) for point in transforms.apply(pose, points.T).T]
 
     get_sphere_object_points = get_box_object_points
     get_mesh_object_points = get_box_object_points
 
 
-def _over(triangles: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+def _sample_surface(triangles: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
     """Points (count, 3) drawn evenly, as seen from above, from those of the triangles (N, 3, 3) that face upwards."""
     corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     area = np.maximum(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], 0.0)

@@ -15,7 +15,7 @@ from grs_agents.sim.cliport import cameras, end_effectors
 from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
 from grs_agents.sim.motion import placement, tool_paths
 from grs_agents.sim.world.recording import Recording
-from grs_agents.sim.world.rendering import Sight
+from grs_agents.sim.world.rendering import VisibleScene
 from grs_agents.sim.world.tabletop import Tabletop, as_pose
 
 _SPEED: Final = 1.0
@@ -86,21 +86,24 @@ class Workcell(Tabletop):
             UnreachableError: the arm cannot, within the limits of its joints and clear of the table and itself.
         """
         position, rotation = as_pose(pose, "solve_ik")
-        _, tilt = tool_paths.split(rotation)
+        _, tilt = tool_paths.split_yaw_tilt(rotation)
         tilted, physics = bool(np.any(tilt)), self.physics
         if not tilted and not self.arm.can_reach(position):
             raise UnreachableError(
-                f"{placement.at(position)} {placement.reach_note(position, self.arm)}", "give a pose within reach"
+                f"{placement.point_text(position)} {placement.reach_note(position, self.arm)}",
+                "give a pose within reach",
             )
         joints = self.arm.solve_poses(
             np.array([position]), transforms.rotation_matrix(rotation)[None], physics.commanded
         )
         how = f"with the tool tilted by {np.linalg.norm(tilt):.2f} rad" if tilted else "with the tool down"
         if not self.arm.within_limits(joints):
-            raise UnreachableError(f"{placement.at(position)} cannot be reached {how}", "give a pose within reach")
+            raise UnreachableError(
+                f"{placement.point_text(position)} cannot be reached {how}", "give a pose within reach"
+            )
         if (gap := self.arm.gap(joints)) is not None:
             raise UnreachableError(
-                f"{placement.at(position)} cannot be reached {how}: {gap}", "give a pose within reach"
+                f"{placement.point_text(position)} cannot be reached {how}: {gap}", "give a pose within reach"
             )
         return joints[0]
 
@@ -145,17 +148,19 @@ class Workcell(Tabletop):
         return self.movej(self.solve_ik(pose), speed)
 
     @property
-    def sight(self) -> Sight:
+    def sight(self) -> VisibleScene:
         """What there is to see now."""
         joints = self.homej if self._physics is None else self._physics.joints
         poses = tuple(self.get_object_pose(number) for number in self._objects)
-        return Sight(tuple(self._objects.values()), self.library, joints, self.arm, self.tool, poses, self.background)
+        return VisibleScene(
+            tuple(self._objects.values()), self.library, joints, self.arm, self.tool, poses, self.background
+        )
 
     def render_camera(
         self, config: Mapping[str, Any], *_: Any, **__: Any
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
         """Colour (H, W, 3), depth (H, W; m along the optical axis) and object id (H, W; -1 = none) of one camera."""
-        picture = cameras.photograph(self.sight, config)
+        picture = cameras.render_config(self.sight, config)
         return picture.color, picture.depth, picture.owner
 
     def render(self, mode: str = "rgb_array") -> npt.NDArray[np.uint8]:

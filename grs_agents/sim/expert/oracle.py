@@ -12,12 +12,12 @@ from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import transforms
 from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.expert import placement_planner
-from grs_agents.sim.goals.scene_view import SceneView, toppled
+from grs_agents.sim.goals.scene_view import SceneView, has_toppled
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.motion.grasp import find_grasp
-from grs_agents.sim.motion.placement import Blocked, Spot, Suits, at, reach_note
+from grs_agents.sim.motion.placement import Blocked, ReachTest, Spot, point_text, reach_note
 from grs_agents.sim.world.tabletop import Tabletop
 
 _SAMPLES: Final = 24
@@ -25,15 +25,15 @@ _MISS: Final = 0.02
 """What a bead out of tolerance costs besides its distance, metres."""
 
 
-def chain(goal: Goal, view: SceneView) -> bool:
+def is_rope_goal(goal: Goal, view: SceneView) -> bool:
     """Whether the objects of a goal are tied in a row, in their order, and each has a place of its own."""
     if goal.metric != "pose" or len(goal.objects) < 3 or len(goal.targets) != len(goal.objects):
         return False
     tied = {frozenset((tie.parent, tie.child)) for tie in view.ties}
-    return all(frozenset(pair) in tied for pair in pairwise(goal.objects)) and bool(_ways(goal))
+    return all(frozenset(pair) in tied for pair in pairwise(goal.objects)) and bool(_rope_target_orders(goal))
 
 
-def _ways(goal: Goal) -> list[FloatArray]:
+def _rope_target_orders(goal: Goal) -> list[FloatArray]:
     """Targets (N, 2) in the order of the beads: from either end, as far as the goal allows."""
     targets, count = np.array([pose[0][:2] for pose in goal.targets]), len(goal.objects)
     orders = (np.arange(count), np.arange(count)[::-1])
@@ -54,36 +54,38 @@ class RopePlanner:
         beads = np.array([view.pose(number)[0][:2] for number in goal.objects])
         key = goal.objects
         if key not in self._chosen:
-            ways = _ways(goal)
+            ways = _rope_target_orders(goal)
             self._chosen[key] = min(ways, key=lambda way: float(np.linalg.norm(way - beads, axis=1).sum()))
         wanted = self._chosen[key]
-        now = _cost(beads, wanted, pos_eps)
-        after = np.array([_cost(dragged(beads, row, wanted[row]), wanted, pos_eps) for row in range(len(beads))])
+        now = _rope_cost(beads, wanted, pos_eps)
+        after = np.array(
+            [_rope_cost(dragged_rope(beads, row, wanted[row]), wanted, pos_eps) for row in range(len(beads))]
+        )
         off = np.linalg.norm(wanted - beads, axis=1)
         order = sorted(range(len(beads)), key=lambda row: (after[row] > now, round(float(after[row]), 4), -off[row]))
         return [(row, wanted[row]) for row in order if off[row] > 0.3 * pos_eps]
 
 
-def dragged(beads: FloatArray, row: int, target: FloatArray) -> FloatArray:
+def dragged_rope(beads: FloatArray, row: int, target: FloatArray) -> FloatArray:
     """Where beads (N, 2) come to lie when one of them is brought straight to a target (2,), metres."""
     points = beads.copy()
     lengths = np.linalg.norm(np.diff(beads, axis=0), axis=1)
     for share in np.linspace(0.0, 1.0, _SAMPLES)[1:]:
         points[row] = beads[row] + share * (target - beads[row])
         for index in range(row + 1, len(points)):
-            points[index] = _follow(points[index], points[index - 1], lengths[index - 1])
+            points[index] = _follow_bead(points[index], points[index - 1], lengths[index - 1])
         for index in range(row - 1, -1, -1):
-            points[index] = _follow(points[index], points[index + 1], lengths[index])
+            points[index] = _follow_bead(points[index], points[index + 1], lengths[index])
     return points
 
 
-def _follow(point: FloatArray, leader: FloatArray, length: float) -> FloatArray:
+def _follow_bead(point: FloatArray, leader: FloatArray, length: float) -> FloatArray:
     x, y = point[0] - leader[0], point[1] - leader[1]
     scale = length / max(float((x * x + y * y) ** 0.5), 1e-9)
     return np.array([leader[0] + scale * x, leader[1] + scale * y])
 
 
-def _cost(beads: FloatArray, wanted: FloatArray, pos_eps: float) -> float:
+def _rope_cost(beads: FloatArray, wanted: FloatArray, pos_eps: float) -> float:
     off = np.linalg.norm(beads - wanted, axis=1)
     return float((off + _MISS * np.clip(off / (0.7 * pos_eps) - 0.4, 0.0, 1.0)).sum())
 
@@ -147,7 +149,7 @@ class Oracle:
     def _plan_goals(self, view: SceneView) -> Action | Stop:
         """The next action for the goals that are not met, or why there is none."""
         for goal in self.task.goals:
-            if chain(goal, view) and (plan := self._plan_rope(goal, view)) is not None:
+            if is_rope_goal(goal, view) and (plan := self._plan_rope(goal, view)) is not None:
                 return plan
             reasons: list[Stop] = []
             for row in self._order(goal, view):
@@ -174,7 +176,7 @@ class Oracle:
             attempt = (len(self.task.goals), number)
             hold = self._hold(number, view) if self._attempts.get(attempt, 0) < _ATTEMPTS else None
             spot = Spot((float(target[0]), float(target[1])), 0.0, 0.0)
-            if isinstance(hold, tuple) and Suits(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))[0]:
+            if isinstance(hold, tuple) and ReachTest(hold[2], self.table.arm)(np.array([spot.center]), np.zeros(1))[0]:
                 self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
                 return _action(number, hold, spot, view)
         return None
@@ -225,7 +227,7 @@ class Oracle:
             return Stop("error", f"{name} is 'fixed' and cannot be moved; add it as 'rigid'", (name,))
         if not self.table.arm.can_reach((position[0], position[1], view.outline(number).high)):
             note = reach_note((position[0], position[1], view.outline(number).high), self.table.arm)
-            return Stop("unreachable", f"object {name} at {at(position)} {note}", (name,))
+            return Stop("unreachable", f"object {name} at {point_text(position)} {note}", (name,))
         hold = find_grasp(view.physics, number, position, view.outline(number), view.others(number))
         if hold.point is not None:
             return hold.point
@@ -257,7 +259,7 @@ class Oracle:
             return self._clear(hold, blocker, view, depth + 1)
         if isinstance(hold, Stop):
             return stop
-        spot = placement_planner.aside(blocker, blocked.keep_free, view, hold[2] - view.outline(blocker).low)
+        spot = placement_planner.spot_aside(blocker, blocked.keep_free, view, hold[2] - view.outline(blocker).low)
         if spot is None:
             return stop
         self._attempts[attempt] = self._attempts.get(attempt, 0) + 1
@@ -267,10 +269,11 @@ class Oracle:
         name, tilt = view.name(number), np.rad2deg(view.tilt(number))
         notes = [action.note for action in self.table.recorder.actions if action.object in (number, None)]
         last = f"; last: {notes[-1]}" if notes else ""
-        if toppled(number, view, np.pi / 4):
+        if has_toppled(number, view, np.pi / 4):
             fallen = f"{name} toppled (tilt {tilt:.0f} deg) and was not placed in {_ATTEMPTS} tries{last}"
             return Stop("toppled", fallen, (name,))
-        detail = f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at {at(view.pose(number)[0])}{last}"
+        where = point_text(view.pose(number)[0])
+        detail = f"{name} was not brought to its target in {_ATTEMPTS} tries, it is at {where}{last}"
         return Stop("dropped", detail, (name,))
 
 

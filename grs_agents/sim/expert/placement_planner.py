@@ -10,11 +10,20 @@ from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.expert.pose_placement import pose_target
 from grs_agents.sim.expert.relation_placement import RelationPlanner
-from grs_agents.sim.expert.zone_packing import members_of, pack, why_not
+from grs_agents.sim.expert.zone_packing import explain_no_spot, pack_zone, unplaced_members
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.goal import Goal, Zone
-from grs_agents.sim.motion.placement import Blocked, Region, Spot, Suits, Target, find_spot, turned, wrap
+from grs_agents.sim.motion.placement import (
+    Blocked,
+    ReachTest,
+    Region,
+    Spot,
+    Target,
+    find_spot,
+    turned_outline,
+    wrap_angle,
+)
 from grs_agents.sim.world.footprints import Prism, rest_heights
 
 _CLIMB: Final = 0.012
@@ -60,33 +69,33 @@ class Planner:
         number, reasons = goal.objects[row], list[Target]()
         for zone in goal.zones:
             planned = self._plans.get(zone, {}).get(number)
-            if planned is not None and _still_good(planned, number, view, lift):
+            if planned is not None and _is_plan_valid(planned, number, view, lift):
                 return planned.spot
-            members = members_of(zone, task)
-            plan = pack(zone, [number, *(other for other in members if other != number)], view, lift)
+            members = unplaced_members(zone, task)
+            plan = pack_zone(zone, [number, *(other for other in members if other != number)], view, lift)
             self._plans[zone] = {member: Planned(spot, view.pose(member)) for member, spot in plan.items()}
             if number in plan:
                 return plan[number]
-            reasons.append(why_not(zone, number, members, view, lift))
+            reasons.append(explain_no_spot(zone, number, members, view, lift))
         blocked = [reason for reason in reasons if isinstance(reason, Spot | Blocked)]
         return blocked[0] if blocked else reasons[0]
 
 
-def _still_good(planned: Planned, number: int, view: SceneView, lift: float) -> bool:
+def _is_plan_valid(planned: Planned, number: int, view: SceneView, lift: float) -> bool:
     """Whether the object has not been stirred since it was planned for, and its spot is still free."""
     pose, spot = view.pose(number), planned.spot
     if (
         float(np.abs(np.subtract(pose[0], planned.pose[0])).max()) > 0.003
-        or abs(wrap(transforms.yaw_of(pose[1]) - transforms.yaw_of(planned.pose[1]))) > 0.03
+        or abs(wrap_angle(transforms.yaw_of(pose[1]) - transforms.yaw_of(planned.pose[1]))) > 0.03
     ):
         return False
-    shape = turned(view.outline(number), np.asarray(pose[0][:2]), spot.turn)
+    shape = turned_outline(view.outline(number), np.asarray(pose[0][:2]), spot.turn)
     offset = np.array([spot.center])
     height = rest_heights(shape, view.others(number), offset, 0.001)
-    return bool(abs(height[0] - spot.height) < 0.01 and Suits(lift, view.arm)(offset, height)[0])
+    return bool(abs(height[0] - spot.height) < 0.01 and ReachTest(lift, view.arm)(offset, height)[0])
 
 
-def aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float) -> Spot | None:
+def spot_aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float) -> Spot | None:
     """A spot out of the way, near where the object is: within what it stands in if there is room, else on the table."""
     body, center = view.outline(number), view.pose(number)[0]
     reserved = [Prism(prism.outline, 0.0, 1.0) for prism in (*keep_free, *_goal_areas(view, number))]
@@ -97,7 +106,7 @@ def aside(number: int, keep_free: Sequence[Prism], view: SceneView, lift: float)
     table = _box_region(x0, y0, x1, y1)
     tries = [(_box_region(*holder.box), 0.003, taken) for holder in _holders(number, view)]
     for region, gap, obstacles in (*tries, (table, 0.03, unmarked), (table, 0.01, unmarked)):
-        turns, suits = [0.0, np.pi / 2, np.pi / 4], Suits(lift, view.arm)
+        turns, suits = [0.0, np.pi / 2, np.pi / 4], ReachTest(lift, view.arm)
         spot = find_spot(body, center, turns, region, obstacles, gap, suits, spread=True, near=center)
         if spot is not None and spot.height <= max(body.low, 0.0) + _CLIMB:
             return spot
@@ -118,11 +127,11 @@ def _box_region(x0: float, y0: float, x1: float, y1: float) -> Region:
 
 def _goal_areas(view: SceneView, number: int) -> list[Prism]:
     """Where unmet pose goals want other objects, kept free."""
-    found: list[Prism] = []
+    areas: list[Prism] = []
     for goal in view.open_goals:
         for other in goal.objects if goal.metric == "pose" else ():
             center = np.asarray(view.pose(other)[0][:2])
             for target in goal.targets if other != number else ():
-                shape = turned(view.outline(other), center, transforms.yaw_of(target[1]) - view.yaw(other))
-                found.append(Prism(shape.outline + np.asarray(target[0][:2]), 0.0, 1.0))
-    return found
+                shape = turned_outline(view.outline(other), center, transforms.yaw_of(target[1]) - view.yaw(other))
+                areas.append(Prism(shape.outline + np.asarray(target[0][:2]), 0.0, 1.0))
+    return areas

@@ -8,7 +8,7 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals.scene_view import SceneView, steady
+from grs_agents.sim.goals.scene_view import SceneView, is_stable
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.instance.goal import Goal
@@ -16,15 +16,15 @@ from grs_agents.sim.motion.placement import (
     TALLEST_STACK,
     Blocked,
     FloatArray,
+    ReachTest,
     Spot,
-    Suits,
     Target,
-    at,
+    point_text,
     reach_note,
-    turned,
-    wrap,
+    turned_outline,
+    wrap_angle,
 )
-from grs_agents.sim.world.footprints import Prism, gaps, inside_margin, near, rest_height, turn
+from grs_agents.sim.world.footprints import Prism, inside_margin, nearby, rest_height, rotation_2d, signed_gaps
 
 _ROOM: Final = 0.002
 """Room that neighbours are given, metres: blocks at targets one width apart do not jam."""
@@ -46,7 +46,7 @@ def pose_target(goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: f
     number = goal.objects[row]
     pose = view.pose(number)
     allowed = goal.options(row)
-    free = allowed if goal.replace else [index for index in allowed if not _claimed(goal, index, row, task, view)]
+    free = allowed if goal.replace else [index for index in allowed if not _is_claimed(goal, index, row, task, view)]
     free.sort(key=lambda index: (round(goal.targets[index][0][2], 3), _distance(goal.targets[index], pose)))
     reasons: list[Target] = []
     for index in free or allowed:
@@ -72,7 +72,7 @@ def _distance(target: Pose, pose: Pose) -> float:
     return float(np.hypot(target[0][0] - pose[0][0], target[0][1] - pose[0][1]))
 
 
-def _claimed(goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView) -> bool:
+def _is_claimed(goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView) -> bool:
     return any(
         other != row
         and goal.matches[other][index]
@@ -90,13 +90,13 @@ def _at_pose(goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView
     height, angle, offset = fit.height, fit.angle, fit.offset
     spot = Spot((float(offset[0, 0]), float(offset[0, 1])), angle, height)
     tip = (*spot.center, height + lift)
-    if not Suits(lift, view.arm)(offset, np.array([height]))[0]:
-        return Stop("unreachable", f"target of {name} at {at(target[0])} {reach_note(tip, view.arm)}", (name,))
-    shape = turned(body, np.asarray(pose[0][:2]), angle)
+    if not ReachTest(lift, view.arm)(offset, np.array([height]))[0]:
+        return Stop("unreachable", f"target of {name} at {point_text(target[0])} {reach_note(tip, view.arm)}", (name,))
+    shape = turned_outline(body, np.asarray(pose[0][:2]), angle)
     keep_free = (Prism(shape.outline + offset, 0.0, 1.0, number),)
     blocker = _blocker(shape, offset, others, height, wanted + (_LOOSE if wanted > _FLAT else _FLAT), view)
     if blocker is None or not view.is_free(blocker) or _stackable(blocker, shape, target, height, task, view):
-        tight = _tight(number, fit, target, task, view)
+        tight = _movable_neighbour(number, fit, target, task, view)
         return spot if tight is None else Blocked(tight, keep_free, spot)
     return Blocked(blocker, keep_free)
 
@@ -118,21 +118,21 @@ class _Fit:
 def _best_fit(number: int, target: Pose, symmetry: float, wanted: float, task: ScoredTask, view: SceneView) -> _Fit:
     """The turn with which an object comes to rest lowest, and does not tip."""
     others, center = view.others(number), np.asarray(view.pose(number)[0][:2])
-    company = [*others, *_to_come(number, target, task, view)]
+    company = [*others, *_future_neighbours(number, target, task, view)]
     mass = _mass_center(number, view)
 
     def fit(angle: float) -> _Fit:
-        parts = [turned(part, center, angle) for part in view.parts(number)]
-        offset = _clear_of(parts, target, company, task)
+        parts = [turned_outline(part, center, angle) for part in view.parts(number)]
+        offset = _clear_offset(parts, target, company, task)
         return _Fit(angle, parts, offset, max(0.0, rest_height(parts, others, offset, -0.0005)))
 
     def stands(option: _Fit) -> bool:
         parts = [Prism(part.outline + option.offset, part.low, part.high) for part in option.parts]
-        return steady(parts, option.height, option.offset[0] + turn(option.angle) @ mass, others)
+        return is_stable(parts, option.height, option.offset[0] + rotation_2d(option.angle) @ mass, others)
 
-    options = [fit(angle) for angle in _turns(target, number, symmetry, view)]
+    options = [fit(angle) for angle in _allowed_turns(target, number, symmetry, view)]
     if min(option.height for option in options) > wanted + _STEP:
-        options += [fit(angle) for angle in _turns_into(target, number, symmetry, view)]
+        options += [fit(angle) for angle in _turns_along_host(target, number, symmetry, view)]
     options.sort(key=lambda option: round(option.height / _STEP))
     return next(filter(stands, options), replace(options[0], stands=False))
 
@@ -144,47 +144,47 @@ def _mass_center(number: int, view: SceneView) -> FloatArray:
     return transforms.apply((position, rotation), center[:, None])[:2, 0] - np.asarray(position[:2])
 
 
-def _turns(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
+def _allowed_turns(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
     """Turns (rad) that the target allows: along it rather than askew, so that neighbours find room."""
     asked = transforms.yaw_of(target[1]) - view.yaw(number)
     if symmetry > 0:
-        return [wrap(asked, symmetry)]
+        return [wrap_angle(asked, symmetry)]
     if all(shape.kind in ("cylinder", "sphere") for shape in view.model(number).colliders):
         return [0.0]
-    return [*_quarters(asked), 0.0]
+    return [*_quarter_turns(asked), 0.0]
 
 
-def _turns_into(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
+def _turns_along_host(target: Pose, number: int, symmetry: float, view: SceneView) -> list[float]:
     """Turns (rad) along what stands at the target, however that lies by now, if the target allows any."""
     hosts = [
         view.yaw(other) - view.yaw(number)
         for other in view.ids
         if other != number and view.model(other).colliders and view.over(other, target[0])
     ]
-    return [turn for host in hosts for turn in _quarters(host)] if symmetry <= 0 else []
+    return [turn for host in hosts for turn in _quarter_turns(host)] if symmetry <= 0 else []
 
 
-def _quarters(angle: float) -> list[float]:
-    return [wrap(wrap(angle, np.pi / 2) + quarter * np.pi / 2) for quarter in range(4)]
+def _quarter_turns(angle: float) -> list[float]:
+    return [wrap_angle(wrap_angle(angle, np.pi / 2) + quarter * np.pi / 2) for quarter in range(4)]
 
 
-def _to_come(number: int, target: Pose, task: ScoredTask, view: SceneView) -> list[Prism]:
+def _future_neighbours(number: int, target: Pose, task: ScoredTask, view: SceneView) -> list[Prism]:
     """Objects as they will stand at targets around this one: whoever comes first leaves them room."""
-    found: list[Prism] = []
+    neighbours: list[Prism] = []
     for goal in task.goals:
         for index, place in enumerate(goal.targets):
             rows = [row for row, other in enumerate(goal.objects) if goal.matches[row][index] and other != number]
             if rows and place is not target and _distance(place, target) < _AROUND:
                 other = goal.objects[rows[0]]
                 body = view.outline(other)
-                angle = wrap(transforms.yaw_of(place[1]) - view.yaw(other), np.pi / 2)
-                shape = turned(body, np.asarray(view.pose(other)[0][:2]), angle)
+                angle = wrap_angle(transforms.yaw_of(place[1]) - view.yaw(other), np.pi / 2)
+                shape = turned_outline(body, np.asarray(view.pose(other)[0][:2]), angle)
                 low = place[0][2] - (body.high - body.low) / 2
-                found.append(Prism(shape.outline + place[0][:2], low, low + body.high - body.low, other))
-    return found
+                neighbours.append(Prism(shape.outline + place[0][:2], low, low + body.high - body.low, other))
+    return neighbours
 
 
-def _spread(target: Pose, task: ScoredTask) -> FloatArray:
+def _spread_target(target: Pose, task: ScoredTask) -> FloatArray:
     """Where (2,) a target would be if those around it, on its level, were drawn apart by what tolerance allows."""
     places = [place for goal in task.goals for place in goal.targets if abs(place[0][2] - target[0][2]) < _LEVEL]
     around = np.array([place[0][:2] for place in places if _distance(place, target) < _AROUND] or [target[0][:2]])
@@ -193,7 +193,7 @@ def _spread(target: Pose, task: ScoredTask) -> FloatArray:
     return np.asarray(target[0][:2]) + middle * _NUDGE / max(reach, 20 * _NUDGE)
 
 
-def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], task: ScoredTask) -> FloatArray:
+def _clear_offset(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], task: ScoredTask) -> FloatArray:
     """The target's (1, 2) or a point within half its tolerance that is clearer of what stands as high, metres."""
     center = np.array([[target[0][0], target[0][1]]])
     half = (max(part.high for part in body) - min(part.low for part in body)) / 2
@@ -203,15 +203,15 @@ def _clear_of(body: Sequence[Prism], target: Pose, obstacles: Sequence[Prism], t
     beside = [
         (part.outline, prism.outline)
         for part in body
-        for prism in near(part, level, center[0].tolist(), _ROOM)
-        if -_ROOM - 2 * _NUDGE < gaps(part.outline, prism.outline, center)[0] < _ROOM
+        for prism in nearby(part, level, center[0].tolist(), _ROOM)
+        if -_ROOM - 2 * _NUDGE < signed_gaps(part.outline, prism.outline, center)[0] < _ROOM
     ]
     if not beside:
         return center
     steps = np.linspace(-1, 1, 7) * min(_NUDGE, task.pos_eps / 2)
     offsets = center + np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
-    room = np.min([gaps(part, other, offsets) for part, other in beside], axis=0)
-    cost = np.linalg.norm(offsets - _spread(target, task), axis=1) - 10 * np.minimum(room, _ROOM / 2)
+    room = np.min([signed_gaps(part, other, offsets) for part, other in beside], axis=0)
+    cost = np.linalg.norm(offsets - _spread_target(target, task), axis=1) - 10 * np.minimum(room, _ROOM / 2)
     return offsets[[int(np.argmin(cost))]]
 
 
@@ -224,33 +224,33 @@ def _blocker(
     top = [
         prism.owner
         for prism in others
-        if prism.high > height - 0.005 and gaps(shape.outline, prism.outline, offset)[0] < -0.0005
+        if prism.high > height - 0.005 and signed_gaps(shape.outline, prism.outline, offset)[0] < -0.0005
     ]
     movable = [owner for owner in top if view.is_free(owner) and not view.hollow(owner)]
     return movable[0] if movable else None
 
 
-def _tight(number: int, fit: _Fit, target: Pose, task: ScoredTask, view: SceneView) -> int | None:
+def _movable_neighbour(number: int, fit: _Fit, target: Pose, task: ScoredTask, view: SceneView) -> int | None:
     """What is to be moved anyway and would be shoved, or would tip the object off; None if nothing does."""
-    waiting = _waiting(number, task, view)
+    waiting = _unplaced_others(number, task, view)
     up = fit.height - min(part.low for part in fit.parts)
     standing = [prism for prism in view.prisms if prism.owner in waiting and prism.high > fit.height - _STEP]
     for part in fit.parts:
-        for prism in near(part, standing, fit.offset[0].tolist(), _BESIDE):
-            gap = gaps(part.outline, prism.outline, fit.offset)[0]
-            if _shoves(part, up, prism, fit) and gap < _BESIDE and not view.over(prism.owner, target[0]):
+        for prism in nearby(part, standing, fit.offset[0].tolist(), _BESIDE):
+            gap = signed_gaps(part.outline, prism.outline, fit.offset)[0]
+            if _is_level_with(part, up, prism, fit) and gap < _BESIDE and not view.over(prism.owner, target[0]):
                 return prism.owner
             if not fit.stands and abs(prism.high - part.low - up) < _STEP and gap < -0.0005:
                 return prism.owner
     return None
 
 
-def _shoves(part: Prism, up: float, prism: Prism, fit: _Fit) -> bool:
+def _is_level_with(part: Prism, up: float, prism: Prism, fit: _Fit) -> bool:
     """Whether a part of an object that is lifted by ``up`` (m) stands level with another object's prism."""
     return prism.low < part.high + up and prism.high > max(part.low + up, fit.height + 0.003)
 
 
-def _waiting(number: int, task: ScoredTask, view: SceneView) -> set[int]:
+def _unplaced_others(number: int, task: ScoredTask, view: SceneView) -> set[int]:
     """The other movable objects that goals still want elsewhere; what may hold things stays."""
     return {
         other

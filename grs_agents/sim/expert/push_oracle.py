@@ -14,13 +14,13 @@ from grs_agents.geometry import transforms
 from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.robot import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.expert.oracle import Action, Oracle
-from grs_agents.sim.goals.relation_rules import zone_of
+from grs_agents.sim.goals.relation_rules import zone_covered_by
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
 from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.motion.push import HEIGHT, poses_of
-from grs_agents.sim.world.footprints import gaps, rectangle, turn
+from grs_agents.sim.motion.push import HEIGHT, action_points
+from grs_agents.sim.world.footprints import rectangle, rotation_2d, signed_gaps
 from grs_agents.sim.world.tabletop import Tabletop
 
 BoolArray = npt.NDArray[np.bool_]
@@ -45,43 +45,46 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Strokes:
-    """Many strokes: the blade's front goes from ``starts`` to ``ends`` (S, 2), metres; no two points are the same."""
+    """Many strokes: the blade's front goes from ``start_points`` to ``end_points`` (S, 2), metres.
 
-    starts: FloatArray
-    ends: FloatArray
+    The two points of a stroke differ.
+    """
+
+    start_points: FloatArray
+    end_points: FloatArray
 
     @property
     def along(self) -> FloatArray:
         """Unit vectors (S, 2)."""
-        step = self.ends - self.starts
+        step = self.end_points - self.start_points
         return step / np.linalg.norm(step, axis=1, keepdims=True)
 
     def only(self, chosen: BoolArray) -> "Strokes":
         """Those of them that are chosen (S,)."""
-        return Strokes(self.starts[chosen], self.ends[chosen])
+        return Strokes(self.start_points[chosen], self.end_points[chosen])
 
 
-def _local(strokes: Strokes, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _ahead_and_aside(strokes: Strokes, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How far ahead of the start and how far to the side (S, N) places (N, 2) are."""
     along = strokes.along
-    offset = places[None] - strokes.starts[:, None]
+    offset = places[None] - strokes.start_points[:, None]
     ahead = offset[..., 0] * along[:, :1] + offset[..., 1] * along[:, 1:]
     aside = offset[..., 1] * along[:, :1] - offset[..., 0] * along[:, 1:]
     return ahead, aside
 
 
-def clear_starts(strokes: Strokes, pieces: Pieces, margin: float = 0.003) -> BoolArray:
+def starts_clear_of_pieces(strokes: Strokes, pieces: Pieces, margin: float = 0.003) -> BoolArray:
     """Which strokes (S,) begin where the blade comes down on nothing."""
-    ahead, aside = _local(strokes, pieces.places)
+    ahead, aside = _ahead_and_aside(strokes, pieces.places)
     reach = pieces.radii * 1.3 + margin
     under = (ahead > -BLADE_THICKNESS - reach) & (ahead < reach) & (np.abs(aside) < BLADE_WIDTH / 2 + reach)
     return np.logical_not(under.any(axis=1))
 
 
-def predict(strokes: Strokes, pieces: Pieces) -> FloatArray:
+def predict_places(strokes: Strokes, pieces: Pieces) -> FloatArray:
     """Where the pieces (S, N, 2) would be after each stroke alone."""
-    ahead, aside = _local(strokes, pieces.places)
-    length = np.linalg.norm(strokes.ends - strokes.starts, axis=1)[:, None]
+    ahead, aside = _ahead_and_aside(strokes, pieces.places)
+    length = np.linalg.norm(strokes.end_points - strokes.start_points, axis=1)[:, None]
     half = BLADE_WIDTH / 2
     swept = (np.abs(aside) < half) & (ahead > 0)
     lane = np.clip(((aside + half) * (_LANES / BLADE_WIDTH)).astype(int), 0, _LANES - 1)
@@ -103,9 +106,9 @@ def predict(strokes: Strokes, pieces: Pieces) -> FloatArray:
     return pieces.places[None] + (moved - ahead)[..., None] * strokes.along[:, None]
 
 
-def joined(parts: Sequence[Strokes]) -> Strokes:
+def join_strokes(parts: Sequence[Strokes]) -> Strokes:
     """Several sets of strokes as one."""
-    return Strokes(np.vstack([part.starts for part in parts]), np.vstack([part.ends for part in parts]))
+    return Strokes(np.vstack([part.start_points for part in parts]), np.vstack([part.end_points for part in parts]))
 
 
 _DIRECTIONS: Final = 16
@@ -139,12 +142,12 @@ class Place:
 
     def distance(self, points: FloatArray) -> FloatArray:
         """How far (...) points (..., 2) are outside, metres; 0 inside."""
-        local = np.abs((points - self.center) @ turn(self.yaw)) - self.size / 2
+        local = np.abs((points - self.center) @ rotation_2d(self.yaw)) - self.size / 2
         return np.linalg.norm(np.maximum(local, 0.0), axis=-1)
 
-    def entry(self, starts: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def entry(self, start_points: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How far along rays (R, 2) enter and leave it (R,), metres; infinite where they miss."""
-        origin, way = (starts - self.center) @ turn(self.yaw), along @ turn(self.yaw)
+        origin, way = (start_points - self.center) @ rotation_2d(self.yaw), along @ rotation_2d(self.yaw)
         with np.errstate(divide="ignore", invalid="ignore"):
             first, second = (-self.size / 2 - origin) / way, (self.size / 2 - origin) / way
         enter, leave = np.fmin(first, second).max(axis=1), np.fmax(first, second).min(axis=1)
@@ -176,10 +179,10 @@ class PushOracle(Oracle):
         best = next(self._passable(strokes, gain, scene), None) if self._vain < _PATIENCE else None
         if best is None:
             return scene.why_not()
-        start, end = strokes.starts[best], strokes.ends[best]
+        start, end = strokes.start_points[best], strokes.end_points[best]
         self._tried = [*self._tried[-_TRIED:], np.hstack([start, end])]
         back = strokes.along[best] * BLADE_THICKNESS / 2
-        first, last = poses_of(start - back, end - back)
+        first, last = action_points(start - back, end - back)
         return {"pose0": (first, transforms.IDENTITY), "pose1": (last, transforms.IDENTITY)}
 
     def _passable(self, strokes: Strokes, gain: FloatArray, scene: "_Scene") -> Iterator[int]:
@@ -187,10 +190,10 @@ class PushOracle(Oracle):
         for index in np.argsort(-gain, kind="stable"):
             if gain[index] < _EFFORT:
                 return
-            ends = np.array([strokes.starts[index], strokes.ends[index]])
-            known = any(float(np.abs(done - ends.ravel()).max()) < 0.004 for done in self._tried)
-            tips = np.column_stack([ends, [HEIGHT, HEIGHT]])
-            if not known and self.table.arm.reachable(tips).all() and not scene.obstructed(*ends):
+            end_points = np.array([strokes.start_points[index], strokes.end_points[index]])
+            known = any(float(np.abs(done - end_points.ravel()).max()) < 0.004 for done in self._tried)
+            tips = np.column_stack([end_points, [HEIGHT, HEIGHT]])
+            if not known and self.table.arm.reachable(tips).all() and not scene.obstructed(*end_points):
                 yield int(index)
 
 
@@ -220,7 +223,7 @@ class _Scene:
             places = self.places.get(number)
             if places is None:
                 continue
-            same = [rows for rows, known in groups if _same(known, places)]
+            same = [rows for rows, known in groups if _are_same_places(known, places)]
             if same:
                 same[0].append(row)
             else:
@@ -243,21 +246,21 @@ class _Scene:
         parts = [
             part
             for rows, wanted in self._groups
-            for place in _emptiest(wanted, self.pieces.places)
+            for place in _emptiest_places(wanted, self.pieces.places)
             for part in self._towards(place, rows[place.distance(self.pieces.places[rows]) > 0])
         ]
         if not parts:
             return Strokes(np.zeros((0, 2)), np.zeros((0, 2))), np.zeros(0)
-        strokes = joined(parts)
-        strokes = strokes.only(clear_starts(strokes, self.pieces))
+        strokes = join_strokes(parts)
+        strokes = strokes.only(starts_clear_of_pieces(strokes, self.pieces))
         pairs = sum(len(rows) * len(wanted) for rows, wanted in self._groups)
-        count, most = len(strokes.starts), max(_FEWEST, _PAIRS // max(1, pairs))
+        count, most = len(strokes.start_points), max(_FEWEST, _PAIRS // max(1, pairs))
         if count > most:
             chosen = np.zeros(count, dtype=np.bool_)
             chosen[np.linspace(0, count - 1, most).astype(np.intp)] = True
             strokes = strokes.only(chosen)
         now = self.cost(self.pieces.places[None])[0]
-        return strokes, now - self.cost(predict(strokes, self.pieces))
+        return strokes, now - self.cost(predict_places(strokes, self.pieces))
 
     def _towards(self, place: Place, astray: npt.NDArray[np.intp]) -> Iterator[Strokes]:
         """Strokes from behind astray pieces (rows) into a place, in many directions side by side."""
@@ -270,14 +273,14 @@ class _Scene:
             near = np.abs(aside[None] - lanes[:, None]) < BLADE_WIDTH / 2 - 0.3 * radius
             first = np.where(near, ahead[None], np.inf).min(axis=1) - 1.5 * radius - 0.004
             lanes, first = lanes[near.any(axis=1)], first[near.any(axis=1)]
-            starts = place.center + lanes[:, None] * across + first[:, None] * along
-            enter, leave = place.entry(starts, np.broadcast_to(along, starts.shape))
-            ends = [np.where(enter + depth <= leave, enter + depth, np.nan) for depth in _DEPTHS]
-            abreast = (place.center - starts) @ along
-            for length in [*ends, 0.5 * abreast, np.where(np.isfinite(enter), np.nan, abreast)]:
+            start_points = place.center + lanes[:, None] * across + first[:, None] * along
+            enter, leave = place.entry(start_points, np.broadcast_to(along, start_points.shape))
+            lengths = [np.where(enter + depth <= leave, enter + depth, np.nan) for depth in _DEPTHS]
+            abreast = (place.center - start_points) @ along
+            for length in [*lengths, 0.5 * abreast, np.where(np.isfinite(enter), np.nan, abreast)]:
                 good = np.isfinite(length) & (length - radius > 0.008)
                 if good.any():
-                    yield Strokes(starts[good], starts[good] + (length[good, None] - radius) * along)
+                    yield Strokes(start_points[good], start_points[good] + (length[good, None] - radius) * along)
 
     def obstructed(self, start: FloatArray, end: FloatArray) -> bool:
         """Whether the blade would meet something fixed between two points (2,)."""
@@ -285,7 +288,7 @@ class _Scene:
         middle, length = (start + end) / 2, float(np.linalg.norm(way)) + 0.02
         area = rectangle((float(middle[0]), float(middle[1])), (length, BLADE_WIDTH), float(np.arctan2(way[1], way[0])))
         return any(
-            gaps(area, prism.outline, np.zeros((1, 2)))[0] < 0
+            signed_gaps(area, prism.outline, np.zeros((1, 2)))[0] < 0
             for prism in self.view.prisms
             if not self.view.is_free(prism.owner)
         )
@@ -308,7 +311,7 @@ def _places(goal: Goal, row: int, spread: float, pos_eps: float, view: SceneView
     """Where the centre of an object of a goal may be; ``spread``: from its centre to its farthest corner, metres."""
     zones = goal.zones
     if goal.kind == "in_zone":
-        zones = (zone_of(goal.reference, view),)
+        zones = (zone_covered_by(goal.reference, view),)
     if zones:
         return [
             Place(
@@ -323,7 +326,7 @@ def _places(goal: Goal, row: int, spread: float, pos_eps: float, view: SceneView
     return [Place(np.asarray(target[0][:2]), side, transforms.yaw_of(target[1])) for target in targets]
 
 
-def _emptiest(places: list[Place], points: FloatArray) -> list[Place]:
+def _emptiest_places(places: list[Place], points: FloatArray) -> list[Place]:
     """At most ``_AIMS`` of the places: far from all points (N, 2) and from one another."""
     if len(places) <= _AIMS:
         return places
@@ -337,7 +340,7 @@ def _emptiest(places: list[Place], points: FloatArray) -> list[Place]:
     return chosen
 
 
-def _same(first: list[Place], second: list[Place]) -> bool:
+def _are_same_places(first: list[Place], second: list[Place]) -> bool:
     return len(first) == len(second) and all(
         a.yaw == b.yaw and np.allclose(a.center, b.center) and np.allclose(a.size, b.size, atol=0.004)
         for a, b in zip(first, second, strict=True)

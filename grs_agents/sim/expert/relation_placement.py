@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.sim.expert.zone_packing import pack, region_of, turns_for, why_not
-from grs_agents.sim.goals.relation_rules import shortfall, shortfalls, zone_of
+from grs_agents.sim.expert.zone_packing import explain_no_spot, pack_zone, region_of, turns_to_try
+from grs_agents.sim.goals.relation_rules import shortfall, shortfalls, zone_covered_by
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.episode import Stop
@@ -19,17 +19,17 @@ from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.motion.placement import (
     Blocked,
     FloatArray,
+    ReachTest,
     Region,
     Spot,
-    Suits,
     Target,
-    at,
     find_spot,
+    point_text,
     reach_note,
-    turned,
-    wrap,
+    turned_outline,
+    wrap_angle,
 )
-from grs_agents.sim.world.footprints import Prism, gaps, rest_heights
+from grs_agents.sim.world.footprints import Prism, rest_heights, signed_gaps
 
 _GAPS: Final = (0.015, 0.006, 0.003)
 _MARGIN: Final = 0.3
@@ -50,14 +50,14 @@ class RelationPlanner:
         """Where the object of one row of a typed goal should go, or why nowhere; arguments as `Planner` takes them."""
         number = goal.objects[row]
         if goal.kind == "upright":
-            return _righted(number, view)
+            return _cannot_right(number, view)
         if goal.kind == "stacked":
             return _on_top(goal.objects[goal.objects.index(number) - 1], goal, number, task, view, lift)
         if goal.kind == "aligned":
             return self._in_line(goal, number, task, view, lift)
         if goal.kind == "near":
-            return _checked(_beside(goal, number, view, lift), goal, number, task, view, lift)
-        return _within(goal, number, task, view, lift)
+            return _first_valid_spot(_spots_beside(goal, number, view, lift), goal, number, task, view, lift)
+        return _spot_on_reference(goal, number, task, view, lift)
 
     def rows(self, goal: Goal, view: SceneView) -> list[int]:
         """Rows of a ``stacked`` or ``aligned`` goal whose objects must move, in the order in which they must."""
@@ -72,22 +72,22 @@ class RelationPlanner:
         ]
 
     def _in_line(self, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
-        plan = self._lines.get(goal) or _line(goal, view, lift)
+        plan = self._lines.get(goal) or _plan_line(goal, view, lift)
         if plan is None:
             name = view.name(number)
             return Stop("no_free_space", f"no free line within reach for {len(goal.objects)} objects", (name,))
         self._lines[goal] = plan
-        spot = _lowered(plan[number], 0.0, number, view)
+        spot = _lower_at(plan[number], 0.0, number, view)
         blocker = _in_the_way(spot, number, view)
         if blocker is not None:
-            return Blocked(blocker, (_standing(number, spot, view),))
+            return Blocked(blocker, (_outline_at(number, spot, view),))
         placed = {other: _pose_at(Spot(plan[other], 0.0, 0.0), other, view) for other in goal.objects}
         if any(shortfalls(goal, view.supposing(placed), task.rot_eps)):
             return _no_spot(goal, number, view)
         return spot if _reached(spot, view, lift) else _too_far(number, spot, view, lift)
 
 
-def predicted(spot: Spot, number: int, view: SceneView) -> SceneView:
+def view_after_placing(spot: Spot, number: int, view: SceneView) -> SceneView:
     """The scene once an object has been put at a spot."""
     return view.supposing({number: _pose_at(spot, number, view)})
 
@@ -99,7 +99,7 @@ def _pose_at(spot: Spot, number: int, view: SceneView) -> Pose:
     return (spot.center[0], spot.center[1], spot.height + z - view.outline(number).low), transforms.quat(turned_by)
 
 
-def _checked(
+def _first_valid_spot(
     spots: Iterator[Spot], goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float
 ) -> Spot | Stop:
     """The first spot within reach at which the goal's definition holds."""
@@ -107,20 +107,20 @@ def _checked(
     for spot in spots:
         if not _reached(spot, view, lift):
             far = far or spot
-        elif not shortfall(goal, number, predicted(spot, number, view), task.rot_eps):
+        elif not shortfall(goal, number, view_after_placing(spot, number, view), task.rot_eps):
             return spot
     return _too_far(number, far, view, lift) if far else _no_spot(goal, number, view)
 
 
 def _reached(spot: Spot, view: SceneView, lift: float) -> bool:
-    return bool(Suits(lift, view.arm)(np.array([spot.center]), np.array([spot.height]))[0])
+    return bool(ReachTest(lift, view.arm)(np.array([spot.center]), np.array([spot.height]))[0])
 
 
 def _too_far(number: int, spot: Spot, view: SceneView, lift: float) -> Stop:
     tip = (*spot.center, spot.height + lift)
     return Stop(
         "unreachable",
-        f"target of {view.name(number)} at {at(tip)} {reach_note(tip, view.arm)}",
+        f"target of {view.name(number)} at {point_text(tip)} {reach_note(tip, view.arm)}",
         (view.name(number),),
     )
 
@@ -131,18 +131,18 @@ def _no_spot(goal: Goal, number: int, view: SceneView) -> Stop:
     return Stop("target_occupied", words, (view.name(number),))
 
 
-def _standing(number: int, spot: Spot, view: SceneView) -> Prism:
+def _outline_at(number: int, spot: Spot, view: SceneView) -> Prism:
     return view.supposing({number: _pose_at(spot, number, view)}).outline(number)
 
 
-def _lowered(center: tuple[float, float], turn: float, number: int, view: SceneView) -> Spot:
+def _lower_at(center: tuple[float, float], turn: float, number: int, view: SceneView) -> Spot:
     """Where an object comes to rest that is lowered at a point."""
-    shape = turned(view.outline(number), np.asarray(view.pose(number)[0][:2]), turn)
+    shape = turned_outline(view.outline(number), np.asarray(view.pose(number)[0][:2]), turn)
     height = rest_heights(shape, view.others(number), np.array([center]), -0.0005)
     return Spot(center, turn, float(height[0]))
 
 
-def _righted(number: int, view: SceneView) -> Stop:
+def _cannot_right(number: int, view: SceneView) -> Stop:
     name, tilt = view.name(number), np.rad2deg(view.tilt(number))
     return Stop(
         "toppled", f"{name} lies on its side (tilt {tilt:.0f} deg): a tool that points down cannot right it", (name,)
@@ -152,78 +152,78 @@ def _righted(number: int, view: SceneView) -> Stop:
 def _on_top(below: int, goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """Centred on what is below it, turned along with it; what stands there goes first."""
     center = (view.pose(below)[0][0], view.pose(below)[0][1])
-    turn = wrap(view.yaw(below) - view.yaw(number), np.pi / 2)
-    spots = [_lowered(center, angle, number, view) for angle in (turn, 0.0)]
-    target = _checked(iter(spots), goal, number, task, view, lift)
+    turn = wrap_angle(view.yaw(below) - view.yaw(number), np.pi / 2)
+    spots = [_lower_at(center, angle, number, view) for angle in (turn, 0.0)]
+    target = _first_valid_spot(iter(spots), goal, number, task, view, lift)
     if isinstance(target, Spot) or target.outcome == "unreachable":
         return target
     blocker = _in_the_way(spots[0], number, view, below)
-    return Blocked(blocker, (_standing(number, spots[0], view),)) if blocker is not None else target
+    return Blocked(blocker, (_outline_at(number, spots[0], view),)) if blocker is not None else target
 
 
 def _in_the_way(spot: Spot, number: int, view: SceneView, below: int = -1) -> int | None:
     """A movable object, other than the one ``below``, that holds an object up at a spot."""
-    shape = turned(view.outline(number), np.asarray(view.pose(number)[0][:2]), spot.turn)
-    found = [
+    shape = turned_outline(view.outline(number), np.asarray(view.pose(number)[0][:2]), spot.turn)
+    owners = [
         prism.owner
         for prism in view.others(number, below)
         if prism.high > spot.height - 0.003
         and view.is_free(prism.owner)
-        and gaps(shape.outline, prism.outline, np.array([spot.center]))[0] < -0.0005
+        and signed_gaps(shape.outline, prism.outline, np.array([spot.center]))[0] < -0.0005
     ]
-    return found[0] if found and spot.height > 0.003 else None
+    return owners[0] if owners and spot.height > 0.003 else None
 
 
-def _within(goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
+def _spot_on_reference(goal: Goal, number: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
     """In a container, on a support or in a zone: packed with its fellows, as clear of one another as fits."""
-    zone = zone_of(goal.reference, view)
-    members = [number, *(other for other in _wanted(goal, task, view) if other != number)]
-    plan = pack(zone, members, view, lift)
+    zone = zone_covered_by(goal.reference, view)
+    members = [number, *(other for other in _unplaced_fellows(goal, task, view) if other != number)]
+    plan = pack_zone(zone, members, view, lift)
     candidates = [plan[number]] if number in plan else []
-    target = _checked(_more(candidates, goal, number, view, lift), goal, number, task, view, lift)
+    target = _first_valid_spot(_candidate_spots(candidates, goal, number, view, lift), goal, number, task, view, lift)
     if isinstance(target, Spot):
         return target
-    reason = why_not(zone, number, members, view, lift)
+    reason = explain_no_spot(zone, number, members, view, lift)
     if isinstance(reason, Spot):
-        return _checked(iter([reason]), goal, number, task, view, lift)
+        return _first_valid_spot(iter([reason]), goal, number, task, view, lift)
     return reason
 
 
-def _wanted(goal: Goal, task: ScoredTask, view: SceneView) -> list[int]:
+def _unplaced_fellows(goal: Goal, task: ScoredTask, view: SceneView) -> list[int]:
     """Objects that goals still want there too, and are not there yet."""
-    found: list[int] = []
+    members: list[int] = []
     for other in task.goals:
         if other.same_relation(goal):
-            found += [number for number in other.objects if shortfall(other, number, view, task.rot_eps)]
-    return list(dict.fromkeys(found))
+            members += [number for number in other.objects if shortfall(other, number, view, task.rot_eps)]
+    return list(dict.fromkeys(members))
 
 
-def _more(first: Sequence[Spot], goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
+def _candidate_spots(first: Sequence[Spot], goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
     """Spots by preference: as packed; clear in the middle; centred, however it rests there."""
     yield from first
-    region = region_of(zone_of(goal.reference, view))
+    region = region_of(zone_covered_by(goal.reference, view))
     body, center = view.outline(number), view.pose(number)[0]
-    turns = turns_for(number, region, view)
+    turns = turns_to_try(number, region, view)
     for gap in _GAPS:
-        spot = find_spot(body, center, turns, region, view.others(number), gap, Suits(lift, view.arm), spread=True)
+        spot = find_spot(body, center, turns, region, view.others(number), gap, ReachTest(lift, view.arm), spread=True)
         if spot is not None:
             yield spot
     if goal.kind != "inside":
         for turn in turns:
-            yield _lowered(region.center, turn, number, view)
+            yield _lower_at(region.center, turn, number, view)
 
 
-def _beside(goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
+def _spots_beside(goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[Spot]:
     """Free spots around the other object, at no more than the distance asked for."""
     other, bound = view.outline(goal.reference), goal.distance or 0.0
     body, center = view.outline(number), view.pose(number)[0]
     x0, y0, x1, y1 = other.box
-    for turn in (0.0, wrap(view.yaw(goal.reference) - view.yaw(number), np.pi / 2), np.pi / 2):
-        shape = turned(body, np.asarray(center[:2]), turn)
+    for turn in (0.0, wrap_angle(view.yaw(goal.reference) - view.yaw(number), np.pi / 2), np.pi / 2):
+        shape = turned_outline(body, np.asarray(center[:2]), turn)
         reach = 2 * (float(np.abs(shape.outline).max()) + bound)
         region = Region(((x0 + x1) / 2, (y0 + y1) / 2), (x1 - x0 + 2 * reach, y1 - y0 + 2 * reach), 0.0)
         for share in (_MARGIN, 0.1):
-            suits = _ring(shape.outline, other.outline, (1 - share) * bound, Suits(lift, view.arm))
+            suits = _near_enough(shape.outline, other.outline, (1 - share) * bound, ReachTest(lift, view.arm))
             for gap in (0.01, 0.004):
                 clear = min(gap, 0.5 * bound)
                 spot = find_spot(
@@ -233,16 +233,16 @@ def _beside(goal: Goal, number: int, view: SceneView, lift: float) -> Iterator[S
                     yield spot
 
 
-def _ring(
+def _near_enough(
     shape: FloatArray, other: FloatArray, bound: float, suits: Callable[[FloatArray, FloatArray], Offsets]
 ) -> Callable[[FloatArray, FloatArray], Offsets]:
     def around(offsets: FloatArray, heights: FloatArray) -> Offsets:
-        return (gaps(shape, other, offsets) < bound) & suits(offsets, heights)
+        return (signed_gaps(shape, other, offsets) < bound) & suits(offsets, heights)
 
     return around
 
 
-def _line(goal: Goal, view: SceneView, lift: float) -> dict[int, tuple[float, float]] | None:
+def _plan_line(goal: Goal, view: SceneView, lift: float) -> dict[int, tuple[float, float]] | None:
     """Free places for all objects on a line across the table, in the order in which they lie across it."""
     objects = sorted(goal.objects, key=lambda number: view.pose(number)[0][1])
     widths = [max(view.outline(number).box[3] - view.outline(number).box[1], 0.01) for number in objects]
@@ -257,11 +257,11 @@ def _line(goal: Goal, view: SceneView, lift: float) -> dict[int, tuple[float, fl
     for axis in ((0.0, 1.0), (1.0, 0.0)):
         good = np.ones(len(centers), dtype=bool)
         for number, place in zip(objects, places, strict=True):
-            shape = turned(view.outline(number), np.asarray(view.pose(number)[0][:2]), 0.0)
+            shape = turned_outline(view.outline(number), np.asarray(view.pose(number)[0][:2]), 0.0)
             offsets = centers + place * np.asarray(axis)
             heights = rest_heights(shape, obstacles, offsets, 0.01)
             inside = ((offsets >= bounds[:2, 0]) & (offsets <= bounds[:2, 1])).all(axis=1)
-            good &= inside & (heights < 0.002) & Suits(lift, view.arm)(offsets, heights)
+            good &= inside & (heights < 0.002) & ReachTest(lift, view.arm)(offsets, heights)
         if good.any():
             best = centers[good][np.linalg.norm(centers[good] - middle, axis=1).argmin()]
             spots = best + places[:, None] * np.asarray(axis)

@@ -15,17 +15,17 @@ from grs_agents.sim.motion.placement import (
     TALLEST_STACK,
     Blocked,
     FloatArray,
+    ReachTest,
     Region,
     Spot,
-    Suits,
     Target,
-    at,
     find_spot,
+    point_text,
     reach_note,
-    turned,
-    wrap,
+    turned_outline,
+    wrap_angle,
 )
-from grs_agents.sim.world.footprints import Prism, gaps, inside_margin
+from grs_agents.sim.world.footprints import Prism, inside_margin, signed_gaps
 
 GAPS: Final = (0.025, 0.012, 0.006, 0.003)
 """Free space asked for between neighbours in a zone, metres: as generous as fits."""
@@ -37,26 +37,26 @@ def region_of(zone: Zone) -> Region:
     return Region((x, y), zone.size[:2], transforms.yaw_of(rotation))
 
 
-def members_of(zone: Zone, task: ScoredTask) -> list[int]:
+def unplaced_members(zone: Zone, task: ScoredTask) -> list[int]:
     """Objects that goals still want in a zone, and are not there yet."""
-    found: list[int] = []
+    members: list[int] = []
     for goal in task.goals:
         if goal.metric == "zone" and zone in goal.zones:
             scores = task.grs.scores(goal)
-            found.extend(number for number, score in zip(goal.objects, scores, strict=True) if score < 0.985)
-    return list(dict.fromkeys(found))
+            members.extend(number for number, score in zip(goal.objects, scores, strict=True) if score < 0.985)
+    return list(dict.fromkeys(members))
 
 
-def turns_for(number: int, region: Region, view: SceneView) -> list[float]:
+def turns_to_try(number: int, region: Region, view: SceneView) -> list[float]:
     """Turns (rad) worth trying: as it is if it is round, else along the region's sides."""
-    aligned = wrap(region.yaw - view.yaw(number), np.pi / 2)
+    aligned = wrap_angle(region.yaw - view.yaw(number), np.pi / 2)
     width, depth = view.extent(number)
-    across = [wrap(aligned + np.pi / 2, np.pi)] if abs(width - depth) > 0.002 else []
+    across = [wrap_angle(aligned + np.pi / 2, np.pi)] if abs(width - depth) > 0.002 else []
     round_ = all(shape.kind in ("cylinder", "sphere") for shape in view.model(number).colliders)
     return [0.0] if round_ and view.tilt(number) < 0.1 else [aligned, *across]
 
 
-def pack(zone: Zone, members: Sequence[int], view: SceneView, lift: float) -> dict[int, Spot]:
+def pack_zone(zone: Zone, members: Sequence[int], view: SceneView, lift: float) -> dict[int, Spot]:
     """Spots for as many members as fit together, the first one before all others; empty if it does not fit."""
     region = region_of(zone)
     first, rest = members[0], sorted(members[1:], key=lambda number: -float(np.prod(view.extent(number))))
@@ -87,22 +87,29 @@ def _pack_once(region: Region, order: Sequence[int], view: SceneView, lift: floa
         ]
         alone = len(order) == 1
         spot = find_spot(
-            body, center, turns_for(number, region, view), inner, standing, gap, Suits(lift, view.arm), spread=alone
+            body,
+            center,
+            turns_to_try(number, region, view),
+            inner,
+            standing,
+            gap,
+            ReachTest(lift, view.arm),
+            spread=alone,
         )
         if spot is None:
             continue
         plan[number] = spot
-        shape = turned(body, np.asarray(center[:2]), spot.turn)
+        shape = turned_outline(body, np.asarray(center[:2]), spot.turn)
         obstacles.append(
             Prism(shape.outline + np.asarray(spot.center), spot.height, spot.height + body.high - body.low, number)
         )
     return plan
 
 
-def why_not(zone: Zone, number: int, members: Sequence[int], view: SceneView, lift: float) -> Target:
+def explain_no_spot(zone: Zone, number: int, members: Sequence[int], view: SceneView, lift: float) -> Target:
     """Nothing is free: the zone is too small, out of reach, or taken; if taken, by what can be moved, or on what."""
     region, name, body = region_of(zone), view.name(number), view.outline(number)
-    center, turns = view.pose(number)[0], turns_for(number, region, view)
+    center, turns = view.pose(number)[0], turns_to_try(number, region, view)
     width, depth = view.extent(number)
     fixed = [prism for prism in view.others(number) if not view.is_free(prism.owner)]
 
@@ -115,20 +122,22 @@ def why_not(zone: Zone, number: int, members: Sequence[int], view: SceneView, li
         return Stop(
             "target_too_small", f"target zone {size} is too small for {name} ({width:.2f} x {depth:.2f} m)", (name,)
         )
-    if find_spot(body, center, turns, region, fixed, 0.001, Suits(lift, view.arm)) is None:
+    if find_spot(body, center, turns, region, fixed, 0.001, ReachTest(lift, view.arm)) is None:
         tip = (region.center[0], region.center[1], lift)
-        return Stop("unreachable", f"target zone of {name} at {at(zone.pose[0])} {reach_note(tip, view.arm)}", (name,))
-    return _taken(region, number, members, view, lift, size)
+        return Stop(
+            "unreachable", f"target zone of {name} at {point_text(zone.pose[0])} {reach_note(tip, view.arm)}", (name,)
+        )
+    return _unblock(region, number, members, view, lift, size)
 
 
-def _taken(region: Region, number: int, members: Sequence[int], view: SceneView, lift: float, size: str) -> Target:
+def _unblock(region: Region, number: int, members: Sequence[int], view: SceneView, lift: float, size: str) -> Target:
     """What is to be moved out of a full region; a spot on top of what lies there; or why neither is possible."""
     name, body = view.name(number), view.outline(number)
     inside = _movable_in(region, number, view)
     foreign = [other for other in inside if other in members or not _over_region(other, region, view)]
-    for other in foreign or _wanted_nowhere(inside, view):
+    for other in foreign or _without_goal(inside, view):
         return Blocked(other, (Prism(region.outline, 0.0, 1.0, number),))
-    turns, suits = turns_for(number, region, view), Suits(lift, view.arm)
+    turns, suits = turns_to_try(number, region, view), ReachTest(lift, view.arm)
     center, others = view.pose(number)[0], view.others(number)
     spot = find_spot(body, center, turns, region, others, 0.002, suits, spread=True, stack=True)
     if spot is not None and spot.height + body.high - body.low < TALLEST_STACK:
@@ -145,7 +154,7 @@ def _movable_in(region: Region, number: int, view: SceneView) -> list[int]:
         for other in view.ids
         if other != number
         and view.is_free(other)
-        and gaps(view.outline(other).outline, region.outline, np.zeros((1, 2)))[0] < -0.002
+        and signed_gaps(view.outline(other).outline, region.outline, np.zeros((1, 2)))[0] < -0.002
     ]
 
 
@@ -154,7 +163,7 @@ def _over_region(number: int, region: Region, view: SceneView) -> bool:
     return bool(inside_margin(view.outline(number).outline, region.outline, np.zeros((1, 2)))[0] > -0.01)
 
 
-def _wanted_nowhere(numbers: Sequence[int], view: SceneView) -> list[int]:
+def _without_goal(numbers: Sequence[int], view: SceneView) -> list[int]:
     """Objects that no goal speaks of."""
     wanted = {number for goal in view.stated_goals for number in goal.objects}
     return [number for number in numbers if number not in wanted]

@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals.scene_view import SceneView, rests, supporters, toppled
+from grs_agents.sim.goals.scene_view import SceneView, has_toppled, is_at_rest, objects_below
 from grs_agents.sim.instance.goal import UPRIGHT_WITHIN, Goal, Kind, Zone
 from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.world.collision_volumes import share_inside
-from grs_agents.sim.world.footprints import distance, inside_margin
+from grs_agents.sim.world.footprints import inside_margin, outline_distance
 
 WHOLE: Final = 0.985
 """Share of an object's volume from which on it counts as wholly in a zone."""
@@ -30,10 +30,10 @@ def shortfall(goal: Goal, number: int, view: SceneView, rot_eps: float = ROTATIO
         view: the scene, as it is or as a plan supposes it.
         rot_eps: how much more tilted than at the start an object may be, radians.
     """
-    if not rests(number, view):
+    if not is_at_rest(number, view):
         return "does not lie still"
     assert goal.kind is not None, "a goal without a relation"
-    if goal.kind != "upright" and toppled(number, view, rot_eps):
+    if goal.kind != "upright" and has_toppled(number, view, rot_eps):
         return "does not stand as upright as at the start"
     return _RULES[goal.kind](goal, number, view)
 
@@ -43,7 +43,7 @@ def shortfalls(goal: Goal, view: SceneView, rot_eps: float = ROTATION_TOLERANCE)
     return [shortfall(goal, number, view, rot_eps) for number in goal.objects]
 
 
-def zone_of(number: int, view: SceneView) -> Zone:
+def zone_covered_by(number: int, view: SceneView) -> Zone:
     """The rectangle that an object covers, as a zone: its pose and extents, metres."""
     low, high = view.model(number).bounds
     pose = view.pose(number)
@@ -59,20 +59,22 @@ def _inside(goal: Goal, number: int, view: SceneView) -> str:
         return f"is not below the rim of {view.name(container)}, at {rim.high:.3f} m"
     if inside_margin(own.outline, rim.outline, _POINT)[0] < -_FLUSH:
         return f"reaches over the outline of {view.name(container)}"
-    below = supporters(number, view)
-    if container in below or (not below and _bottomless(container, number, view)):
+    below = objects_below(number, view)
+    if container in below or (not below and _in_frame(container, number, view)):
         return ""
-    if below and all(view.over(container, view.pose(other)[0]) and _low(other, container, view) for other in below):
+    if below and all(
+        view.over(container, view.pose(other)[0]) and _below_rim(other, container, view) for other in below
+    ):
         return ""
     return f"is held neither by {view.name(container)} nor by what lies in it"
 
 
-def _low(other: int, container: int, view: SceneView) -> bool:
+def _below_rim(other: int, container: int, view: SceneView) -> bool:
     """Whether an object lies in a container with its underside."""
     return view.outline(other).low <= view.outline(container).high - _RIM
 
 
-def _bottomless(container: int, number: int, view: SceneView) -> bool:
+def _in_frame(container: int, number: int, view: SceneView) -> bool:
     """Whether a frame without a bottom has the object on the table."""
     return view.outline(number).low < _FLUSH and view.over(container, view.pose(number)[0])
 
@@ -83,7 +85,7 @@ def _on(goal: Goal, number: int, view: SceneView) -> str:
 
 def _rests_on(number: int, support: int, view: SceneView) -> str:
     name = view.name(support)
-    below = supporters(number, view)
+    below = objects_below(number, view)
     mark = (
         not view.model(support).colliders and not below and view.outline(number).low < view.outline(support).high + 0.01
     )
@@ -102,7 +104,7 @@ def _stacked(goal: Goal, number: int, view: SceneView) -> str:
 
 def _near(goal: Goal, number: int, view: SceneView) -> str:
     other, bound = goal.reference, goal.distance or 0.0
-    if other in supporters(number, view):
+    if other in objects_below(number, view):
         return f"lies on {view.name(other)}, not beside it"
     gap = gap_between(number, other, view)
     return "" if gap <= bound else f"is {gap:.3f} m from {view.name(other)}, at most {bound:.3f} m are asked for"
@@ -110,13 +112,15 @@ def _near(goal: Goal, number: int, view: SceneView) -> str:
 
 def gap_between(first: int, second: int, view: SceneView) -> float:
     """The distance between the upright prisms around two objects, metres."""
-    one, other = view.outline(first), view.outline(second)
-    return float(np.hypot(distance(one.outline, other.outline), max(0.0, one.low - other.high, other.low - one.high)))
+    own, other = view.outline(first), view.outline(second)
+    return float(
+        np.hypot(outline_distance(own.outline, other.outline), max(0.0, own.low - other.high, other.low - own.high))
+    )
 
 
 def _aligned(goal: Goal, number: int, view: SceneView) -> str:
     centers = np.array([view.pose(other)[0][:2] for other in goal.objects])
-    along, aside = line_through(centers)
+    along, aside = fit_line(centers)
     row, out = goal.objects.index(number), aside > POSITION_TOLERANCE
     if out[row]:
         return f"lies {aside[row]:.3f} m beside the line of the {len(centers)} objects"
@@ -135,7 +139,7 @@ def _aligned(goal: Goal, number: int, view: SceneView) -> str:
     return f"is {max(wrong):.3f} m off the spacing of {goal.distance:.3f} m" if wrong else ""
 
 
-def line_through(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def fit_line(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """For points (N, 2) the places (N,) along their best line, and the distances (N,) from it, metres."""
     centered = points - points.mean(axis=0)
     axes = np.linalg.svd(centered)[2]
@@ -150,17 +154,17 @@ def _upright(goal: Goal, number: int, view: SceneView) -> str:
 
 def _in_zone(goal: Goal, number: int, view: SceneView) -> str:
     zone = goal.reference
-    share = share_inside(view.volume(number), view.pose(number), [zone_of(zone, view)], np.inf)
+    share = share_inside(view.volume(number), view.pose(number), [zone_covered_by(zone, view)], np.inf)
     if share <= WHOLE:
         return f"is {share:.0%} over {view.name(zone)}"
-    below = supporters(number, view) - {zone}
+    below = objects_below(number, view) - {zone}
     top = max(0.0, view.outline(zone).high)
-    if view.outline(number).low <= top + POSITION_TOLERANCE or (below and _all_over(below, goal, view)):
+    if view.outline(number).low <= top + POSITION_TOLERANCE or (below and _all_wanted_in_zone(below, goal, view)):
         return ""
     return f"rests at {view.outline(number).low:.3f} m, above {view.name(zone)}"
 
 
-def _all_over(numbers: set[int], goal: Goal, view: SceneView) -> bool:
+def _all_wanted_in_zone(numbers: set[int], goal: Goal, view: SceneView) -> bool:
     """Whether what carries an object is wanted in the same zone, by this goal or by another one."""
     wanted = set(goal.objects)
     for other in view.stated_goals:

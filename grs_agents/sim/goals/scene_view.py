@@ -20,12 +20,12 @@ from grs_agents.sim.world.footprints import (
     Prism,
     convex_hull,
     footprint,
-    gaps,
     inside_margin,
-    near,
-    overlap,
+    intersection_outline,
+    nearby,
     prisms,
-    turn,
+    rotation_2d,
+    signed_gaps,
 )
 from grs_agents.sim.world.tabletop import Tabletop
 
@@ -128,7 +128,7 @@ class SceneView:
 
     def extent(self, number: int) -> tuple[float, float]:
         """Horizontal extents along its own axes as it stands, metres."""
-        outline = self.outline(number).outline @ turn(self.yaw(number))
+        outline = self.outline(number).outline @ rotation_2d(self.yaw(number))
         size = outline.max(axis=0) - outline.min(axis=0)
         return (float(size[0]), float(size[1]))
 
@@ -151,7 +151,7 @@ _GRAIN: Final = 0.02
 """What is no larger than this lies as it falls: any of its sides will do, metres."""
 
 
-def supporters(number: int, view: SceneView) -> set[int]:
+def objects_below(number: int, view: SceneView) -> set[int]:
     """Ids of the objects whose top an object's underside rests on; empty on the bare table."""
     own = [prism for prism in view.prisms if prism.owner == number]
     low = min((prism.low for prism in own), default=0.0)
@@ -159,7 +159,7 @@ def supporters(number: int, view: SceneView) -> set[int]:
     return {prism.owner for prism in view.others(number) if _carries(prism, feet)}
 
 
-def around(number: int, view: SceneView) -> set[int]:
+def enclosing_objects(number: int, view: SceneView) -> set[int]:
     """Ids of what an object on the table stands in, without a top of theirs under it: fixtures, rings."""
     own = view.outline(number)
     return {
@@ -189,24 +189,28 @@ def marks_under(number: int, view: SceneView) -> set[int]:
 
 def _carries(prism: Prism, feet: Iterable[Prism]) -> bool:
     return any(
-        abs(foot.low - prism.high) < _TOUCHING and gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP
+        abs(foot.low - prism.high) < _TOUCHING and signed_gaps(foot.outline, prism.outline, _POINT)[0] < _OVERLAP
         for foot in feet
     )
 
 
-def steady(parts: Sequence[Prism], height: float, center: FloatArray, others: Iterable[Prism]) -> bool:
+def is_stable(parts: Sequence[Prism], height: float, center: FloatArray, others: Iterable[Prism]) -> bool:
     """Whether a body with its underside at a height (m) has its centre of mass (2,) over what would carry it."""
     if height < _TOUCHING:
         return True
     low = min(part.low for part in parts)
     feet = [part for part in parts if part.low < low + _TOUCHING]
     carriers = [prism for prism in others if abs(prism.high - height) < _TOUCHING]
-    touching = [overlap(foot.outline, top.outline) for foot in feet for top in near(foot, carriers, (0.0, 0.0), 0.0)]
+    touching = [
+        intersection_outline(foot.outline, top.outline)
+        for foot in feet
+        for top in nearby(foot, carriers, (0.0, 0.0), 0.0)
+    ]
     base = convex_hull(np.vstack([np.zeros((0, 2)), *touching]))
     return len(base) > 2 and bool(inside_margin(_POINT, base, center[None])[0] > _FOOTING)
 
 
-def toppled(number: int, view: SceneView, tolerance: float) -> bool:
+def has_toppled(number: int, view: SceneView, tolerance: float) -> bool:
     """Whether an object is more tilted than at the start, by more than ``tolerance`` radians; no ball or grain is."""
     model = view.model(number)
     if all(shape.kind == "sphere" for shape in model.colliders) or max(model.size) <= _GRAIN:
@@ -214,6 +218,6 @@ def toppled(number: int, view: SceneView, tolerance: float) -> bool:
     return view.tilt(number) > view.tilt_at_start(number) + tolerance
 
 
-def rests(number: int, view: SceneView) -> bool:
+def is_at_rest(number: int, view: SceneView) -> bool:
     """Whether an object lies still, let go by the robot."""
     return view.physics.held != number and view.physics.speed_of(number) < _STILL

@@ -23,7 +23,14 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.sim.goals.relation_rules import shortfalls
-from grs_agents.sim.goals.scene_view import SceneView, around, marks_under, rests, supporters, toppled
+from grs_agents.sim.goals.scene_view import (
+    SceneView,
+    enclosing_objects,
+    has_toppled,
+    is_at_rest,
+    marks_under,
+    objects_below,
+)
 from grs_agents.sim.goals.task_accounting import ScoredTask
 from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.world.collision_volumes import share_inside
@@ -70,7 +77,7 @@ class StrictScorer:
             shares.append(float(np.mean(rows)))
             value += goal.max_reward * shares[-1]
         bystanders = [number for number in view.ids if view.is_free(number) and number not in final]
-        fallen = [number for number in bystanders if toppled(number, view, self.task.rot_eps)]
+        fallen = [number for number in bystanders if has_toppled(number, view, self.task.rot_eps)]
         weakest = min(shares, default=0.0)
         if fallen:
             notes.update({number: f"{view.name(number)} was knocked over" for number in fallen})
@@ -99,9 +106,9 @@ class StrictScorer:
 
     def _share(self, goal: Goal, row: int, claimed: dict[int, int], view: SceneView) -> tuple[float, str]:
         number = goal.objects[row]
-        if toppled(number, view, self.task.rot_eps):
+        if has_toppled(number, view, self.task.rot_eps):
             return 0.0, "does not stand upright"
-        if not rests(number, view):
+        if not is_at_rest(number, view):
             return 0.0, "does not lie still"
         if goal.metric == "zone":
             return self._zone_share(goal, number, view)
@@ -122,7 +129,7 @@ class StrictScorer:
         wanted = min(heights, key=lambda height: abs(height - pose[0][2]))
         return (
             f"is at its target but for the height: it reaches from {abs(low):.3f} m up, the target is at {wanted:.3f} m"
-            f"{', where nothing would hold it' if _in_mid_air(number, pose, wanted - pose[0][2] + low, view) else ''}"
+            f"{', where nothing would hold it' if _unsupported(number, pose, wanted - pose[0][2] + low, view) else ''}"
         )
 
     def _zone_share(self, goal: Goal, number: int, view: SceneView) -> tuple[float, str]:
@@ -146,7 +153,7 @@ class StrictScorer:
         ]
         if goal.replace:
             return {row: targets[0] for row, targets in enumerate(options) if targets}
-        return assign(options)
+        return match_rows_to_targets(options)
 
     def _holds(self, goal: Goal, row: int, index: int, view: SceneView) -> bool:
         number, target = goal.objects[row], goal.targets[index]
@@ -156,10 +163,10 @@ class StrictScorer:
         heights = (pose[0][2], view.outline(number).low)
         if any(abs(height - target[0][2]) <= _HEIGHT for height in heights):
             return True
-        half, under = heights[0] - heights[1] + _HEIGHT, supporters(number, view)
+        half, under = heights[0] - heights[1] + _HEIGHT, objects_below(number, view)
         if any(self._is_place(other, target, half) for other in under or marks_under(number, view)):
             return True
-        if any(self._is_place(other, target, 0.0) for other in around(number, view)):
+        if any(self._is_place(other, target, 0.0) for other in enclosing_objects(number, view)):
             return True
         if under and all(self._is_step(other, number, target, view) for other in under):
             return True
@@ -198,21 +205,21 @@ class StrictScorer:
 
     def _sharers(self, goal: Goal, number: int, target: Pose) -> set[int]:
         """Objects that goals want at the same place: one target for all of them, or equal ones."""
-        found = set(goal.objects) if goal.replace else set[int]()
+        sharers = set(goal.objects) if goal.replace else set[int]()
         for other in self.task.grs.stated:
             for row, index in np.argwhere(other.matches).tolist():
                 if other is not goal or other.targets[index] is not target:
                     apart = np.abs(np.subtract(other.targets[index][0], target[0]))
                     if (apart <= (self.task.pos_eps, self.task.pos_eps, _HEIGHT)).all():
-                        found.add(other.objects[int(row)])
-        return found - {number}
+                        sharers.add(other.objects[int(row)])
+        return sharers - {number}
 
     def _on_fellows(self, number: int, fellows: set[int], view: SceneView) -> bool:
-        under = supporters(number, view)
+        under = objects_below(number, view)
         return bool(under) and all(other in fellows for other in under)
 
 
-def _in_mid_air(number: int, pose: Pose, low: float, view: SceneView) -> bool:
+def _unsupported(number: int, pose: Pose, low: float, view: SceneView) -> bool:
     """Whether an object with its underside at a height (m), where it is now, would have nothing under it."""
     point = np.array([pose[0][:2]])
     return low > _HEIGHT and not any(
@@ -221,7 +228,7 @@ def _in_mid_air(number: int, pose: Pose, low: float, view: SceneView) -> bool:
     )
 
 
-def assign(options: Sequence[Sequence[int]]) -> dict[int, int]:
+def match_rows_to_targets(options: Sequence[Sequence[int]]) -> dict[int, int]:
     """Give as many rows as can be a target of their own out of their options: row to target."""
     holder: dict[int, int] = {}
 

@@ -13,7 +13,7 @@ from grs_agents.geometry import transforms
 from grs_agents.sim.goals.relation_rules import shortfalls
 from grs_agents.sim.goals.scene_view import SceneView
 from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.goal import LONGEST_SENTENCE, Goal, worth_one
+from grs_agents.sim.instance.goal import LONGEST_SENTENCE, Goal, normalised_rewards
 from grs_agents.sim.instance.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
 from grs_agents.sim.world.collision_volumes import share_inside
 from grs_agents.sim.world.tabletop import Tabletop
@@ -102,7 +102,7 @@ class TaskAccounting:
         task, self.reset_in = self._task, env
         if not task.goals:
             env.warn("the task states no goal: its reset() never calls add_goal")
-        goals, doubt = worth_one(task.goals)
+        goals, doubt = normalised_rewards(task.goals)
         if doubt:
             env.warn(doubt)
         words = task.lang_goals or [task.lang_template]
@@ -112,8 +112,8 @@ class TaskAccounting:
             for goal, sentence in zip(goals, task.lang_goals, strict=True)
         ]
         self.stated = tuple(task.goals)
-        task.pos_eps = _bounded(env, "pos_eps", task.pos_eps, LARGEST_POS_EPS)
-        task.rot_eps = _bounded(env, "rot_eps", task.rot_eps, LARGEST_ROT_EPS)
+        task.pos_eps = _bounded_tolerance(env, "pos_eps", task.pos_eps, LARGEST_POS_EPS)
+        task.rot_eps = _bounded_tolerance(env, "rot_eps", task.rot_eps, LARGEST_ROT_EPS)
 
     def scores(self, goal: Goal) -> list[float]:
         """For each object of a goal, how far (0..1) it is where it should be."""
@@ -143,7 +143,7 @@ class TaskAccounting:
         return placed, wanted
 
 
-def _bounded(env: Tabletop, name: str, value: float, bound: float) -> float:
+def _bounded_tolerance(env: Tabletop, name: str, value: float, bound: float) -> float:
     """A tolerance within its bounds; noted where it was not."""
     if 0 < value <= bound:
         return float(value)

@@ -122,7 +122,7 @@ class Stop:
     objects: tuple[str, ...] = ()
 
 
-def stop_of(error: GrsError) -> Stop:
+def stop_from_error(error: GrsError) -> Stop:
     """An error as the end of an episode."""
     return Stop(error.outcome if isinstance(error, SimulationError) else "error", str(error))
 
@@ -183,7 +183,7 @@ class Recorder:
 _latest: list[Recorder] = []
 
 
-def remember(recorder: Recorder) -> None:
+def set_last_recorder(recorder: Recorder) -> None:
     """Make ``recorder`` the one that ``last_episode`` reads."""
     _latest[:] = [recorder]
 

@@ -234,7 +234,7 @@ def _ids(objs: Any) -> tuple[int, ...]:
     return (_id(objs),)
 
 
-def worth_one(goals: Sequence[Goal]) -> tuple[list[Goal], str]:
+def normalised_rewards(goals: Sequence[Goal]) -> tuple[list[Goal], str]:
     """The goals with rewards that add up to 1, and a word on it if they had to be scaled."""
     total = sum(goal.max_reward for goal in goals)
     if not goals or abs(total - 1) <= 0.01:

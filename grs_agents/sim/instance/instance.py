@@ -208,7 +208,7 @@ def _refuse(name: str) -> float:
 
 
 def _unambiguous(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
         raise ValueError(f"an object names a key twice: {', '.join(key for key, _ in pairs)[:100]}")
-    return found
+    return entries

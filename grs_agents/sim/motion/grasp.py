@@ -10,7 +10,7 @@ import numpy as np
 from grs_agents.base import Vec3
 from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.robot import CUP_RADIUS
-from grs_agents.sim.world.footprints import Prism, inside_margin, near, nearest_point
+from grs_agents.sim.world.footprints import Prism, inside_margin, nearby, nearest_point
 from grs_agents.sim.world.physics import Physics
 
 _SPACING: Final = 0.009
@@ -32,7 +32,7 @@ SEALED: Final = 0.7
 """The share of the lip that must be on the object for the cup to hold it."""
 
 
-def seal(physics: Physics, number: int) -> float:
+def sealed_share(physics: Physics, number: int) -> float:
     """The share of the cup's lip, where the cup is now, that lies on an object: 0..1."""
     matrix: FloatArray = np.array(physics.data.site_xmat[physics.world.tip_site]).reshape(3, 3)
     axis, start = matrix[:, 2], np.asarray(physics.tip) - 0.02 * matrix[:, 2]
@@ -68,7 +68,7 @@ def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, othe
     """
     best: tuple[float, Vec3 | None] = (np.inf, None)
     covered: Counter[int] = Counter()
-    around = near(outline, others, (0.0, 0.0), _BODY + _SWAY)
+    around = nearby(outline, others, (0.0, 0.0), _BODY + _SWAY)
     for rank, (x, y) in enumerate(_candidates(center, outline)):
         if best[0] <= _FARTHER * rank:
             break  # nothing that is left can be better
@@ -89,10 +89,10 @@ def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, othe
 
 def _hindrance(physics: Physics, number: int, others: Sequence[Prism], point: Vec3) -> tuple[float, int]:
     """How rough a point of an object is for the cup, 0 = not at all, and the id of what is in its way, or -1."""
-    roughness, beside = _roughness(physics, number, *point)
+    roughness, beside = _seal_roughness(physics, number, *point)
     if beside >= 0:
         return roughness, beside
-    room, neighbour = _room(physics, others, *point)
+    room, neighbour = _clearance(physics, others, *point)
     return roughness + max(0.0, _SWAY - room), neighbour if room < 0 else -1
 
 
@@ -109,7 +109,7 @@ def _candidates(center: Vec3, outline: Prism) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in ordered[::step]]
 
 
-def _room(physics: Physics, others: Sequence[Prism], x: float, y: float, height: float) -> tuple[float, int]:
+def _clearance(physics: Physics, others: Sequence[Prism], x: float, y: float, height: float) -> tuple[float, int]:
     """How far, metres, the cup is from what stands up beside a point, and what that is: rays go to nearest outlines."""
     point, room, found = np.array([x, y]), _SWAY, -1
     for prism in others:
@@ -125,7 +125,7 @@ def _room(physics: Physics, others: Sequence[Prism], x: float, y: float, height:
     return room, found
 
 
-def _roughness(physics: Physics, number: int, x: float, y: float, height: float) -> tuple[float, int]:
+def _seal_roughness(physics: Physics, number: int, x: float, y: float, height: float) -> tuple[float, int]:
     """How little of the cup's lip would seal (0 all; from 1 on too little), and what else is in its way, or -1."""
     missing, step = 0, 0.0
     for dx, dy in _RING:

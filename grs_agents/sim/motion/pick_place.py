@@ -12,18 +12,18 @@ from grs_agents.geometry import transforms
 from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.robot import CUP_RADIUS
 from grs_agents.sim.motion import grasp
-from grs_agents.sim.motion.placement import at
+from grs_agents.sim.motion.placement import point_text
 from grs_agents.sim.motion.tool_paths import (
     Pace,
     ToolPose,
-    highest_along,
-    move,
-    pace,
-    routes,
-    smooth,
-    split,
-    sweep,
-    upward,
+    candidate_routes,
+    highest_obstacle_along,
+    pace_for_mass,
+    plan_joint_path,
+    polar_path,
+    smoothstep,
+    split_yaw_tilt,
+    tool_up_axis,
 )
 from grs_agents.sim.world.footprints import Prism
 from grs_agents.sim.world.physics import Physics
@@ -76,7 +76,7 @@ class PickPlace:
     def __init__(self, physics: Physics, obstacles: Sequence[Prism], names: dict[int, str]) -> None:
         self.physics, self.obstacles, self.names = physics, obstacles, names
         self.arm = physics.arm
-        self.yaw, self.tilt = split(physics.tip_rotation())
+        self.yaw, self.tilt = split_yaw_tilt(physics.tip_rotation())
         self._hindrance = ""
 
     def run(self, pick: Pose, place: Pose) -> PickPlaceResult:
@@ -84,7 +84,7 @@ class PickPlace:
 
         What is held is turned, and tilted, as ``place`` is against ``pick``.
         """
-        turn, tilt = split(
+        turn, tilt = split_yaw_tilt(
             transforms.multiply_quaternions(transforms.quat(place[1]), transforms.invert(((0, 0, 0), pick[1]))[1])
         )
         ready = self._ready(transforms.vec3(pick[0]), transforms.vec3(place[0]), turn)
@@ -101,7 +101,9 @@ class PickPlace:
         stops = [(x, y, height) for x, y, _ in (tip, pick, place)]
         for first in _TURNS:
             counts = [4 + int(2 * abs(angle)) for angle in (first, turn)]
-            points = np.vstack([sweep(stops[leg], stops[leg + 1], smooth(count)) for leg, count in enumerate(counts)])
+            points = np.vstack(
+                [polar_path(stops[leg], stops[leg + 1], smoothstep(count)) for leg, count in enumerate(counts)]
+            )
             before, after = (np.linspace(0.0, 1.0, count) for count in counts)
             yaws = self.yaw + np.concatenate([before * first, first + after * turn])
             if self.arm.within_limits(self.arm.solve(points, yaws, seed)):
@@ -112,29 +114,29 @@ class PickPlace:
         physics = self.physics
         near = ToolPose((point[0], point[1], point[2] + 0.008), yaw)
         if not self._travel(near, CUP_RADIUS + 0.04, 0.0, self.obstacles, FREE_SPEED):
-            return None, f"the arm cannot reach {at(point)} with the tool down{self._hindrance}"
+            return None, f"the arm cannot reach {point_text(point)} with the tool down{self._hindrance}"
         lowest = ToolPose((point[0], point[1], max(_LOWEST, point[2] - 0.03)), yaw)
         if not self._descend(near, lowest, lambda: bool(physics.touched())):
-            return None, f"the arm cannot reach {at(lowest.point)} with the tool down{self._hindrance}"
+            return None, f"the arm cannot reach {point_text(lowest.point)} with the tool down{self._hindrance}"
         touched = sorted(physics.touched() & physics.world.welds.keys())
         if not touched:
             fixed = sorted(physics.touched())
             what = f"{self.names[fixed[0]]}, which is fixed," if fixed else "nothing to grasp"
-            return None, f"{what} at {at(point)}"
-        best = max(touched, key=lambda number: grasp.seal(physics, number))
-        share = grasp.seal(physics, best)
+            return None, f"{what} at {point_text(point)}"
+        best = max(touched, key=lambda number: grasp.sealed_share(physics, number))
+        share = grasp.sealed_share(physics, best)
         if share < grasp.SEALED and best not in physics.world.beads:
             self._retreat()
             return None, (
-                f"the cup finds no seal on {self.names[best]} at {at(point)}: {share:.0%} of its lip lies on it, "
-                f"it needs {grasp.SEALED:.0%}"
+                f"the cup finds no seal on {self.names[best]} at {point_text(point)}: {share:.0%} of its lip lies on "
+                f"it, it needs {grasp.SEALED:.0%}"
             )
         physics.cup.grasp(best)
         return best, "grasped"
 
     def _place(self, grasped: int, place: ToolPose) -> str:
         physics = self.physics
-        up = upward(place.tilt)
+        up = tool_up_axis(place.tilt)
         tilted = bool(up[2] < 1.0)
         radius, drop = self._extent_below_tip(grasped)
         near = place.moved(0.012 * up)
@@ -143,7 +145,7 @@ class PickPlace:
                 self._retreat()
                 return self._dropped(grasped)
             self._put_down()
-            how = f"over its neighbours to {at(place.point)}" + (" so tilted" if tilted else "")
+            how = f"over its neighbours to {point_text(place.point)}" + (" so tilted" if tilted else "")
             return f"the arm cannot carry {self.names[grasped]} {how}{self._hindrance}"
         deepest = max(drop - 0.01, place.point[2] - 0.25, _LOWEST)
         lowest = place.moved(-0.03 * up) if tilted else ToolPose((*place.point[:2], deepest), place.yaw)
@@ -228,10 +230,10 @@ class PickPlace:
             Whether it got there; if there was no way, the arm has not moved. It stops where the cup lets go.
         """
         tip, held, self._hindrance = self.physics.tip, self.physics.held, ""
-        for route in routes(tip, end.point):
+        for route in candidate_routes(tip, end.point):
             way: list[Vec3] = [tip]
             for start, stop in pairwise(route):
-                height = highest_along(start, stop, radius, obstacles) + drop + clearance
+                height = highest_obstacle_along(start, stop, radius, obstacles) + drop + clearance
                 height = max(height, end.point[2] if stop == end.point else 0.0, tip[2] + 0.02 if drop else 0.0)
                 way += [(start[0], start[1], height), (stop[0], stop[1], height)]
             if self._go(self._turning((*way, end.point), end), speed):
@@ -253,13 +255,13 @@ class PickPlace:
     def _go(self, poses: Sequence[ToolPose], speed: float) -> bool:
         """Follow straight stretches; False, without moving, if the arm cannot or would hit the table or itself."""
         physics = self.physics
-        gait = pace(speed, None if physics.held is None else physics.mass(physics.held), physics.timestep)
+        gait = pace_for_mass(speed, None if physics.held is None else physics.mass(physics.held), physics.timestep)
         careful = replace(gait, acceleration=min(gait.acceleration, _LIGHT if physics.held is None else _CAREFUL))
         legs: list[FloatArray] = []
         seed = physics.commanded
         for start, end in pairwise(poses):
             last = end is poses[-1]
-            legs.append(move(self.arm, start, end, careful if last else gait, seed))
+            legs.append(plan_joint_path(self.arm, start, end, careful if last else gait, seed))
             seed = legs[-1][-1]
             if not np.isfinite(seed).all():
                 return False
@@ -268,7 +270,7 @@ class PickPlace:
         held = physics.held
         for leg in legs:
             if physics.follow(leg, None if held is None else lambda: physics.held is None):
-                self.yaw, self.tilt = split(physics.tip_rotation())
+                self.yaw, self.tilt = split_yaw_tilt(physics.tip_rotation())
                 return False
         physics.arrive(legs[-1][-1])
         self.yaw, self.tilt = poses[-1].yaw, poses[-1].tilt
@@ -277,7 +279,7 @@ class PickPlace:
     def _descend(self, start: ToolPose, end: ToolPose, stop: Callable[[], bool]) -> bool:
         """Feel the way until ``stop``; False, without moving, if the arm cannot go all of it."""
         gait = Pace(TOUCH_SPEED, 0.0, self.physics.timestep, even=True)
-        path = move(self.arm, start, end, gait, self.physics.commanded)
+        path = plan_joint_path(self.arm, start, end, gait, self.physics.commanded)
         if not self._possible(path):
             return False
         self.physics.follow(path, stop)

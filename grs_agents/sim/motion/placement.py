@@ -15,7 +15,7 @@ from grs_agents.geometry import transforms
 from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.world.footprints import Prism, gaps, inside_margin, rectangle, rest_heights, turn
+from grs_agents.sim.world.footprints import Prism, inside_margin, rectangle, rest_heights, rotation_2d, signed_gaps
 
 _BATCH: Final = 256
 _BATCHES: Final = 6
@@ -47,7 +47,7 @@ def random_pose(
         yaw = float(rng.uniform(-np.pi, np.pi))
         outline = rectangle((0.0, 0.0), (x, y), yaw)
         offsets = rng.uniform(bounds[:2, 0], bounds[:2, 1], size=(_BATCH, 2))
-        free = _free(outline, z, offsets, bounds, obstacles, arm, gap)
+        free = _free_offsets(outline, z, offsets, bounds, obstacles, arm, gap)
         if free.any():
             chosen = offsets[int(np.argmax(free))]
             rotation = transforms.eulerXYZ_to_quatXYZW((0.0, 0.0, yaw))
@@ -55,7 +55,7 @@ def random_pose(
     return None
 
 
-def _free(
+def _free_offsets(
     outline: FloatArray,
     top: float,
     offsets: FloatArray,
@@ -76,7 +76,7 @@ def _free(
     for height in (top, top + 0.15):
         free &= arm.reachable(np.column_stack([offsets, np.full(len(offsets), height)]))
     for obstacle in obstacles:
-        free &= gaps(outline, obstacle.outline, offsets) >= gap
+        free &= signed_gaps(outline, obstacle.outline, offsets) >= gap
     return free
 
 
@@ -97,7 +97,7 @@ class Region:
         """Points (N, 2) that cover it, its centre among them."""
         axes = [np.arange(-int(extent / 2 / spacing), int(extent / 2 / spacing) + 1) * spacing for extent in self.size]
         local = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        return local @ turn(self.yaw).T + np.asarray(self.center)
+        return local @ rotation_2d(self.yaw).T + np.asarray(self.center)
 
 
 @dataclass(frozen=True)
@@ -109,9 +109,9 @@ class Spot:
     height: float
 
 
-def turned(body: Prism, center: FloatArray, angle: float) -> Prism:
+def turned_outline(body: Prism, center: FloatArray, angle: float) -> Prism:
     """A body's outline about its own centre, turned and moved to the origin."""
-    return Prism((body.outline - center) @ turn(angle).T, body.low, body.high, body.owner)
+    return Prism((body.outline - center) @ rotation_2d(angle).T, body.low, body.high, body.owner)
 
 
 def find_spot(
@@ -144,53 +144,53 @@ def find_spot(
     spacing = float(np.clip(min(region.size) / 24, 0.003, 0.015))
     offsets = region.grid(spacing)
     for angle in yaws:
-        shape = turned(body, np.asarray(center[:2]), angle)
+        shape = turned_outline(body, np.asarray(center[:2]), angle)
         margin = inside_margin(shape.outline, region.outline, offsets)
         within = margin >= 0.0005
         if not within.any():
             continue
         inside = offsets[within]
-        neighbours = _near(obstacles, region, shape)
+        neighbours = _obstacles_near(obstacles, region, shape)
         heights = rest_heights(shape, neighbours, inside, gap)
         floor = float(rest_heights(shape, neighbours, inside, -0.002).min()) if not stack else float(heights.min())
         level = (heights <= max(floor, 0.0) + _LEVEL) if not stack else np.ones(len(heights), dtype=bool)
         good = level & suits(inside, heights)
-        steady = good & _centred(inside, heights, neighbours)
+        steady = good & _supported_at_centre(inside, heights, neighbours)
         good = steady if steady.any() else good
         if good.any():
-            chosen = _choose(inside[good], heights[good], region, near or region.center if spread else None)
+            chosen = _choose_row(inside[good], heights[good], region, near or region.center if spread else None)
             point = inside[good][chosen]
             return Spot((float(point[0]), float(point[1])), angle, float(heights[good][chosen]))
     return None
 
 
-def _centred(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
+def _supported_at_centre(offsets: FloatArray, heights: FloatArray, obstacles: Sequence[Prism]) -> npt.NDArray[np.bool_]:
     """Where (N,) a body's centre is over what carries it: it will not tip, as it would on a rim."""
-    found = heights < _FLUSH
+    supported = heights < _FLUSH
     for prism in obstacles:
         near = np.abs(heights - prism.high) < _FLUSH
         if near.any():
-            found |= near & (inside_margin(np.zeros((1, 2)), prism.outline, offsets) > 0)
-    return found
+            supported |= near & (inside_margin(np.zeros((1, 2)), prism.outline, offsets) > 0)
+    return supported
 
 
-def _near(obstacles: Sequence[Prism], region: Region, shape: Prism) -> list[Prism]:
+def _obstacles_near(obstacles: Sequence[Prism], region: Region, shape: Prism) -> list[Prism]:
     reach = float(np.hypot(*region.size)) / 2 + float(np.linalg.norm(shape.outline, axis=1).max()) + 0.05
     center = np.asarray(region.center)
-    found: list[Prism] = []
+    close_by: list[Prism] = []
     for obstacle in obstacles:
         x0, y0, x1, y1 = obstacle.box
         nearest = np.clip(center, (x0, y0), (x1, y1))
         if float(np.linalg.norm(nearest - center)) < reach:
-            found.append(obstacle)
-    return found
+            close_by.append(obstacle)
+    return close_by
 
 
-def _choose(points: FloatArray, heights: FloatArray, region: Region, near: Sequence[float] | None) -> int:
+def _choose_row(points: FloatArray, heights: FloatArray, region: Region, near: Sequence[float] | None) -> int:
     """The row nearest a point, else the first one from the region's far corner on, low levels first."""
     if near is not None:
         return int(np.argmin(np.linalg.norm(points - np.asarray(near[:2]), axis=1) + heights))
-    local = (points - np.asarray(region.center)) @ turn(region.yaw)
+    local = (points - np.asarray(region.center)) @ rotation_2d(region.yaw)
     return int(np.lexsort((-local[:, 1], -local[:, 0], np.round(heights, 2)))[0])
 
 
@@ -217,13 +217,13 @@ class Blocked:
 Target = Spot | Blocked | Stop
 
 
-def wrap(angle: float, period: float = 2 * np.pi) -> float:
+def wrap_angle(angle: float, period: float = 2 * np.pi) -> float:
     """The angle nearest zero that differs by a multiple of ``period``."""
     return float(angle - period * np.round(angle / period))
 
 
 @dataclass(frozen=True)
-class Suits:
+class ReachTest:
     """A test of offsets (N, 2) and rest heights (N,): can the arm bring the cup there and come down from above?"""
 
     lift: float
@@ -245,6 +245,6 @@ def reach_note(tip: Sequence[float], arm: Arm) -> str:
     return f"cannot be reached at height {tip[2]:.2f} m with the tool down, {distance:.2f} m from the base"
 
 
-def at(point: Sequence[float]) -> str:
+def point_text(point: Sequence[float]) -> str:
     """A point (x, y, z) in words, to the centimetre."""
     return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f})"

@@ -8,10 +8,10 @@ import numpy as np
 from grs_agents.base import Pose, Vec3
 from grs_agents.geometry import transforms
 from grs_agents.geometry.transforms import FloatArray
-from grs_agents.sim.arms.joint_paths import ramped
+from grs_agents.sim.arms.joint_paths import trapezoidal_profile
 from grs_agents.sim.arms.robot import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.motion.pick_place import FREE_SPEED, PickPlace
-from grs_agents.sim.motion.placement import at, wrap
+from grs_agents.sim.motion.placement import point_text, wrap_angle
 from grs_agents.sim.motion.tool_paths import ToolPose
 
 HEIGHT: Final = 0.005
@@ -39,7 +39,7 @@ class PushResult:
     note: str
 
 
-def stroke(pose0: Pose, pose1: Pose) -> tuple[FloatArray, FloatArray] | None:
+def stroke_endpoints(pose0: Pose, pose1: Pose) -> tuple[FloatArray, FloatArray] | None:
     """Where the tip starts and ends (3,), metres; None if the poses are too near one another for any push."""
     start, end = np.array([*pose0[0][:2], HEIGHT]), np.array([*pose1[0][:2], HEIGHT])
     length = float(np.linalg.norm(end - start))
@@ -49,7 +49,7 @@ def stroke(pose0: Pose, pose1: Pose) -> tuple[FloatArray, FloatArray] | None:
     return start - BEFORE * along, end - SHORT * along
 
 
-def poses_of(start: FloatArray, end: FloatArray) -> tuple[Vec3, Vec3]:
+def action_points(start: FloatArray, end: FloatArray) -> tuple[Vec3, Vec3]:
     """The positions of ``pose0`` and ``pose1`` for which the tip moves from ``start`` to ``end`` (2,), metres."""
     along = (end - start) / np.linalg.norm(end - start)
     first, last = start + BEFORE * along, end + SHORT * along
@@ -61,7 +61,7 @@ class Push(PickPlace):
 
     def push(self, pose0: Pose, pose1: Pose) -> PushResult:
         """Do it: down behind ``pose0``, straight towards ``pose1``, up."""
-        way = stroke(pose0, pose1)
+        way = stroke_endpoints(pose0, pose1)
         if way is None:
             return PushResult((), f"pose0 and pose1 are less than {SHORT - BEFORE:.2f} m apart, that pushes nothing")
         physics = self.physics
@@ -75,20 +75,21 @@ class Push(PickPlace):
         return PushResult(tuple(pushed), note)
 
     def _along(self, start: FloatArray, end: FloatArray) -> str:
-        physics, points = self.physics, straight(self.physics.timestep, start, end)
+        physics, points = self.physics, straight_path(self.physics.timestep, start, end)
         yaw = self._over(start, end, points)
         if yaw is None:
-            return f"the arm cannot reach {at(transforms.vec3(start))} with the tool down{self._hindrance}"
+            return f"the arm cannot reach {point_text(transforms.vec3(start))} with the tool down{self._hindrance}"
         low, high = self._poses(start, yaw)
         self._descend(high, low, lambda: bool(physics.touched()))
         under = sorted(physics.touched())
         if under and physics.tip[2] > HEIGHT + 0.004:
             self._retreat()
-            return f"the blade came down on {self.names[under[0]]} at {at(transforms.vec3(start))}"
+            return f"the blade came down on {self.names[under[0]]} at {point_text(transforms.vec3(start))}"
         path = self.arm.solve(points, np.full(len(points), yaw), physics.commanded)
         if not self._possible(path):
             self._retreat()
-            return f"the arm cannot push on from {at(low.point)} to {at(transforms.vec3(end))}{self._hindrance}"
+            way = f"from {point_text(low.point)} to {point_text(transforms.vec3(end))}"
+            return f"the arm cannot push on {way}{self._hindrance}"
         physics.follow(path)
         physics.arrive(path[-1])
         self._retreat()
@@ -107,7 +108,7 @@ class Push(PickPlace):
         """
         if not self.arm.reachable(np.array([start, end])).all():
             return None
-        least = wrap(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)
+        least = wrap_angle(float(np.arctan2(end[1] - start[1], end[0] - start[0])) - self.yaw, np.pi)
         for turn in sorted((least + half * np.pi for half in range(-2, 3)), key=abs):
             yaw = self.yaw + turn
             path = self.arm.solve(points, np.full(len(points), yaw), self.physics.commanded)
@@ -119,9 +120,9 @@ class Push(PickPlace):
         return None
 
 
-def straight(timestep: float, start: FloatArray, end: FloatArray) -> FloatArray:
+def straight_path(timestep: float, start: FloatArray, end: FloatArray) -> FloatArray:
     """The tip's straight way (N, 3) from start to end (3,), metres, one row a time step."""
     length = float(np.linalg.norm(end - start))
     ramp = min(_RAMP, length / _SPEED)
     seconds = length / _SPEED + ramp
-    return start + (end - start) * ramped(max(4, int(seconds / timestep) + 1), ramp / seconds)[:, None]
+    return start + (end - start) * trapezoidal_profile(max(4, int(seconds / timestep) + 1), ramp / seconds)[:, None]

@@ -10,7 +10,7 @@ from grs_agents.base import Quat, Vec3
 from grs_agents.geometry import transforms
 from grs_agents.geometry.transforms import FloatArray
 from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.joint_paths import ramped, turns_about_z
+from grs_agents.sim.arms.joint_paths import rotations_about_z, trapezoidal_profile
 from grs_agents.sim.world.footprints import Prism
 from grs_agents.sim.world.suction import HOLDING_FORCE
 
@@ -49,13 +49,13 @@ class Pace:
     even: bool = False
 
 
-def pace(speed: float, mass: float | None, timestep: float) -> Pace:
+def pace_for_mass(speed: float, mass: float | None, timestep: float) -> Pace:
     """How to move with ``mass`` (kg; None: nothing) on the cup, so that its own inertia does not tear it off."""
     spare = _QUICKEST if mass is None else min(_QUICKEST, _SHARE * HOLDING_FORCE / max(mass, 1e-6) - _GRAVITY)
     return Pace(speed, float(max(spare, _SLOWEST)), timestep)
 
 
-def split(rotation: Quat) -> tuple[float, Vec3]:
+def split_yaw_tilt(rotation: Quat) -> tuple[float, Vec3]:
     """A rotation as a turn about the vertical (rad, nearest zero), then a tilt about a level axis (rotation vector)."""
     _, _, z, w = rotation
     yaw = 2 * float(np.arctan2(z, w))
@@ -68,12 +68,12 @@ def split(rotation: Quat) -> tuple[float, Vec3]:
     return (yaw, (0.0, 0.0, 0.0)) if angle < _UPRIGHT else (yaw, transforms.vec3(vector / sine * angle))
 
 
-def upward(tilt: Vec3) -> FloatArray:
+def tool_up_axis(tilt: Vec3) -> FloatArray:
     """The unit vector (3,) out of the back of a tool that is tilted."""
-    return tilts(np.array([tilt]))[0][:, 2]
+    return rotations_from_vectors(np.array([tilt]))[0][:, 2]
 
 
-def tilts(vectors: FloatArray) -> FloatArray:
+def rotations_from_vectors(vectors: FloatArray) -> FloatArray:
     """The rotations (N, 3, 3) of rotation vectors (N, 3)."""
     angle = np.linalg.norm(vectors, axis=1)
     x, y, z = (vectors / np.maximum(angle, 1e-12)[:, None]).T
@@ -83,7 +83,7 @@ def tilts(vectors: FloatArray) -> FloatArray:
     return np.eye(3) + sin * cross + (1 - cos) * (cross @ cross)
 
 
-def sweep(start: Vec3, end: Vec3, share: FloatArray) -> FloatArray:
+def polar_path(start: Vec3, end: Vec3, share: FloatArray) -> FloatArray:
     """Points (N, 3) at shares (N,) of the way from start to end; the distance from the base axis changes evenly."""
     radius = np.hypot([start[0], end[0]], [start[1], end[1]])
     angle = np.arctan2([start[1], end[1]], [start[0], end[0]])
@@ -92,13 +92,13 @@ def sweep(start: Vec3, end: Vec3, share: FloatArray) -> FloatArray:
     return np.stack([r * np.cos(a), r * np.sin(a), start[2] + share * (end[2] - start[2])], axis=1)
 
 
-def smooth(samples: int) -> FloatArray:
+def smoothstep(samples: int) -> FloatArray:
     """Shares (samples,) of a way, 0..1, that begin and end slowly."""
     share = np.linspace(0.0, 1.0, samples)
     return share * share * (3 - 2 * share)
 
 
-def shares(length: float, gait: Pace) -> FloatArray:
+def motion_profile(length: float, gait: Pace) -> FloatArray:
     """Shares (N,) of a way of ``length`` metres, 0..1, one a time step: the sooner there of two ways to go.
 
     A short way begins and ends as smoothly as its time allows; a long one goes at full speed between two ramps.
@@ -109,11 +109,11 @@ def shares(length: float, gait: Pace) -> FloatArray:
     ramp = max(gait.speed / min(gait.acceleration, _EASY), _RAMP)
     fast = length / gait.speed + ramp
     if fast < smoothly and 2 * ramp < fast:
-        return ramped(max(4, int(fast / gait.timestep)), ramp / fast)
-    return smooth(max(4, int(smoothly / gait.timestep)))
+        return trapezoidal_profile(max(4, int(fast / gait.timestep)), ramp / fast)
+    return smoothstep(max(4, int(smoothly / gait.timestep)))
 
 
-def move(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: FloatArray) -> FloatArray:
+def plan_joint_path(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: FloatArray) -> FloatArray:
     """Joint positions (N, dof), one a time step, from one pose to another, NaN if impossible.
 
     Args:
@@ -126,20 +126,20 @@ def move(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: FloatArray)
     leaning = float(np.linalg.norm(tilting[1] - tilting[0]))
     turning = abs(end.yaw - start.yaw) + leaning
     length = float(np.linalg.norm(np.subtract(end.point, start.point))) + 0.25 * turning
-    share = shares(length, gait)
-    points = sweep(start.point, end.point, share)
+    share = motion_profile(length, gait)
+    points = polar_path(start.point, end.point, share)
     yaws = start.yaw + share * (end.yaw - start.yaw)
     if not tilting.any():
         return arm.solve(points, yaws, seed)
     leans = tilting[0] + share[:, None] * (tilting[1] - tilting[0])
-    return arm.solve_poses(points, tilts(leans) @ turns_about_z(yaws), seed)
+    return arm.solve_poses(points, rotations_from_vectors(leans) @ rotations_about_z(yaws), seed)
 
 
-def highest_along(start: Vec3, end: Vec3, radius: float, obstacles: Sequence[Prism]) -> float:
+def highest_obstacle_along(start: Vec3, end: Vec3, radius: float, obstacles: Sequence[Prism]) -> float:
     """The top of the highest obstacle that comes within ``radius`` of the way from start to end."""
     if not obstacles:
         return 0.0
-    points = sweep(start, end, smooth(24))[:, :2]
+    points = polar_path(start, end, smoothstep(24))[:, :2]
     boxes = np.array([obstacle.box for obstacle in obstacles])
     outside = np.maximum(boxes[:, None, :2] - points[None], points[None] - boxes[:, None, 2:])
     near = np.linalg.norm(np.maximum(outside, 0.0), axis=2).min(axis=1) < radius
@@ -147,13 +147,13 @@ def highest_along(start: Vec3, end: Vec3, radius: float, obstacles: Sequence[Pri
     return float(heights[near].max()) if near.any() else 0.0
 
 
-def routes(start: Vec3, end: Vec3) -> list[list[Vec3]]:
+def candidate_routes(start: Vec3, end: Vec3) -> list[list[Vec3]]:
     """Ways over the table: straight first, then drawn in (or out) to a circle around the base and along it."""
-    found: list[list[Vec3]] = [[start, end]]
+    ways: list[list[Vec3]] = [[start, end]]
     for radius in _DETOURS:
         corners = [
             (radius * float(np.cos(angle)), radius * float(np.sin(angle)), start[2])
             for angle in (np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0]))
         ]
-        found.append([start, *corners, end])
-    return found
+        ways.append([start, *corners, end])
+    return ways

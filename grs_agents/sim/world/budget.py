@@ -1,8 +1,8 @@
 """What one call may simulate: time steps in all, objects and mesh vertices on the table at once.
 
-A process serves one call, and ``grant`` says once what that may cost. Whoever catches an error of these gains nothing:
-steps that are used up stay used up, and ``reached`` tells afterwards that a limit was met. The limits keep programs
-from asking for too much; what keeps the host safe from hostile code are the limits of the sandbox.
+A process serves one call, and ``limit_call`` says once what that may cost. Catching an error of these gains nothing:
+steps that are used up stay used up, and ``reached`` says afterwards which limit was met. The limits keep programs from
+asking for too much; the limits of the sandbox keep the host safe from hostile code.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from grs_agents.sim.instance.episode import (
     VertexLimitError,
     clear_episodes,
 )
-from grs_agents.sim.world.footprints import per_model
+from grs_agents.sim.world.footprints import cached_per_model
 
 DEFAULT_BUDGET: Final = Limits().simulated_steps
 
@@ -33,7 +33,7 @@ class _Call:
 _call = _Call()
 
 
-def grant(limits: Limits) -> None:
+def limit_call(limits: Limits) -> None:
     """Begin a call that may simulate so much. Without this, steps are limited for each environment alone."""
     _call.limits, _call.steps_left, _call.reached = limits, limits.simulated_steps, None
 
@@ -70,7 +70,7 @@ class Budget:
         _spend_for_the_call(steps)
         self.left -= steps
         if self.left < 0:
-            raise _note(
+            raise _record(
                 SimulationBudgetError(
                     f"the environment used up its {self.limit} simulated steps", "reset less often or do less in a step"
                 )
@@ -82,7 +82,7 @@ def _spend_for_the_call(steps: int) -> None:
         return
     _call.steps_left -= steps
     if _call.steps_left < 0:
-        raise _note(
+        raise _record(
             SimulationBudgetError(
                 f"the call used up its {_call.limits.simulated_steps} simulated steps",
                 "simulate less in all tests or seeds together, or raise limits.simulated_steps",
@@ -98,10 +98,10 @@ def check_objects(count: int) -> None:
     """
     most = _call.limits.objects
     if count > most:
-        raise _note(ObjectLimitError(f"{count} objects are on the table, {most} are the most", "add fewer objects"))
+        raise _record(ObjectLimitError(f"{count} objects are on the table, {most} are the most", "add fewer objects"))
 
 
-def with_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
+def add_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
     """How many vertices the meshes on the table have with one more object, if they may.
 
     Raises:
@@ -110,7 +110,7 @@ def with_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
     count += _vertices_of(shapes, library)
     most = _call.limits.mesh_vertices
     if count > most:
-        raise _note(
+        raise _record(
             VertexLimitError(
                 f"the meshes on the table have {count} vertices, {most} are the most", "use simpler or fewer meshes"
             )
@@ -118,12 +118,12 @@ def with_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
     return count
 
 
-@per_model
+@cached_per_model
 def _vertices_of(shapes: ObjectModel, library: Library) -> int:
     meshes = [shape.mesh or "" for shape in (*shapes.colliders, *shapes.visuals) if shape.kind == "mesh"]
     return sum(len(read_vertices(library.mesh_path(mesh))) for mesh in meshes)
 
 
-def _note(error: SimulationError) -> SimulationError:
+def _record(error: SimulationError) -> SimulationError:
     _call.reached = error
     return error

@@ -14,7 +14,7 @@ from grs_agents.geometry.transforms import FloatArray
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.library.mesh_files import read_vertices
 from grs_agents.sim.instance.goal import Zone
-from grs_agents.sim.world.footprints import per_model
+from grs_agents.sim.world.footprints import cached_per_model
 
 _POINTS: Final = 600
 """About as many points stand for one object."""
@@ -37,7 +37,7 @@ class Volume:
 _shares: dict[tuple[int, Pose, tuple[Zone, ...], float], tuple[Volume, float]] = {}
 
 
-@per_model
+@cached_per_model
 def volume_of(model: ObjectModel, library: Library) -> Volume:
     """The collision volume of an object; a mark without colliders is one point.
 
@@ -100,7 +100,7 @@ class _Solid:
         share = {"box": 1.0, "cylinder": np.pi / 4, "sphere": np.pi / 6}.get(shape.kind)
         if share is None:
             grid = _grid(low, high, np.full(3, _FINE))
-            share = max(float(_within(faces, grid).mean()), 1e-3)
+            share = max(float(_within_half_spaces(faces, grid).mean()), 1e-3)
         return _Solid(shape, low, high, faces, max(whole * share, 1e-12))
 
     def points(self, cell: float) -> FloatArray:
@@ -115,7 +115,7 @@ class _Solid:
 
     def _inside(self, grid: FloatArray) -> npt.NDArray[np.bool_]:
         if self.shape.kind in ("box", "mesh"):
-            return _within(self.faces, grid)
+            return _within_half_spaces(self.faces, grid)
         across = grid if self.shape.kind == "sphere" else grid[:2]
         within: npt.NDArray[np.bool_] = np.square(across).sum(axis=0) <= self.shape.size[0] ** 2
         return within
@@ -129,5 +129,5 @@ def _grid(low: FloatArray, high: FloatArray, counts: FloatArray) -> FloatArray:
     return np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
 
 
-def _within(faces: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
+def _within_half_spaces(faces: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
     return np.asarray((faces[:, :3] @ points <= faces[:, 3:] + 1e-9).all(axis=0), dtype=np.bool_)

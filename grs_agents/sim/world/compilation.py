@@ -31,7 +31,7 @@ _BEAD_DAMPING: Final = 6e-5
 """Of what is tied at a point: added to its inertia (kg m^2), and against its turning (N m s/rad)."""
 
 
-def limp_of(ties: Sequence[InstanceTie]) -> frozenset[int]:
+def ids_tied_at_points(ties: Sequence[InstanceTie]) -> frozenset[int]:
     """Ids of what a point ties to another."""
     return frozenset(number for tie in ties if tie.kind == "point" for number in (tie.parent, tie.child))
 
@@ -112,10 +112,10 @@ def model_of(item: InstanceObject, library: Library) -> ObjectModel:
     """
     if not item.fill:
         return library.model(item.asset)
-    return templates.remembered(library, "model", item.asset, item.fill, lambda: _filled(item, library))
+    return templates.cached_filling(library, "model", item.asset, item.fill, lambda: _filled_template(item, library))
 
 
-def _filled(item: InstanceObject, library: Library) -> ObjectModel:
+def _filled_template(item: InstanceObject, library: Library) -> ObjectModel:
     shapes = library.filled(item.asset, item.fill)
     solids = [shape.size for shape in shapes.colliders if shape.kind != "mesh"]
     thinnest = min(
@@ -123,13 +123,13 @@ def _filled(item: InstanceObject, library: Library) -> ObjectModel:
     )
     if max(shapes.size) > LARGEST or thinnest < SMALLEST:
         raise SimulationError(
-            f"{item.asset} filled in is {_in_words(shapes.size)} m, its thinnest part {thinnest:.1e} m",
+            f"{item.asset} filled in is {_format_size(shapes.size)} m, its thinnest part {thinnest:.1e} m",
             f"give lengths that make it at most {LARGEST} m, each part at least {SMALLEST} m",
         )
     return shapes
 
 
-def _in_words(size: Sequence[float]) -> str:
+def _format_size(size: Sequence[float]) -> str:
     return " x ".join(f"{extent:.3g}" for extent in size)
 
 
@@ -205,13 +205,13 @@ def build(
         _add_background(spec, library.model(background), library, visuals)
     graspable = free if tool == "suction" else []
     if len(ties) > _FEW_TIES or len(free) - len(graspable) > _CROWD:
-        _for_a_crowd(spec)
+        _use_iterative_solver(spec)
     _add_suction(spec, graspable, timestep)
     add_ties(spec, ties, timestep)
-    return _indexed(_compiled(spec), arm, models, free, graspable, limp_of(ties))
+    return _index_world(_compile_spec(spec), arm, models, free, graspable, ids_tied_at_points(ties))
 
 
-def _indexed(
+def _index_world(
     model: Any,
     arm: Arm,
     models: Mapping[int, ObjectModel],
@@ -238,14 +238,14 @@ def _indexed(
     )
 
 
-def _compiled(spec: Any) -> Any:
+def _compile_spec(spec: Any) -> Any:
     try:
         return spec.compile()
     except ValueError as error:
         raise SimulationError(f"MuJoCo refuses the scene: {str(error)[:150]}", "change the object it names") from error
 
 
-def _for_a_crowd(spec: Any) -> None:
+def _use_iterative_solver(spec: Any) -> None:
     """Options for piles and ropes: 50 grains in a heap cost 0.3 ms a step so, 2-3 ms with those for a few objects."""
     option = spec.option
     option.solver = mujoco.mjtSolver.mjSOL_CG

@@ -18,7 +18,7 @@ _CIRCLE = 12
 _REMEMBERED = 512
 
 
-def per_model(
+def cached_per_model(
     function: Callable[Concatenate[ObjectModel, Rest], Value],
 ) -> Callable[Concatenate[ObjectModel, Rest], Value]:
     """Remember what a function made of each of the last few hundred models (by identity: they never change)."""
@@ -92,62 +92,64 @@ def shape_points(shape: Shape, bounds: tuple[FloatArray, FloatArray]) -> FloatAr
     return transforms.apply((shape.position, turned), points)
 
 
-@per_model
+@cached_per_model
 def _local_points(model: ObjectModel) -> tuple[FloatArray, ...]:
     bounds = (np.asarray(model.bounds[0]), np.asarray(model.bounds[1]))
     return tuple(shape_points(shape, bounds) for shape in model.colliders)
 
 
-@per_model
-def _hanging(model: ObjectModel) -> list[tuple[FloatArray, float]]:
+@cached_per_model
+def _turning_points(model: ObjectModel) -> list[tuple[FloatArray, float]]:
     """For each collider the points (3, N) of it that turn with the object, and how far it reaches from them anyhow."""
-    found: list[tuple[FloatArray, float]] = []
+    parts: list[tuple[FloatArray, float]] = []
     for shape, local in zip(model.colliders, _local_points(model), strict=True):
         center = np.asarray(shape.position)[:, None]
         ball = shape.kind == "sphere"
-        found.append((center, float((local - center)[2].min())) if ball else (local, 0.0))
-    return found
+        parts.append((center, float((local - center)[2].min())) if ball else (local, 0.0))
+    return parts
 
 
-@per_model
-def _hanging_upright(model: ObjectModel) -> float:
+@cached_per_model
+def _lowest_when_upright(model: ObjectModel) -> float:
     """The height of the lowest point of an object's colliders above its origin, whichever way it is turned upright."""
-    return min((float(points[2].min()) + drop for points, drop in _hanging(model)), default=0.0)
+    return min((float(points[2].min()) + drop for points, drop in _turning_points(model)), default=0.0)
 
 
-def _points(model: ObjectModel, pose: Pose) -> list[FloatArray]:
+def _posed_points(model: ObjectModel, pose: Pose) -> list[FloatArray]:
     """Points (3, N) whose convex hull holds a collider, for each of an object at ``pose``; a ball's never turn."""
-    found: list[FloatArray] = []
+    clouds: list[FloatArray] = []
     for shape, local in zip(model.colliders, _local_points(model), strict=True):
         if shape.kind == "sphere":
             center = np.asarray(shape.position)[:, None]
-            found.append(transforms.apply(pose, center) + (local - center))
+            clouds.append(transforms.apply(pose, center) + (local - center))
         else:
-            found.append(transforms.apply(pose, local))
-    return found
+            clouds.append(transforms.apply(pose, local))
+    return clouds
 
 
 def prisms(model: ObjectModel, pose: Pose, owner: int = -1) -> list[Prism]:
     """One prism for each collider of an object at ``pose``."""
     return [
         Prism(convex_hull(points[:2].T), float(points[2].min()), float(points[2].max()), owner)
-        for points in _points(model, pose)
+        for points in _posed_points(model, pose)
     ]
 
 
-def lowest(model: ObjectModel, pose: Pose) -> float:
+def lowest_height(model: ObjectModel, pose: Pose) -> float:
     """The height of the lowest point of an object's colliders at ``pose``, metres."""
     x, y, z, w = transforms.quat(pose[1])
     if x == y == 0:
-        return pose[0][2] + _hanging_upright(model)
+        return pose[0][2] + _lowest_when_upright(model)
     upward = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])  # what turns into height
-    return pose[0][2] + min((float((upward @ points).min()) + drop for points, drop in _hanging(model)), default=0.0)
+    return pose[0][2] + min(
+        (float((upward @ points).min()) + drop for points, drop in _turning_points(model)), default=0.0
+    )
 
 
 def footprint(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
     """One prism around the whole object at ``pose``; a mark without colliders is a flat one."""
     if model.colliders:
-        points = np.hstack(_points(model, pose))
+        points = np.hstack(_posed_points(model, pose))
     else:
         corners = np.array(np.meshgrid(*zip(*model.bounds, strict=True), indexing="ij"), dtype=np.float64)
         points = transforms.apply(pose, corners.reshape(3, -1))
@@ -157,10 +159,10 @@ def footprint(model: ObjectModel, pose: Pose, owner: int = -1) -> Prism:
 def rectangle(center: tuple[float, float], size: tuple[float, float], yaw: float) -> FloatArray:
     """The outline (4, 2) of a turned rectangle."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.asarray(size) / 2
-    return corners @ turn(yaw).T + np.asarray(center)
+    return corners @ rotation_2d(yaw).T + np.asarray(center)
 
 
-def turn(yaw: float) -> FloatArray:
+def rotation_2d(yaw: float) -> FloatArray:
     """The 2 x 2 rotation by ``yaw`` radians."""
     return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
 
@@ -173,7 +175,7 @@ def _normals(outline: FloatArray) -> FloatArray:
     return normals / np.maximum(np.sqrt((normals * normals).sum(axis=1, keepdims=True)), 1e-12)
 
 
-def gaps(moving: FloatArray, still: FloatArray, offsets: FloatArray) -> FloatArray:
+def signed_gaps(moving: FloatArray, still: FloatArray, offsets: FloatArray) -> FloatArray:
     """Signed gap (N,) between two convex outlines, with ``moving`` shifted by each of ``offsets`` (N, 2).
 
     Positive: at least that far apart along some axis. Negative: they overlap.
@@ -204,7 +206,7 @@ def rest_heights(body: Prism, obstacles: Iterable[Prism], offsets: FloatArray, g
         x0, y0, x1, y1 = obstacle.box
         if x0 > high[0] + gap or y0 > high[1] + gap or x1 < low[0] - gap or y1 < low[1] - gap:
             continue
-        touching = gaps(body.outline, obstacle.outline, offsets) < gap
+        touching = signed_gaps(body.outline, obstacle.outline, offsets) < gap
         np.maximum(heights, obstacle.high, out=heights, where=touching)
     return heights
 
@@ -218,7 +220,7 @@ def rest_height(body: Sequence[Prism], obstacles: Sequence[Prism], offset: Float
     return max(float(rest_heights(prism, obstacles, offset, gap)[0]) - (prism.low - low) for prism in body)
 
 
-def near(prism: Prism, others: Iterable[Prism], offset: Sequence[float], reach: float) -> list[Prism]:
+def nearby(prism: Prism, others: Iterable[Prism], offset: Sequence[float], reach: float) -> list[Prism]:
     """Those of the others that may be within ``reach`` (m) of a prism shifted by an offset (2,), seen from above."""
     (x0, y0, x1, y1), (dx, dy) = prism.box, offset
     x0, y0, x1, y1 = x0 + dx - reach, y0 + dy - reach, x1 + dx + reach, y1 + dy + reach
@@ -240,7 +242,7 @@ def nearest_point(outline: FloatArray, point: FloatArray) -> FloatArray:
     return point if inside else np.asarray(feet[int(np.argmin(away))])
 
 
-def overlap(first: FloatArray, second: FloatArray) -> FloatArray:
+def intersection_outline(first: FloatArray, second: FloatArray) -> FloatArray:
     """What two convex outlines have in common, as an outline (K, 2); empty where they are apart."""
     kept = first
     for start, normal in zip(second, _normals(second), strict=True):
@@ -255,14 +257,14 @@ def overlap(first: FloatArray, second: FloatArray) -> FloatArray:
     return kept
 
 
-def distance(first: FloatArray, second: FloatArray) -> float:
+def outline_distance(first: FloatArray, second: FloatArray) -> float:
     """The distance between two convex outlines, metres; 0 where they overlap."""
-    if gaps(first, second, np.zeros((1, 2)))[0] <= 0:
+    if signed_gaps(first, second, np.zeros((1, 2)))[0] <= 0:
         return 0.0
-    return min(_to_edges(first, second), _to_edges(second, first))
+    return min(_distance_to_edges(first, second), _distance_to_edges(second, first))
 
 
-def _to_edges(points: FloatArray, outline: FloatArray) -> float:
+def _distance_to_edges(points: FloatArray, outline: FloatArray) -> float:
     """The least distance from any of the points (N, 2) to any edge of an outline."""
     edges = np.roll(outline, -1, axis=0) - outline
     length = np.maximum((edges**2).sum(axis=1), 1e-12)

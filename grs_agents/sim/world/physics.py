@@ -245,7 +245,7 @@ class Physics:
         Returns:
             Whether ``stop`` halted the arm.
         """
-        rate = joint_paths.rates(path, self.timestep)
+        rate = joint_paths.joint_speeds(path, self.timestep)
         # A free hand is content with half the rate; what is held would be shaken off by its coarser steps.
         stride = 2 if self.cup.held is None else 1
         commands = path[stride - 1 :: stride] + rate[stride - 1 :: stride] * self._lead

@@ -48,7 +48,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Sight:
+class VisibleScene:
     """What there is to see.
 
     Attributes:
@@ -70,7 +70,7 @@ class Sight:
     background: str | None = None
 
 
-def rays(view: View) -> FloatArray:
+def camera_rays(view: View) -> FloatArray:
     """Directions (H * W, 3) with length 1 along the optical axis, robot frame."""
     forward = np.subtract(view.target, view.position)
     forward = forward / np.linalg.norm(forward)
@@ -83,21 +83,21 @@ def rays(view: View) -> FloatArray:
     return (forward + x[..., None] * right + y[..., None] * down).reshape(-1, 3)
 
 
-def render(sight: Sight, views: Sequence[View]) -> list[Picture]:
+def render(sight: VisibleScene, views: Sequence[View]) -> list[Picture]:
     """One picture for each view."""
-    scene = _seen(sight)
+    scene = _compile_visible(sight)
     return [
-        _picture(scene, np.asarray(view.position), rays(view).reshape(view.height, view.width, 3), _GROUPS)
+        _trace_picture(scene, np.asarray(view.position), camera_rays(view).reshape(view.height, view.width, 3), _GROUPS)
         for view in views
     ]
 
 
-def cast(sight: Sight, eye: FloatArray, directions: FloatArray) -> Picture:
+def cast_rays(sight: VisibleScene, eye: FloatArray, directions: FloatArray) -> Picture:
     """The picture that rays (H, W, 3) from ``eye`` (m) make, each of length 1 along the optical axis."""
-    return _picture(_seen(sight), eye, directions, _NO_ARM if sight.joints is None else _GROUPS)
+    return _trace_picture(_compile_visible(sight), eye, directions, _NO_ARM if sight.joints is None else _GROUPS)
 
 
-def _seen(sight: Sight) -> compilation.World:
+def _compile_visible(sight: VisibleScene) -> compilation.World:
     scene = compilation.build(
         sight.objects, sight.library, visuals=True, arm=sight.arm, tool=sight.tool, background=sight.background
     )
@@ -110,7 +110,7 @@ def _seen(sight: Sight) -> compilation.World:
     return scene
 
 
-def _picture(
+def _trace_picture(
     scene: compilation.World, eye: FloatArray, directions: FloatArray, groups: npt.NDArray[np.uint8]
 ) -> Picture:
     shape = (directions.shape[0], directions.shape[1])
@@ -155,7 +155,7 @@ def png(color: npt.NDArray[np.uint8]) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + body
 
 
-def observe(sight: Sight) -> dict[str, tuple[npt.NDArray[Any], ...]]:
+def render_observation(sight: VisibleScene) -> dict[str, tuple[npt.NDArray[Any], ...]]:
     """The three observation cameras: ``color`` and ``depth``."""
     pictures = render(sight, (FRONT, LEFT, RIGHT))
     return {

@@ -111,11 +111,11 @@ class Tabletop:
                 f"add_object({name!r}) was given the pose None: no free place was found for it",
                 "add fewer or smaller objects, or give a fixed pose",
             )
-        filling = templates.filled(name)
+        filling = templates.filling_of(name)
         if filling is None:
             self.library.asset(name)
             if defaults := self.library.template_defaults(name):
-                self.warn(f"{name} was not filled in: it takes its defaults, {templates.listed(defaults)}")
+                self.warn(f"{name} was not filled in: it takes its defaults, {templates.describe_values(defaults)}")
         if category not in CATEGORIES:
             raise SimulationError(f"add_object: category {category!r} is unknown", f"use one of {CATEGORIES}")
         if category == "deformable":
@@ -139,7 +139,7 @@ class Tabletop:
         """
         budget.check_objects(len(self._objects) + 1)
         number, shapes = self._next, compilation.model_of(item, self.library)
-        self._vertices = budget.with_vertices(self._vertices, shapes, self.library)
+        self._vertices = budget.add_vertices(self._vertices, shapes, self.library)
         self._objects[number] = item if item.id == number else item.model_copy(update={"id": number})
         self._models[number], self._stale = shapes, True
         return number
@@ -197,12 +197,12 @@ class Tabletop:
         Raises:
             SimulationError: there is none.
         """
-        found = self._objects.get(obj) if obj.__hash__ else None  # a list has no hash
-        if found is None:
+        item = self._objects.get(obj) if obj.__hash__ else None  # a list has no hash
+        if item is None:
             ids = ", ".join(map(str, list(self._objects)[:20])) or "none yet"
             more = ", ..." if len(self._objects) > 20 else ""
             raise SimulationError(f"there is no object {obj!r}"[:150], f"use one of the ids {ids}{more}")
-        return found
+        return item
 
     def shapes(self, obj: int) -> ObjectModel:
         """What an object is made of."""
@@ -298,7 +298,7 @@ class Tabletop:
             if not compilation.is_free(item, self._models[number]):
                 continue
             pose = self.get_object_pose(number)
-            low = footprints.lowest(self._models[number], pose)
+            low = footprints.lowest_height(self._models[number], pose)
             if low < 0:
                 (x, y, z), rotation = pose
                 self.place_object(number, ((x, y, z - low + 0.0002), rotation))

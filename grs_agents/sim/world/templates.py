@@ -61,7 +61,7 @@ def configure(
     """
     defaults.library, defaults.seed, defaults.robot, defaults.background = library, seed, robot, background
     if limits is not None:
-        budget.grant(limits)
+        budget.limit_call(limits)
 
 
 def default_library() -> Library:
@@ -72,20 +72,20 @@ def default_library() -> Library:
 
 def asset_name(name: str, library: Library) -> str:
     """The library's name for a URDF that may be written with folders in front, as in ``assets_root + name``."""
-    for candidate in _tails(str(name)):
+    for candidate in _path_suffixes(str(name)):
         if candidate in library or candidate in _filled:
             return candidate
     return str(name)
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _tails(path: str) -> tuple[str, ...]:
+def _path_suffixes(path: str) -> tuple[str, ...]:
     """A path, then without its first folder, and so on."""
     parts = PurePosixPath(path.replace("\\", "/")).parts
     return tuple("/".join(parts[start:]) for start in range(len(parts)))
 
 
-def remembered(
+def cached_filling(
     library: Library, what: str, template: str, values: Mapping[str, Any], make: Callable[[], Result]
 ) -> Result:
     """What ``make`` makes of a template of a library and values for it; made anew only if it was not lately."""
@@ -97,8 +97,8 @@ def remembered(
         if len(known) >= _REMEMBERED:
             known.clear()
         known[key] = made
-    found: Result = known[key]
-    return found
+    result: Result = known[key]
+    return result
 
 
 def _is_exact(value: Any) -> bool:
@@ -109,7 +109,7 @@ def _is_exact(value: Any) -> bool:
 
 
 def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
-    """Fill a template and give the result a name that ``filled`` knows; what is no template keeps its own name.
+    """Fill a template and give the result a name that ``filling_of`` knows; what is no template keeps its own name.
 
     Raises:
         UnknownNameError: the library has no such template.
@@ -123,7 +123,7 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
         return base
     for row in replace.values():
         _array(row)
-    values = resolve({**before, **_positive(replace, preset)}, preset)[0]
+    values = resolve_template({**before, **_with_positive_lengths(replace, preset)}, preset)[0]
     _check_lengths(base, values)
     library.filled(base, values)
     name = f"{base}#{sorted(values.items())}"
@@ -131,14 +131,14 @@ def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     return name
 
 
-def fill_noting(library: Library, template: str, replace: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
-    """As ``fill``, and what ``unsure`` says of it."""
-    return remembered(
+def fill_noted(library: Library, template: str, replace: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
+    """As ``fill``, and what ``assumptions`` says of it."""
+    return cached_filling(
         library,
         "name",
         template,
         replace,
-        lambda: (fill(library, template, replace), tuple(unsure(library, template, replace))),
+        lambda: (fill(library, template, replace), tuple(assumptions(library, template, replace))),
     )
 
 
@@ -146,10 +146,10 @@ def _check_lengths(template: str, values: Values) -> None:
     for stem, row in values.items():
         largest = max((abs(value) for value in row if not isinstance(value, str)), default=0.0)
         if largest > LARGEST_VALUE:
-            raise InputError(f"{template}: {stem} is {_row(row)}", f"give metres, at most {LARGEST_VALUE:g}")
+            raise InputError(f"{template}: {stem} is {_format_row(row)}", f"give metres, at most {LARGEST_VALUE:g}")
 
 
-def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[str]:
+def assumptions(library: Library, template: str, replace: Mapping[str, Any]) -> list[str]:
     """One clause for each value of a template that had to be assumed: left out, unknown to it, or negative."""
     base = asset_name(template, library)
     if base in _filled:
@@ -157,11 +157,11 @@ def unsure(library: Library, template: str, replace: Mapping[str, Any]) -> list[
     preset = library.template_defaults(base)
     if not preset:
         return ["it is no template, used as it is"]
-    known, assumed = stems(preset), resolve(_positive(replace, preset), preset)[1]
-    found = [f"{stem} left out takes its default {_row(row)}" for stem, row in assumed.items()]
-    found += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
+    known, assumed = template_stems(preset), resolve_template(_with_positive_lengths(replace, preset), preset)[1]
+    clauses = [f"{stem} left out takes its default {_format_row(row)}" for stem, row in assumed.items()]
+    clauses += [f"{stem} is no placeholder of it, ignored" for stem in replace if stem not in known]
     negative = [stem for stem in replace if stem in known and _is_length(stem, preset) and _has_negative(replace[stem])]
-    return found + [f"{stem} has negative lengths, taken without their sign" for stem in negative]
+    return clauses + [f"{stem} has negative lengths, taken without their sign" for stem in negative]
 
 
 def _is_length(stem: str, preset: Values) -> bool:
@@ -169,7 +169,7 @@ def _is_length(stem: str, preset: Values) -> bool:
     return "DIM" in preset and stem.startswith(("DIM", "HALF", "SCALE"))
 
 
-def _positive(replace: Mapping[str, Any], preset: Values) -> dict[str, Any]:
+def _with_positive_lengths(replace: Mapping[str, Any], preset: Values) -> dict[str, Any]:
     """Lengths made positive: box corners in the wrong order give negative ones."""
     return {
         stem: np.abs(value).tolist() if _is_length(stem, preset) and _has_negative(value) else value
@@ -194,19 +194,19 @@ def _array(values: Any) -> npt.NDArray[Any]:
         raise InputError(f"template values {str(values)[:80]} are no row of numbers", "give (x, y, z)") from error
 
 
-def listed(values: Values) -> str:
+def describe_values(values: Values) -> str:
     """Placeholders and their values in words."""
-    return ", ".join(f"{stem} {_row(row)}" for stem, row in values.items())
+    return ", ".join(f"{stem} {_format_row(row)}" for stem, row in values.items())
 
 
-def _row(row: Sequence[float | str]) -> str:
-    return f"({', '.join(_short(value) for value in row)})"
+def _format_row(row: Sequence[float | str]) -> str:
+    return f"({', '.join(_format_value(value) for value in row)})"
 
 
-def _short(value: float | str) -> str:
+def _format_value(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:.4g}"
 
 
-def filled(name: str) -> Filling | None:
+def filling_of(name: str) -> Filling | None:
     """What a filled template's name stands for, None for any other name."""
     return _filled.get(name)

@@ -81,7 +81,7 @@ def _gl_painter(mujoco: Any, stage: Any, order: dict[str, Any]) -> Callable[[], 
 
 
 def _ray_painter(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
-    from grs_agents.sim.world.rendering import View, rays
+    from grs_agents.sim.world.rendering import View, camera_rays
     from grs_agents.views.film.stage import paint
 
     azimuth, elevation = np.deg2rad(order["azimuth"]), np.deg2rad(order["elevation"])
@@ -89,7 +89,7 @@ def _ray_painter(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
     eye = np.array(order["target"]) - order["distance"] * ahead
     x, y, z = (float(value) for value in eye)
     view = View((x, y, z), tuple(order["target"]), 45.0, order["height"], order["width"])
-    directions = rays(view).reshape(order["height"], order["width"], 3)
+    directions = camera_rays(view).reshape(order["height"], order["width"], 3)
     return lambda: paint(stage.model, stage.data, eye, directions)
 
 

@@ -12,7 +12,7 @@ from grs_agents.perception.settling import PlacedObject
 from grs_agents.perception.settling.settling import instances, prepare
 from grs_agents.perception.types import Mask
 from grs_agents.sim.world.compilation import World, build, place
-from grs_agents.sim.world.rendering import Sight, cast
+from grs_agents.sim.world.rendering import VisibleScene, cast_rays
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 300.0
 LIBRARY = Library()
@@ -44,7 +44,7 @@ def photo_of(things: Sequence[PlacedObject], library: Library) -> tuple[RGBDFram
     camera = Camera(fx=FOCAL, fy=FOCAL, cx=WIDTH / 2, cy=HEIGHT / 2, width=WIDTH, height=HEIGHT, depth_scale=0.001)
     rows, columns = np.indices((HEIGHT, WIDTH))
     local = np.stack([(columns - camera.cx) / FOCAL, (rows - camera.cy) / FOCAL, np.ones((HEIGHT, WIDTH))], axis=-1)
-    picture = cast(Sight(instances(things, library), library), eye, np.asarray(local @ turn.T, np.float64))
+    picture = cast_rays(VisibleScene(instances(things, library), library), eye, np.asarray(local @ turn.T, np.float64))
     matrix = tuple((*(float(value) for value in row), float(place)) for row, place in zip(turn, eye, strict=True))
     table = TableFrame(T_robot_cam=(*matrix, (0.0, 0.0, 0.0, 1.0)), origin="calibrated", residual=0.0, inliers=0.5)
     return RGBDFrame(picture.color, picture.depth, camera, Path("photo")), table, picture.owner >= 0

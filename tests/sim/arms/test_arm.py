@@ -9,7 +9,7 @@ from sim_scenes import Scripted, at
 from grs_agents.content import content_root
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.sim import Environment, solve, task_class
-from grs_agents.sim.arms.arm_model import Posture
+from grs_agents.sim.arms.arm_model import ArmModel
 from grs_agents.sim.arms.registry import get_arm
 
 GANTRY = """
@@ -109,15 +109,15 @@ def test_the_same_seed_gives_the_same_motion_bit_for_bit(robot) -> None:
 @given(st.floats(0.38, 0.65), st.floats(-1.0, 1.0), st.floats(0.01, 0.35), st.floats(-1.2, 1.2))
 def test_where_the_panda_reaches_its_joints_bring_the_tip_and_keep_their_limits(radius, bearing, height, yaw) -> None:
     arm, tip = get_arm("panda"), np.array([[radius * np.cos(bearing), radius * np.sin(bearing), height]])
-    way = np.linspace(Posture(arm.add).tip(arm.home)[0], tip[0], 40)
+    way = np.linspace(ArmModel(arm.add).tip(arm.home)[0], tip[0], 40)
     path = arm.solve(way, np.linspace(0, yaw, 40))
     assert arm.reachable(tip)[0]
     assert arm.within_limits(path)
-    point, rotation = Posture(arm.add).tip(path[-1])
+    point, rotation = ArmModel(arm.add).tip(path[-1])
     np.testing.assert_allclose(point, tip[0], atol=2e-4)
     np.testing.assert_allclose(rotation[:2, 0], (np.cos(yaw), np.sin(yaw)), atol=1e-3)
     for row, wanted in zip(path, way, strict=True):
-        np.testing.assert_allclose(Posture(arm.add).tip(row)[0], wanted, atol=6e-3)
+        np.testing.assert_allclose(ArmModel(arm.add).tip(row)[0], wanted, atol=6e-3)
 
 
 @given(st.floats(0.22, 0.85), st.floats(-1.5, 1.5), st.floats(0.001, 0.5), st.floats(-3, 3))
@@ -132,7 +132,7 @@ def test_the_tool_tilts(name) -> None:
     arm = get_arm(name)
     lean = np.array([[1, 0, 0], [0, np.cos(0.5), -np.sin(0.5)], [0, np.sin(0.5), np.cos(0.5)]])
     path = arm.solve_poses(np.array([[0.45, 0.1, 0.2]]), lean[None])
-    point, rotation = Posture(arm.add).tip(path[0])
+    point, rotation = ArmModel(arm.add).tip(path[0])
     np.testing.assert_allclose(point, (0.45, 0.1, 0.2), atol=2e-4)
     np.testing.assert_allclose(rotation, lean, atol=1e-3)
 

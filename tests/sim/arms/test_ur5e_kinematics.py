@@ -3,9 +3,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.sim.arms import ur5e
-from grs_agents.sim.arms.arm_model import Posture
+from grs_agents.sim.arms.arm_model import ArmModel
 
-ARM = Posture(ur5e.UR5e().add)
+ARM = ArmModel(ur5e.UR5e().add)
 
 
 @given(st.floats(0.25, 0.75), st.floats(-1.5, 1.5), st.floats(0, 0.3), st.floats(-3, 3))

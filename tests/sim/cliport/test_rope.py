@@ -3,7 +3,7 @@ import pytest
 from sim_scenes import UPRIGHT, Scripted, at
 
 from grs_agents.sim import Environment, NoFreeSpaceError, SimulationError, TaskInstance, instantiate, p, rollout, utils
-from grs_agents.sim.expert.oracle import dragged
+from grs_agents.sim.expert.oracle import dragged_rope
 
 ENDS = ((0.4, 0.2, 0.0), (0.4, -0.08, 0.0))
 
@@ -111,7 +111,7 @@ def test_beads_of_another_size_and_a_rope_between_poses() -> None:
 
 def test_what_is_not_held_follows_at_its_distance() -> None:
     beads = np.array([(0.02 * number, 0.0) for number in range(5)])
-    after = dragged(beads, 0, np.array([0.0, 0.1]))
+    after = dragged_rope(beads, 0, np.array([0.0, 0.1]))
     assert after[0] == pytest.approx((0.0, 0.1))
     assert np.linalg.norm(np.diff(after, axis=0), axis=1) == pytest.approx(0.02)
     assert np.linalg.norm(after[4] - beads[4]) < 0.1

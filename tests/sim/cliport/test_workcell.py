@@ -3,7 +3,7 @@ import pytest
 from sim_scenes import Scripted, at
 
 from grs_agents.sim import Environment, SimulationError, UnsupportedError, utils
-from grs_agents.sim.arms.arm_model import Posture
+from grs_agents.sim.arms.arm_model import ArmModel
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def test_a_move_that_does_not_get_there_in_time_says_so(env) -> None:
 
 
 def test_joint_angles_are_the_ones_of_the_pose(env) -> None:
-    tip, _ = Posture(env.arm.add).tip(env.solve_ik(at(0.5, 0.2, 0.1)))
+    tip, _ = ArmModel(env.arm.add).tip(env.solve_ik(at(0.5, 0.2, 0.1)))
     assert tip == pytest.approx((0.5, 0.2, 0.1))
 
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from sim_scenes import Scripted, at, pose_goal, run, zone_goal
 
 from grs_agents.sim import Environment, instantiate, rollout, utils
-from grs_agents.sim.goals.strict_score import assign
+from grs_agents.sim.goals.strict_score import match_rows_to_targets
 
 BLOCKS = ("block/red_block.urdf", "block/blue_block.urdf")
 LYING = utils.eulerXYZ_to_quatXYZW((np.pi / 2, 0, 0))
@@ -114,7 +114,7 @@ def test_an_object_that_two_goals_speak_of_in_turn_is_judged_at_the_last() -> No
 
 @given(st.lists(st.lists(st.integers(0, 5), unique=True, max_size=4), max_size=6))
 def test_targets_are_assigned_once_and_to_as_many_as_possible(options) -> None:
-    given_out = assign(options)
+    given_out = match_rows_to_targets(options)
     assert len(set(given_out.values())) == len(given_out)
     assert all(target in options[row] for row, target in given_out.items())
     assert len(given_out) == most(options, frozenset())

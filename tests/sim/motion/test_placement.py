@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from sim_scenes import Scripted
 
 from grs_agents.sim import Environment, NoFreeSpaceError
-from grs_agents.sim.world.footprints import footprint, gaps
+from grs_agents.sim.world.footprints import footprint, signed_gaps
 
 
 @settings(max_examples=10, deadline=None)
@@ -18,7 +18,7 @@ def test_random_poses_are_free_and_within_reach(seed: int) -> None:
     env.reset(settle=False)
     outlines = [footprint(env.shapes(item.id), item.pose).outline for item in env.objects]
     for index, outline in enumerate(outlines):
-        assert all(gaps(outline, other, np.zeros((1, 2)))[0] > 0 for other in outlines[:index])
+        assert all(signed_gaps(outline, other, np.zeros((1, 2)))[0] > 0 for other in outlines[:index])
     assert all(env.arm.can_reach(item.pose[0]) for item in env.objects)
 
 

@@ -5,8 +5,8 @@ from sim_scenes import Scripted, at, pose_goal, run, zone_goal
 from grs_agents.sim import Environment, Task, TaskInstance, in_zone, instantiate, rollout, upright
 from grs_agents.sim.arms.robot import BLADE_WIDTH
 from grs_agents.sim.cliport.end_effectors import Spatula, push
-from grs_agents.sim.expert.push_oracle import Pieces, Strokes, clear_starts, predict
-from grs_agents.sim.motion.push import stroke
+from grs_agents.sim.expert.push_oracle import Pieces, Strokes, predict_places, starts_clear_of_pieces
+from grs_agents.sim.motion.push import stroke_endpoints
 
 LEFT = at(0.5, 0.27, 0.001)
 
@@ -50,9 +50,9 @@ def push_from(env: Environment, start: tuple[float, float], end: tuple[float, fl
 
 
 def test_a_stroke_begins_two_centimetres_early_and_ends_five_short() -> None:
-    start, end = stroke(at(0.5, 0.0, 0.3), at(0.5, 0.2, 0.3)) or pytest.fail("no stroke")
+    start, end = stroke_endpoints(at(0.5, 0.0, 0.3), at(0.5, 0.2, 0.3)) or pytest.fail("no stroke")
     np.testing.assert_allclose((start, end), ((0.5, -0.02, 0.005), (0.5, 0.15, 0.005)))
-    assert stroke(at(0.5, 0.0, 0), at(0.5, 0.02, 0)) is None
+    assert stroke_endpoints(at(0.5, 0.0, 0), at(0.5, 0.02, 0)) is None
 
 
 def test_a_block_is_pushed_as_far_as_the_blade_goes_and_lies_still() -> None:
@@ -153,9 +153,9 @@ def test_words_about_piles_choose_the_spatula_and_suction_tasks_keep_the_cup() -
 def test_the_model_of_a_stroke_queues_pieces_up_ahead_of_the_blade() -> None:
     pieces = Pieces((1, 2, 3), np.array([[0.1, 0.0], [0.12, 0.0], [0.1, BLADE_WIDTH]]), np.full(3, 0.005))
     strokes = Strokes(np.zeros((1, 2)), np.array([[0.2, 0.0]]))
-    after = predict(strokes, pieces)[0]
+    after = predict_places(strokes, pieces)[0]
     assert after[0] == pytest.approx((0.205, 0.0))
     assert after[1, 0] > after[0, 0] + 0.009
     assert after[2] == pytest.approx(pieces.places[2])
-    assert clear_starts(strokes, pieces).all()
-    assert not clear_starts(Strokes(np.array([[0.1, 0.0]]), np.array([[0.2, 0.0]])), pieces).any()
+    assert starts_clear_of_pieces(strokes, pieces).all()
+    assert not starts_clear_of_pieces(Strokes(np.array([[0.1, 0.0]]), np.array([[0.2, 0.0]])), pieces).any()

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.sim.motion.tool_paths import Pace, shares
+from grs_agents.sim.motion.tool_paths import Pace, motion_profile
 
 TIMESTEP = 0.004
 
@@ -11,7 +11,7 @@ TIMESTEP = 0.004
 def test_a_way_is_gone_in_order_and_neither_too_fast_nor_too_hard(
     length: float, speed: float, acceleration: float
 ) -> None:
-    gone = length * shares(length, Pace(speed, acceleration, TIMESTEP))
+    gone = length * motion_profile(length, Pace(speed, acceleration, TIMESTEP))
     speeds = np.diff(gone) / TIMESTEP
     assert abs(gone[0]) < 1e-9
     assert abs(gone[-1] - length) < 1e-9
@@ -24,4 +24,4 @@ def test_a_way_is_gone_in_order_and_neither_too_fast_nor_too_hard(
 @given(length=st.floats(0.02, 1.5))
 def test_a_longer_way_never_takes_less_time(length: float) -> None:
     gait = Pace(0.8, 25.0, TIMESTEP)
-    assert len(shares(length * 1.05, gait)) >= len(shares(length, gait))
+    assert len(motion_profile(length * 1.05, gait)) >= len(motion_profile(length, gait))

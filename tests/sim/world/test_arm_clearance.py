@@ -50,7 +50,7 @@ def test_an_environment_takes_it_away_again(library: Library) -> None:
 
 def test_cameras_see_it(library: Library) -> None:
     view = rendering.View((0.5, -0.2, 1.0), (0.5, -0.19, 0.0), height=60, width=80)
-    sight = rendering.Sight((), library, background="background/room.urdf")
+    sight = rendering.VisibleScene((), library, background="background/room.urdf")
     red, _, blue = rendering.render(sight, [view])[0].color[30, 40].tolist()
     assert blue > 3 * red
 

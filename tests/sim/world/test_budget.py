@@ -84,7 +84,7 @@ def test_two_hundred_objects_are_enough_without_limits() -> None:
 
 def test_vertices_are_those_of_all_meshes_on_the_table() -> None:
     shapes, library = Library().model(MUG), Library()
-    each = budget.with_vertices(0, shapes, library)
+    each = budget.add_vertices(0, shapes, library)
     assert each > 100
     sim.configure(limits=Limits(mesh_vertices=2 * each))
     env = Environment()

@@ -23,7 +23,7 @@ def test_a_hull_holds_all_its_points(cloud) -> None:
 def test_gaps_are_the_distance_along_the_axis_between_squares(x, y, yaw) -> None:
     square = footprints.rectangle((0, 0), (0.2, 0.2), 0)
     other = footprints.rectangle((x, y), (0.001, 0.001), yaw)
-    gap = float(footprints.gaps(other, square, np.zeros((1, 2)))[0])
+    gap = float(footprints.signed_gaps(other, square, np.zeros((1, 2)))[0])
     expected = max(abs(x), abs(y)) - 0.1
     assert abs(gap - expected) < 0.002 or gap >= expected
 
@@ -53,8 +53,8 @@ def test_the_outline_of_a_ball_does_not_turn_with_it() -> None:
 @given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-3, 3))
 def test_an_overlap_lies_in_both_outlines_and_is_there_if_they_meet(x, y, yaw) -> None:
     first, second = footprints.rectangle((0, 0), (0.2, 0.1), 0), footprints.rectangle((x, y), (0.15, 0.05), yaw)
-    common = footprints.overlap(first, second)
-    gap = footprints.gaps(first, second, np.zeros((1, 2)))[0]
+    common = footprints.intersection_outline(first, second)
+    gap = footprints.signed_gaps(first, second, np.zeros((1, 2)))[0]
     if gap < -1e-6:
         assert len(common) > 2
         for outline in (first, second):
