@@ -11,10 +11,11 @@ from grs_agents.models.offline.report_evidence import read_evidence
 from tests.models.conftest import Json, rich_scene, scenes
 from tests.models.roles import fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
 
-OUTCOMES = (
-    "stopped", "partial", "step_limit", "unreachable", "dropped", "toppled", "target_occupied", "target_too_small",
-    "no_free_space", "nothing_to_do", "error",
-)  # fmt: skip
+_OUTCOMES = """
+stopped partial step_limit unreachable dropped toppled target_occupied target_too_small no_free_space
+nothing_to_do error
+"""
+OUTCOMES = _OUTCOMES.split()
 
 
 def report(outcome: str, objects: list[str], steps: str = "9/9") -> str:

@@ -125,28 +125,24 @@ def test_a_byte_now_and_then_does_not_outlast_the_deadline(provider: Callable[[S
     given_up.set()
 
 
-@pytest.mark.parametrize(
-    "body",
-    [
-        completion("x", choices=[]),
-        completion("x", choices=None),
-        completion({"a": 1}),
-        b'{"choices": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
-        b"[]",
-        b"nonsense",
-        json.dumps({"id": "x", "choices": [{"index": 0, "finish_reason": "stop"}]}).encode(),
-        completion("x", usage={"prompt_tokens": "many", "completion_tokens": 5, "total_tokens": 16}),
-        b'{"id": ' + b"9" * 5000 + b"}",
-        completion("half a \ud800 pair"),
-    ],
-    ids=[
-        "no-choices", "null-choices", "content-object", "deep", "list", "text", "no-message", "tokens", "digits",
-        "surrogate",
-    ],
-)  # fmt: skip
-def test_what_is_no_reply_is_an_unusable_reply(provider: Callable[[Send], str], body: bytes) -> None:
+NO_REPLIES = {
+    "no choices": completion("x", choices=[]),
+    "null choices": completion("x", choices=None),
+    "content that is an object": completion({"a": 1}),
+    "deep": b'{"choices": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
+    "list": b"[]",
+    "text": b"nonsense",
+    "no message": json.dumps({"id": "x", "choices": [{"index": 0, "finish_reason": "stop"}]}).encode(),
+    "tokens": completion("x", usage={"prompt_tokens": "many", "completion_tokens": 5, "total_tokens": 16}),
+    "digits": b'{"id": ' + b"9" * 5000 + b"}",
+    "surrogate": completion("half a \ud800 pair"),
+}
+
+
+@pytest.mark.parametrize("name", NO_REPLIES)
+def test_what_is_no_reply_is_an_unusable_reply(provider: Callable[[Send], str], name: str) -> None:
     with pytest.raises(ReplyProblem) as caught:
-        ask(provider(whole(body)))
+        ask(provider(whole(NO_REPLIES[name])))
     assert caught.value.kind in ("malformed", "empty")
     str(caught.value).encode()
 

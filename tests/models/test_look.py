@@ -16,17 +16,15 @@ from tests.models.conftest import Json, render
 from tests.models.roles import as_text, block
 
 ASSETS: list[Json] = [
-    {"name": "HOPE/Milk.urdf", "description": "a white and blue carton of milk", "color": "white", "category": "carton",
-     "size": [0.073, 0.072, 0.19]},
-    {"name": "HOPE/Corn.urdf", "description": "a yellow can of corn", "color": "yellow", "category": "can",
-     "size": [0.071, 0.066, 0.058]},
-    {"name": "HOPE/Peas.urdf", "description": "a green can of peas", "color": "green", "category": "can",
-     "size": [0.071, 0.066, 0.058]},
-    {"name": "HOPE/Beans.urdf", "description": "a green can of beans", "color": "green", "category": "can",
-     "size": [0.071, 0.066, 0.058]},
-    {"name": "HOPE/Raisins.urdf", "description": "a purple box of raisins", "color": "purple", "category": "box",
-     "size": [0.04, 0.086, 0.123]},
-]  # fmt: skip
+    {"name": f"HOPE/{name}.urdf", "description": description, "color": color, "category": category, "size": size}
+    for name, description, color, category, size in (
+        ("Milk", "a white and blue carton of milk", "white", "carton", [0.073, 0.072, 0.19]),
+        ("Corn", "a yellow can of corn", "yellow", "can", [0.071, 0.066, 0.058]),
+        ("Peas", "a green can of peas", "green", "can", [0.071, 0.066, 0.058]),
+        ("Beans", "a green can of beans", "green", "can", [0.071, 0.066, 0.058]),
+        ("Raisins", "a purple box of raisins", "purple", "box", [0.04, 0.086, 0.123]),
+    )
+]
 
 
 def ask(role: str, values: dict[str, str], image: np.ndarray | None = None) -> Json:

@@ -218,10 +218,11 @@ def _fenced(value: Json) -> str:
     return f"```json\n{json.dumps(value, ensure_ascii=False)}\n```"
 
 
-_KINDS = (
-    "bottle", "can", "box", "bowl", "mug", "cup", "plate", "jar", "carton", "tub", "canister", "cube", "pitcher",
-    "ball", "basket", "tray", "toy", "bag", "book", "pan", "sponge", "hammer", "scissors", "marker",
-)  # fmt: skip
+_KINDS_TEXT = """
+bottle can box bowl mug cup plate jar carton tub canister cube pitcher ball basket tray toy bag book pan sponge hammer
+scissors marker
+"""
+_KINDS = _KINDS_TEXT.split()
 
 
 def describe_asset(prompt: PromptText) -> str:

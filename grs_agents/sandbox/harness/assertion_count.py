@@ -10,9 +10,10 @@ from typing import cast
 
 COUNTER = "__asserted__"
 """The name that a counted program finds its counter by."""
-_FIXTURES = (
-    "setUp", "tearDown", "asyncSetUp", "asyncTearDown", "setUpClass", "tearDownClass", "setUpModule", "tearDownModule",
-)  # fmt: skip
+_FIXTURES = frozenset(f"{prefix}{suffix}" for prefix in ("setUp", "tearDown") for suffix in ("", "Class", "Module")) | {
+    "asyncSetUp",
+    "asyncTearDown",
+}
 _BODIES = ("body", "orelse", "finalbody")
 _Compound = ast.If | ast.Try | ast.For | ast.AsyncFor | ast.While | ast.With | ast.AsyncWith | ast.Match
 _Scope = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Lambda

@@ -301,16 +301,19 @@ def _load_error(error: BaseException) -> dict[str, Any]:
 
 def _found(tests: ModuleType) -> list[str]:
     """The ids of the tests that the loaded module has; a class under several names counts once."""
-    kinds = {
-        name: kind for name, kind in list(vars(tests).items())
-        if isinstance(kind, type) and issubclass(kind, unittest.TestCase) and kind.__name__ == name
-    }  # fmt: skip
+    cases = _test_cases(tests)
     return [
         f"{name}.{method}"
-        for name, kind in kinds.items()
+        for name, kind in cases.items()
         for method in dir(kind)
         if method.startswith("test") and callable(getattr(kind, method, None))
     ][:1000]
+
+
+def _test_cases(tests: ModuleType) -> dict[str, type[unittest.TestCase]]:
+    """The test classes of a module that have the name of their definition there."""
+    kinds = ((name, kind) for name, kind in list(vars(tests).items()) if isinstance(kind, type))
+    return {name: kind for name, kind in kinds if issubclass(kind, unittest.TestCase) and kind.__name__ == name}
 
 
 def _run(tests: ModuleType, pending: list[str], session: Session) -> None:

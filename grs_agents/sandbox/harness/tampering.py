@@ -16,10 +16,8 @@ from typing import Any, NamedTuple
 from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn
 
-_MODULES = (
-    "unittest", "unittest.case", "unittest.result", "unittest.suite", "unittest.util", "json", "json.encoder",
-    "contextlib", "traceback",
-)  # fmt: skip
+_UNITTEST = ("unittest", "unittest.case", "unittest.result", "unittest.suite", "unittest.util")
+_STANDARD = ("json", "json.encoder", "contextlib", "traceback")
 _NUMPY = ("numpy.testing", "numpy.testing._private.utils")
 _OWN = (
     "grs_agents.sandbox.harness.captured_error",
@@ -47,40 +45,34 @@ class Integrity:
     """
 
     def __init__(self, with_numpy: bool) -> None:
-        names = (*_MODULES, *_OWN, *(_NUMPY if with_numpy else ()))
-        self._with_numpy = with_numpy
+        names = (*_UNITTEST, *_STANDARD, *_OWN, *(_NUMPY if with_numpy else ()))
         self._modules = {name: importlib.import_module(name) for name in names}
-        found = [part for name, module in self._modules.items() for part in _parts_of(name, module)]
-        self._parts = [(part, *_inside(part.value)) for part in [*found, *_built_in()]]
+        parts = [part for name, module in self._modules.items() for part in _parts_of(name, module)]
+        self._parts = [(part, _content(part.value)) for part in [*parts, *_built_in()]]
 
     def broken(self) -> tuple[str, RaisedIn | None] | None:
         """What is no longer as it was, and which program the replacement comes from; None if all is well."""
-        for part, code, rest in self._parts:
+        for part, content in self._parts:
             value = part.place.get(part.name)
-            if value is not part.value or getattr(value, "__code__", None) is not code or _rest(value) != rest:
+            if value is not part.value or _content(value) != content:
                 return f"{part.where}.{part.name} was replaced", _origin(value)
         for name, module in self._modules.items():
             if sys.modules.get(name) is not module:
                 return f"the module {name} was replaced", None
-        toothless = next(_toothless(self._with_numpy), None)
-        return None if toothless is None else (f"{toothless} no longer fails", None)
+        ineffective = _ineffective_assertion()
+        return None if ineffective is None else (f"unittest's {ineffective} no longer fails", None)
 
 
 def overridden(kind: type[unittest.TestCase]) -> str | None:
     """The first part of unittest's machinery that a test class has its own version of, as ``Class.name``."""
-    async_case = _async_case()
-    for one in kind.__mro__:
-        if one is unittest.TestCase or one is async_case:
+    async_case = getattr(sys.modules.get("unittest.async_case"), "IsolatedAsyncioTestCase", None)  # a slow import
+    for parent in kind.__mro__:
+        if parent is unittest.TestCase or parent is async_case:
             return None
-        own = sorted(MACHINERY & set(vars(one)))
+        own = sorted(MACHINERY & set(vars(parent)))
         if own:
-            return f"{one.__name__}.{own[0]}"
+            return f"{parent.__name__}.{own[0]}"
     return None
-
-
-def _async_case() -> Any:
-    """unittest's other base class, if anybody uses it: its import is slow."""
-    return getattr(sys.modules.get("unittest.async_case"), "IsolatedAsyncioTestCase", None)
 
 
 def shadowed(test: unittest.TestCase, result: unittest.TestResult) -> str | None:
@@ -120,15 +112,10 @@ def _built_in() -> Iterator[_Place]:
             yield _Place("builtins", vars(builtins), name, value)
 
 
-def _inside(part: Any) -> tuple[Any, Any]:
-    """What may be exchanged within a function or class that stays the same object."""
-    return getattr(part, "__code__", None), _rest(part)
-
-
-def _rest(part: Any) -> Any:
-    if isinstance(part, FunctionType):
-        return part.__defaults__
-    return part.__bases__ if isinstance(part, type) else None
+def _content(part: Any) -> tuple[Any, Any]:
+    """What may be exchanged within a function or class that stays the same object: code, and defaults or bases."""
+    rest = part.__defaults__ if isinstance(part, FunctionType) else getattr(part, "__bases__", None)
+    return getattr(part, "__code__", None), rest
 
 
 def _origin(part: Any) -> RaisedIn | None:
@@ -137,56 +124,34 @@ def _origin(part: Any) -> RaisedIn | None:
     return names.get(getattr(code, "co_filename", ""))
 
 
-class _Probe(unittest.TestCase):
-    """A test that must fail."""
-
-    def runTest(self) -> None:
-        self.assertEqual(0, 1)
-
-
-def _raises_nothing(probe: unittest.TestCase) -> None:
-    with probe.assertRaises(ValueError):
-        pass
-
-
-_FALSE: dict[str, Callable[[unittest.TestCase], object]] = {
-    "fail": lambda probe: probe.fail(),
-    "assertTrue": lambda probe: probe.assertTrue(False),
-    "assertFalse": lambda probe: probe.assertFalse(True),
-    "assertEqual": lambda probe: probe.assertEqual([0], [1]),
-    "assertNotEqual": lambda probe: probe.assertNotEqual(0, 0),
-    "assertAlmostEqual": lambda probe: probe.assertAlmostEqual(0.0, 1.0),
-    "assertGreater": lambda probe: probe.assertGreater(0, 1),
-    "assertGreaterEqual": lambda probe: probe.assertGreaterEqual(0, 1),
-    "assertLess": lambda probe: probe.assertLess(1, 0),
-    "assertLessEqual": lambda probe: probe.assertLessEqual(1, 0),
-    "assertIn": lambda probe: probe.assertIn(0, []),
-    "assertIs": lambda probe: probe.assertIs(0, None),
-    "assertIsNone": lambda probe: probe.assertIsNone(0),
-    "assertIsNotNone": lambda probe: probe.assertIsNotNone(None),
-    "assertIsInstance": lambda probe: probe.assertIsInstance(0, str),
-    "assertRaises": _raises_nothing,
+_FALSE: dict[str, tuple[object, ...]] = {
+    "fail": (),
+    "assertTrue": (False,),
+    "assertFalse": (True,),
+    "assertEqual": ([0], [1]),
+    "assertNotEqual": (0, 0),
+    "assertAlmostEqual": (0.0, 1.0),
+    "assertGreater": (0, 1),
+    "assertGreaterEqual": (0, 1),
+    "assertLess": (1, 0),
+    "assertLessEqual": (1, 0),
+    "assertIn": (0, []),
+    "assertIs": (0, None),
+    "assertIsNone": (0,),
+    "assertIsNotNone": (None,),
+    "assertIsInstance": (0, str),
+    "assertRaises": (ValueError, int),
 }
+"""Arguments with which each assertion must fail."""
 
 
-def _toothless(with_numpy: bool) -> Iterator[str]:
-    """Assertions that let pass what is false."""
-    result = unittest.TestResult()
-    unittest.TestSuite([_Probe()]).run(result)
-    if result.wasSuccessful() or len(result.failures) != 1:
-        yield "a false assertion in a test"
-    probe = _Probe()
-    for name, assertion in _FALSE.items():
-        if not _fails(assertion, probe):
-            yield f"unittest's {name}"
-    if with_numpy:
-        testing = sys.modules["numpy.testing"]
-        for name in ("assert_allclose", "assert_equal", "assert_array_equal", "assert_almost_equal"):
-            if not _fails(lambda _, name=name: getattr(testing, name)(0.0, 1.0), probe):
-                yield f"numpy.testing's {name}"
+def _ineffective_assertion() -> str | None:
+    """The first assertion that lets pass what is false."""
+    case = unittest.TestCase()
+    return next((name for name, arguments in _FALSE.items() if not _fails(getattr(case, name), arguments)), None)
 
 
-def _fails(assertion: Callable[[unittest.TestCase], object], probe: unittest.TestCase) -> bool:
-    with CapturedError() as caught, contextlib.suppress(SystemExit):
-        assertion(probe)
-    return isinstance(caught.error, AssertionError)
+def _fails(assertion: Callable[..., object], arguments: tuple[object, ...]) -> bool:
+    with CapturedError() as captured, contextlib.suppress(SystemExit):
+        assertion(*arguments)
+    return isinstance(captured.error, AssertionError)

@@ -12,11 +12,10 @@ from grs_agents.base import Frozen
 from grs_agents.config import Limits
 from grs_agents.sandbox.protocol.tracebacks import RaisedIn
 
-CaseOutcome = Literal[
-    "passed", "failed", "error", "skipped", "expected_failure", "no_assertion", "timeout", "crashed", "exited",
-    "memory", "output_limit", "scratch_limit", "thread_limit", "limit", "not_run", "missing", "extra", "duplicate",
-    "replaced", "tampered", "forged",
-]  # fmt: skip
+_Judged = Literal["passed", "failed", "error", "skipped", "expected_failure", "no_assertion", "not_run", "missing"]
+_Stopped = Literal["timeout", "crashed", "exited", "memory", "output_limit", "scratch_limit", "thread_limit", "limit"]
+_Dishonest = Literal["extra", "duplicate", "replaced", "tampered", "forged"]
+CaseOutcome = Literal[_Judged, _Stopped, _Dishonest]
 ReportOutcome = Literal[
     "passed", "failed", "error", "no_tests", "load_tests", "timeout", "crashed", "exited", "tampered", "forged"
 ]
@@ -141,10 +140,8 @@ def _episode_line(episode: dict[str, Any]) -> str:
     )[:1500]
 
 
-CallOutcome = Literal[
-    "ok", "timeout", "cpu_limit", "memory_limit", "output_limit", "scratch_limit", "thread_limit",
-    "crashed", "forged", "error",
-]  # fmt: skip
+_Limit = Literal["timeout", "cpu_limit", "memory_limit", "output_limit", "scratch_limit", "thread_limit"]
+CallOutcome = Literal["ok", _Limit, "crashed", "forged", "error"]
 """``error`` is an exception that left the tool, or a result that is not plain JSON; ``forged`` is a frame that does not
 come from the harness."""
 

@@ -59,27 +59,26 @@ def gets(
 libc = ctypes.CDLL(None, use_errno=True)
 libc.popen.restype = libc.fopen.restype = ctypes.c_void_p
 
-# The numbers of system calls: x86-64 first, then aarch64; from 424 on all architectures share them.
+# The numbers of system calls: x86-64 first, then aarch64 ("-": it has none); from 424 on all architectures share them.
+_TABLE = """
+acct 163 89, add_key 248 217, bpf 321 280, capset 126 91, clone 56 220, execveat 322 281, fanotify_init 300 262,
+init_module 175 105, io_setup 206 0, ioperm 173 -, iopl 172 -, ioprio_set 251 30, kcmp 312 272,
+kexec_load 246 104, keyctl 250 219, kill 62 129, memfd_create 319 279, migrate_pages 256 238, modify_ldt 154 -,
+mount 165 40, move_pages 279 239, mq_open 240 180, msgget 68 186, name_to_handle_at 303 264,
+open_by_handle_at 304 265, perf_event_open 298 241, pivot_root 155 41, prlimit64 302 261,
+process_vm_readv 310 270, process_vm_writev 311 271, ptrace 101 117, quotactl 179 60, reboot 169 142,
+request_key 249 218, rt_sigqueueinfo 129 138, rt_tgsigqueueinfo 297 240, seccomp 317 277, semget 64 190,
+setdomainname 171 162, sethostname 170 161, setns 308 268, shmget 29 194, swapon 167 224, syslog 103 116,
+tgkill 234 131, tkill 200 130, umount2 166 39, unshare 272 97, userfaultfd 323 282, vhangup 153 58,
+vmsplice 278 75, pidfd_send_signal 424 424, io_uring_setup 425 425, open_tree 428 428, fsopen 430 430,
+fspick 433 433, pidfd_open 434 434, clone3 435 435, openat2 437 437, pidfd_getfd 438 438,
+process_madvise 440 440, mount_setattr 442 442, landlock_create_ruleset 444 444, landlock_add_rule 445 445,
+landlock_restrict_self 446 446, memfd_secret 447 447, process_mrelease 448 448
+"""
 _NUMBERS = {
-    "acct": (163, 89), "add_key": (248, 217), "bpf": (321, 280), "capset": (126, 91), "clone": (56, 220),
-    "execveat": (322, 281), "fanotify_init": (300, 262), "init_module": (175, 105), "io_setup": (206, 0),
-    "ioperm": (173, None), "iopl": (172, None), "ioprio_set": (251, 30), "kcmp": (312, 272), "kexec_load": (246, 104),
-    "keyctl": (250, 219), "kill": (62, 129), "memfd_create": (319, 279), "migrate_pages": (256, 238),
-    "modify_ldt": (154, None), "mount": (165, 40), "move_pages": (279, 239), "mq_open": (240, 180),
-    "msgget": (68, 186), "name_to_handle_at": (303, 264), "open_by_handle_at": (304, 265),
-    "perf_event_open": (298, 241), "pivot_root": (155, 41), "prlimit64": (302, 261),
-    "process_vm_readv": (310, 270), "process_vm_writev": (311, 271), "ptrace": (101, 117), "quotactl": (179, 60),
-    "reboot": (169, 142), "request_key": (249, 218), "rt_sigqueueinfo": (129, 138), "rt_tgsigqueueinfo": (297, 240),
-    "seccomp": (317, 277), "semget": (64, 190), "setdomainname": (171, 162), "sethostname": (170, 161),
-    "setns": (308, 268), "shmget": (29, 194), "swapon": (167, 224), "syslog": (103, 116), "tgkill": (234, 131),
-    "tkill": (200, 130), "umount2": (166, 39), "unshare": (272, 97), "userfaultfd": (323, 282),
-    "vhangup": (153, 58), "vmsplice": (278, 75),
-    "pidfd_send_signal": (424, 424), "io_uring_setup": (425, 425), "open_tree": (428, 428), "fsopen": (430, 430),
-    "fspick": (433, 433), "pidfd_open": (434, 434), "clone3": (435, 435), "openat2": (437, 437),
-    "pidfd_getfd": (438, 438), "process_madvise": (440, 440), "mount_setattr": (442, 442),
-    "landlock_create_ruleset": (444, 444), "landlock_add_rule": (445, 445), "landlock_restrict_self": (446, 446),
-    "memfd_secret": (447, 447), "process_mrelease": (448, 448),
-}  # fmt: skip
+    name: tuple(int(number) if number.isdecimal() else None for number in numbers)
+    for name, *numbers in (row.split() for row in _TABLE.split(","))
+}
 
 
 def call(name: str, *arguments: Any) -> int:

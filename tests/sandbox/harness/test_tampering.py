@@ -41,6 +41,24 @@ def test_a_replacement_is_named(name: str, monkeypatch: pytest.MonkeyPatch) -> N
     assert integrity.broken() is None
 
 
+@pytest.mark.parametrize(("attribute", "value"), [("__code__", nothing.__code__), ("__defaults__", (9.0, 9.0, True))])
+def test_an_exchange_within_a_function_is_seen(attribute: str, value: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    integrity = Integrity(with_numpy=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(np.testing.assert_allclose, attribute, value)
+        broken = integrity.broken()
+    assert broken is not None and broken[0].endswith("was replaced")
+
+
+def test_the_program_that_replaced_something_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    integrity = Integrity(with_numpy=False)
+    scope: dict[str, object] = {}
+    exec(compile("def replacement(*_): pass", "task_code.py", "exec"), scope)
+    with monkeypatch.context() as patch:
+        patch.setattr(unittest.TestCase, "assertEqual", scope["replacement"])
+        assert integrity.broken() == ("unittest.case.TestCase.assertEqual was replaced", "simulation")
+
+
 def test_what_identity_does_not_show_the_probes_do(monkeypatch: pytest.MonkeyPatch) -> None:
     integrity = Integrity(with_numpy=False)
     with monkeypatch.context() as patch:

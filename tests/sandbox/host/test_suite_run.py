@@ -52,10 +52,17 @@ def test_every_outcome_of_one_test(check: Check) -> None:
         "def broken(): return 1 / 0",
     )
     assert outcomes(report) == {
-        "test_failed": "failed", "test_error": "error", "test_skipped": "skipped", "test_expected": "expected_failure",
-        "test_unexpected": "failed", "test_silent": "no_assertion", "test_exit": "exited",
-        "test_interrupt": "error", "test_subtest": "failed", "test_passed": "passed",
-    }  # fmt: skip
+        "test_failed": "failed",
+        "test_error": "error",
+        "test_skipped": "skipped",
+        "test_expected": "expected_failure",
+        "test_unexpected": "failed",
+        "test_silent": "no_assertion",
+        "test_exit": "exited",
+        "test_interrupt": "error",
+        "test_subtest": "failed",
+        "test_passed": "passed",
+    }
     assert report.outcome == "exited"
     raised = {case.id: case.raised_in for case in report.cases}
     assert (raised["TestX.test_failed"], raised["TestX.test_error"]) == ("tests", "simulation")
@@ -73,9 +80,14 @@ def test_crashes_are_charged_to_the_running_test_and_the_rest_runs(check: Check)
         limits=Limits(wall_seconds=20, memory_mib=128, output_mib=1),
     )
     assert outcomes(report) == {
-        "test_a": "passed", "test_exit_0": "exited", "test_b": "passed", "test_segfault": "crashed",
-        "test_memory": "memory", "test_flood": "output_limit", "test_z": "passed",
-    }  # fmt: skip
+        "test_a": "passed",
+        "test_exit_0": "exited",
+        "test_b": "passed",
+        "test_segfault": "crashed",
+        "test_memory": "memory",
+        "test_flood": "output_limit",
+        "test_z": "passed",
+    }
     assert report.outcome == "crashed"
     assert "ctypes.string_at(0)" in report.text()
 
@@ -182,20 +194,25 @@ DISHONEST = {
     "class replaced": (METHOD + "TestX = object\n", "missing", "failed"),
     "another class of its name": (
         METHOD + "class Y(unittest.TestCase):\n    def test_a(self): self.assertTrue(1)\nTestX = Y\n",
-        "replaced", "tampered",
+        "replaced",
+        "tampered",
     ),
     "another function": (METHOD + "TestX.test_a = lambda self: self.assertTrue(1)\n", "replaced", "tampered"),
     "another function's code": (
         METHOD + "TestX.test_a.__code__ = (lambda self: self.assertTrue(1)).__code__\n",
-        "replaced", "tampered",
+        "replaced",
+        "tampered",
     ),
     "the next test is replaced": (
         "    def test_0(self):\n        self.assertTrue(1)\n        TestX.test_a = TestX.test_0\n" + METHOD,
-        "replaced", "tampered",
+        "replaced",
+        "tampered",
     ),
     "defined twice": (METHOD + GOOD, "duplicate", "failed"),
     "class defined twice": (
-        METHOD + "class TestX(unittest.TestCase):\n    def test_a(self): self.assertTrue(1)\n", "duplicate", "failed"
+        METHOD + "class TestX(unittest.TestCase):\n    def test_a(self): self.assertTrue(1)\n",
+        "duplicate",
+        "failed",
     ),
     "skipped": ("    @unittest.skip('')\n" + METHOD, "skipped", "failed"),
     "skips itself": ("    def test_a(self): self.skipTest('')\n" + HONEST, "skipped", "failed"),
@@ -204,12 +221,15 @@ DISHONEST = {
     "assertion out of reach": ("    def test_a(self):\n        if 0: self.assertTrue(0)\n", "no_assertion", "failed"),
     "returns before": ("    def test_a(self):\n        return\n        assert 0\n", "no_assertion", "failed"),
     "loop over nothing": (
-        START + "        for x in ():\n            if x: raise ValueError\n", "no_assertion", "failed"
+        START + "        for x in ():\n            if x: raise ValueError\n",
+        "no_assertion",
+        "failed",
     ),
     "never awaited": ("    async def test_a(self): self.fail()\n", "no_assertion", "failed"),
     "only setUp asserts": (
         "    def setUp(self): self.assertTrue(1)\n    def test_a(self):\n        if 0: assert 0\n",
-        "no_assertion", "failed",
+        "no_assertion",
+        "failed",
     ),
     "exits": ("    def test_a(self): sys.exit(0); self.fail()\n", "exited", "exited"),
     "exits hard": ("    def test_a(self): os._exit(0); self.fail()\n", "exited", "exited"),
@@ -217,89 +237,109 @@ DISHONEST = {
     "run overridden": (
         METHOD + "    def run(self, result):\n"
         "        result.startTest(self); result.addSuccess(self); result.stopTest(self)\n",
-        "tampered", "tampered",
+        "tampered",
+        "tampered",
     ),
     "assertion overridden": (METHOD + "    def assertTrue(self, *args): pass\n", "tampered", "tampered"),
     "assertion replaced on the test": (
         "    def test_a(self):\n        self.assertTrue = print\n        self.assertTrue(0)\n",
-        "tampered", "tampered",
+        "tampered",
+        "tampered",
     ),
     "assertion replaced for all": (
         "    def test_a(self):\n        unittest.TestCase.assertTrue = print\n        self.assertTrue(0)\n",
-        "tampered", "tampered",
+        "tampered",
+        "tampered",
     ),
     "code of an assertion replaced": (
         "    def test_a(self):\n        unittest.TestCase.assertTrue.__code__ = (lambda self, *a: None).__code__\n"
-        "        self.assertTrue(0)\n", "tampered", "tampered",
+        "        self.assertTrue(0)\n",
+        "tampered",
+        "tampered",
     ),
     "numpy replaced": (
         "    def test_a(self):\n        np.testing.assert_allclose = print\n        np.testing.assert_allclose(0, 1)\n",
-        "tampered", "tampered",
+        "tampered",
+        "tampered",
     ),
     "result class patched": (
         "    def test_a(self):\n        type(self._outcome.result).addFailure = type(self._outcome.result).addSuccess\n"
-        "        self.assertTrue(0)\n", "tampered", "tampered",
+        "        self.assertTrue(0)\n",
+        "tampered",
+        "tampered",
     ),
     "result patched": (
         "    def test_a(self):\n        self._outcome.result.addFailure = print\n        self.assertTrue(1)\n",
-        "tampered", "tampered",
+        "tampered",
+        "tampered",
     ),
     "built-in patched": (
         START + "        import builtins; builtins.any = lambda values: False\n        self.assertTrue(1)\n",
-        "tampered", "tampered",
+        "tampered",
+        "tampered",
     ),
     "no exception at all": (
         "    def test_a(self):\n        class Odd(type(self).failureException): pass\n"
-        "        unittest.TestCase.failureException = Odd\n        self.assertTrue(1)\n", "tampered", "tampered",
+        "        unittest.TestCase.failureException = Odd\n        self.assertTrue(1)\n",
+        "tampered",
+        "tampered",
     ),
     "own verdict first": (
         LIE % "outcome='passed', assertions=1" + "        self.assertTrue(0)\n",
-        "duplicate", "failed",
+        "duplicate",
+        "failed",
     ),
     "own verdict, then out": (
         LIE % "outcome='passed', assertions=1" + "        os._exit(0); self.fail()\n",
-        "replaced", "tampered",
+        "replaced",
+        "tampered",
     ),
     "own verdict of the right line, then out": (
-        LIE % "outcome='passed', assertions=1, line=4"
-        + "        os._exit(0); self.fail()\n",
-        "passed", "exited",
+        LIE % "outcome='passed', assertions=1, line=4" + "        os._exit(0); self.fail()\n",
+        "passed",
+        "exited",
     ),
     "verdict of the next test": (
         LIE % "item='TestX.test_b', outcome='passed'" + "        self.assertTrue(1)\n"
-        "    def test_b(self): self.fail()\n", "passed", "forged",
+        "    def test_b(self): self.fail()\n",
+        "passed",
+        "forged",
     ),
     "verdict of no test": (
         LIE % "item='TestX.test_z', outcome='passed'" + "        self.assertTrue(1)\n",
-        "passed", "forged",
+        "passed",
+        "forged",
     ),
-    "malformed verdict": (
-        LIE % "outcome=[], x=1" + "        os._exit(0); self.fail()\n", "forged", "forged"
-    ),
+    "malformed verdict": (LIE % "outcome=[], x=1" + "        os._exit(0); self.fail()\n", "forged", "forged"),
     "a verdict past the harness": (START + WRITES + "        self.assertTrue(1)\n" + HONEST, "forged", "forged"),
     "a frame of its own making": (
         START + "        from grs_agents.sandbox.protocol import wire\n"
         "        data = wire.encode({'kind': 'result', 'value': {}})\n"
-        + WRITES.replace("b'x' * 100", "data") + "        self.assertTrue(1)\n", "forged", "forged",
+        + WRITES.replace("b'x' * 100", "data")
+        + "        self.assertTrue(1)\n",
+        "forged",
+        "forged",
     ),
     "another key": (
         START + "        from grs_agents.sandbox.harness import channel\n"
         "        from grs_agents.sandbox.protocol import wire\n        channel.connect(3, wire.new_key())\n"
-        "        self.assertTrue(1)\n", "forged", "forged",
+        "        self.assertTrue(1)\n",
+        "forged",
+        "forged",
     ),
     "added later": (
         GOOD + "TestX.test_more = TestX.test_a\n",
-        "passed", "failed",
+        "passed",
+        "failed",
     ),
     "class made later": (
         GOOD + "TestY = type('TestY', (unittest.TestCase,), {'test_y': lambda self: self.fail()})\n",
-        "passed", "failed",
+        "passed",
+        "failed",
     ),
     "fixture of the class fails": (METHOD + "    @classmethod\n    def setUpClass(cls): 1 / 0\n", "error", "failed"),
-    "exits after the tests": (
-        GOOD + "def tearDownModule(): os._exit(0)\n", "passed", "exited"
-    ),
-}  # fmt: skip
+    "exits after the tests": (GOOD + "def tearDownModule(): os._exit(0)\n", "passed", "exited"),
+}
 
 
 @pytest.mark.parametrize("name", DISHONEST)

@@ -3,9 +3,13 @@
 from grs_agents.sandbox import TestCase, TestReport
 
 EPISODE = {
-    "outcome": "step_limit", "reward": 0.5, "steps": 3, "max_steps": 3,
-    "detail": "1 of 2 objects placed", "objects": ["HOPE/Milk.urdf"],
-}  # fmt: skip
+    "outcome": "step_limit",
+    "reward": 0.5,
+    "steps": 3,
+    "max_steps": 3,
+    "detail": "1 of 2 objects placed",
+    "objects": ["HOPE/Milk.urdf"],
+}
 
 
 def test_failures_come_first_with_their_last_lines_and_episode() -> None:
@@ -16,11 +20,16 @@ def test_failures_come_first_with_their_last_lines_and_episode() -> None:
         cases=(
             TestCase(id="TestX.test_good", outcome="passed"),
             TestCase(
-                id="TestX.test_bad", outcome="failed", message="AssertionError: 0.5 != 1", traceback=trace,
-                raised_in="tests", episode=EPISODE, output="a\nb\n",
+                id="TestX.test_bad",
+                outcome="failed",
+                message="AssertionError: 0.5 != 1",
+                traceback=trace,
+                raised_in="tests",
+                episode=EPISODE,
+                output="a\nb\n",
             ),
         ),
-    )  # fmt: skip
+    )
     lines = report.text().splitlines()
     assert lines[:3] == [
         "failed: 1 of 2 tests passed",

@@ -11,9 +11,17 @@ from typing import Any
 from tests.sandbox.attacks.kit import HIDDEN, REFUSED, World, call, check, gets, libc, numbered, succeeded
 
 NAMESPACES = {
-    "user": 0x10000000, "mount": 0x20000, "network": 0x40000000, "process": 0x20000000, "host name": 0x4000000,
-    "queues": 0x8000000, "cgroup": 0x2000000, "time": 0x80, "files": 0x400, "everything": 0x7E020000,
-}  # fmt: skip
+    "user": 0x10000000,
+    "mount": 0x20000,
+    "network": 0x40000000,
+    "process": 0x20000000,
+    "host name": 0x4000000,
+    "queues": 0x8000000,
+    "cgroup": 0x2000000,
+    "time": 0x80,
+    "files": 0x400,
+    "everything": 0x7E020000,
+}
 OWN = {"files": 0x400}
 
 

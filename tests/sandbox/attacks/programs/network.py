@@ -80,17 +80,20 @@ def unix_datagram_without_connecting(world: World) -> int:
     return check(libc.sendto(descriptor, b"x", 1, 0, unix(path), 2 + len(path)))
 
 
+_FAMILIES = """
+netlink route: 16 3 0, netlink audit: 16 3 9, netlink events: 16 3 15, netlink netfilter: 16 3 12,
+netlink crypto: 16 3 21, vsock: 40 1 0, raw ICMP: 2 3 1, ping: 2 2 1, packet: 17 3 768, IPv6: 10 1 0,
+SCTP: 2 1 132, kernel crypto: 38 5 0, XDP: 44 3 0, key: 15 3 2, bluetooth: 31 3 1, CAN: 29 3 1, TIPC: 30 1 0,
+RDS: 21 5 0, Kernel connection multiplexor: 41 5 0, QIPC: 42 2 0
+"""
 FAMILIES = {
-    "netlink route": (16, 3, 0), "netlink audit": (16, 3, 9), "netlink events": (16, 3, 15),
-    "netlink netfilter": (16, 3, 12), "netlink crypto": (16, 3, 21), "vsock": (40, 1, 0), "raw ICMP": (2, 3, 1),
-    "ping": (2, 2, 1), "packet": (17, 3, 0x0300), "IPv6": (10, 1, 0), "SCTP": (2, 1, 132), "kernel crypto": (38, 5, 0),
-    "XDP": (44, 3, 0), "key": (15, 3, 2), "bluetooth": (31, 3, 1), "CAN": (29, 3, 1), "TIPC": (30, 1, 0),
-    "RDS": (21, 5, 0), "Kernel connection multiplexor": (41, 5, 0), "QIPC": (42, 2, 0),
-}  # fmt: skip
+    name.strip(): tuple(map(int, numbers.split())) for name, numbers in (row.split(":") for row in _FAMILIES.split(","))
+}
+"""Name to family, type and protocol."""
 
 
 @gets(*NO_NETWORK, "EPROTONOSUPPORT", "ESOCKTNOSUPPORT", cases=FAMILIES)
-def socket_family(world: World, family: tuple[int, int, int]) -> int:
+def socket_family(world: World, family: tuple[int, ...]) -> int:
     """Each family is code of the kernel, with its own history of faults."""
     return check(libc.socket(*family))
 

@@ -115,10 +115,11 @@ def byref(value: int) -> Any:
 
 
 MEDDLING = {name: name for name in meddle(0)}
-LASTING = (
-    "prlimit", "ptrace seize", "setpriority", "ioprio_set", "sched_setaffinity", "sched_setscheduler", "setpgid",
-    "oom_score_adj", "process_mrelease", "process_vm_writev",
-)  # fmt: skip
+_LASTING = """
+prlimit setpriority ioprio_set sched_setaffinity sched_setscheduler setpgid oom_score_adj process_mrelease
+process_vm_writev
+"""
+LASTING = ("ptrace seize", *_LASTING.split())
 
 
 @gets("nothing", cases=MEDDLING)

@@ -118,14 +118,14 @@ def _how(flags: int) -> "ctypes.Array[ctypes.c_uint64]":
     return (ctypes.c_uint64 * 3)(flags, 0o600, 0)
 
 
-KNOBS = (
-    "/proc/sys/kernel/core_pattern", "/proc/sys/kernel/hostname", "/proc/sys/vm/drop_caches", "/proc/sysrq-trigger",
-    "/proc/sys/kernel/ns_last_pid", "/proc/self/uid_map", "/proc/self/attr/current", "/proc/self/loginuid",
-    "/proc/self/timerslack_ns", "/sys/kernel/uevent_helper", "/sys/power/state", "/sys/kernel/mm/ksm/run",
-    "/sys/fs/cgroup/cgroup.procs", "/dev/mem", "/dev/kmsg", "/dev/vda", "/dev/sda", "/dev/fuse", "/dev/kvm",
-    "/dev/net/tun", "/dev/ptmx", "/dev/tty", "/dev/console", "/dev/userfaultfd", "/dev/loop-control",
-    "/dev/vhost-vsock",
-)  # fmt: skip
+_KNOBS = """
+/proc/sys/kernel/core_pattern /proc/sys/kernel/hostname /proc/sys/vm/drop_caches /proc/sysrq-trigger
+/proc/sys/kernel/ns_last_pid /proc/self/uid_map /proc/self/attr/current /proc/self/loginuid
+/proc/self/timerslack_ns /sys/kernel/uevent_helper /sys/power/state /sys/kernel/mm/ksm/run
+/sys/fs/cgroup/cgroup.procs /dev/mem /dev/kmsg /dev/vda /dev/sda /dev/fuse /dev/kvm /dev/net/tun /dev/ptmx
+/dev/tty /dev/console /dev/userfaultfd /dev/loop-control /dev/vhost-vsock
+"""
+KNOBS = _KNOBS.split()
 
 
 @gets("nothing")

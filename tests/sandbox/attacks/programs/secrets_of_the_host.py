@@ -54,12 +54,13 @@ def files(world: World, name: str) -> list[str] | None:
     return succeeded({path: read(path)[name] for path in world["files"]})
 
 
-SYSTEM = (
-    "/etc/shadow", "/etc/gshadow", "/etc/sudoers", "/root/.bash_history", "/root/.ssh/id_rsa", "/proc/kcore",
-    "/etc/ssh/ssh_host_ed25519_key", "/proc/kallsyms", "/dev/mem", "/dev/vda", "/dev/sda", "/dev/kmsg",
-    "/var/run/docker.sock", "/proc/1/environ", "/proc/1/mem", "/proc/keys", "/sys/kernel/debug", "/boot",
-    "/proc/sched_debug", "/proc/timer_list", "/proc/vmallocinfo", "/proc/slabinfo", "/proc/kpagecount",
-)  # fmt: skip
+_SYSTEM = """
+/etc/shadow /etc/gshadow /etc/sudoers /root/.bash_history /root/.ssh/id_rsa /proc/kcore
+/etc/ssh/ssh_host_ed25519_key /proc/kallsyms /dev/mem /dev/vda /dev/sda /dev/kmsg /var/run/docker.sock
+/proc/1/environ /proc/1/mem /proc/keys /sys/kernel/debug /boot /proc/sched_debug /proc/timer_list
+/proc/vmallocinfo /proc/slabinfo /proc/kpagecount
+"""
+SYSTEM = _SYSTEM.split()
 
 
 def first_byte(path: str) -> bytes:
