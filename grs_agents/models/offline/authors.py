@@ -5,18 +5,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from grs_agents.models.offline.object_selection import MOST, plan_for, pool, settled
-from grs_agents.models.offline.plan import ZONE, Family, Plan, in_reach
+from grs_agents.models.offline.object_selection import MAX_OBJECTS, movable_objects, plan_for, relocate_misplaced
+from grs_agents.models.offline.plan import ZONE, Family, Plan, is_in_reach
 from grs_agents.models.offline.program_writer import class_name, write_program
-from grs_agents.models.offline.prompt_text import Json, PromptText, Thing, read_things
-from grs_agents.models.offline.task_families import FAMILIES, PALETTE, Wish
-from grs_agents.models.offline.task_wording import UNTOLD, read_family, read_wish, task_description, task_name, told
+from grs_agents.models.offline.prompt_text import Json, PromptText, SceneObject, read_scene_objects
+from grs_agents.models.offline.task_families import FAMILIES, PALETTE, TaskRequest
+from grs_agents.models.offline.task_wording import (
+    NOT_MENTIONED,
+    read_family,
+    read_request,
+    task_description,
+    task_name,
+    told,
+)
 
 
 def author_task(prompt: PromptText, rng: np.random.Generator) -> str:
     """Reply to the ``task`` prompt: a family by the seed among those the scene allows, and its objects."""
-    things = read_things(prompt.json("scene"))
-    plan = invent(things, rng)
+    objects = read_scene_objects(prompt.json("scene"))
+    plan = draw_plan(objects, rng)
     if plan is not None:
         task = {
             "task-name": task_name(plan),
@@ -24,7 +31,7 @@ def author_task(prompt: PromptText, rng: np.random.Generator) -> str:
             "assets-used": list(plan.assets),
         }
     else:
-        first = things[0].asset if things else next((str(row.get("name")) for row in prompt.rows("fixtures")), ZONE)
+        first = objects[0].asset if objects else next((str(row.get("name")) for row in prompt.rows("fixtures")), ZONE)
         task = {
             "task-name": "place-object",
             "task-description": "Put the object on the green zone.",
@@ -33,15 +40,15 @@ def author_task(prompt: PromptText, rng: np.random.Generator) -> str:
     return f"```json\n{json.dumps(task, indent=2, ensure_ascii=False)}\n```"
 
 
-def invent(things: Sequence[Thing], rng: np.random.Generator) -> Plan | None:
+def draw_plan(objects: Sequence[SceneObject], rng: np.random.Generator) -> Plan | None:
     """A plan of a family drawn from those that suit the scene; None where nothing can be moved at all."""
-    movable = pool(things)
+    movable = movable_objects(objects)
     families: list[Family] = [list(FAMILIES)[int(index)] for index in rng.permutation(len(FAMILIES))]
     color = PALETTE[int(rng.integers(len(PALETTE)))]
-    wish = Wish(color, _holders(things))
+    request = TaskRequest(color, _containers(objects))
     for least in (2, 1):
         for family in families if least == 2 else ("place",):
-            plan = plan_for(family, movable, wish, rng, least)
+            plan = plan_for(family, movable, request, rng, least)
             if plan is not None:
                 return plan
     return None
@@ -50,7 +57,7 @@ def invent(things: Sequence[Thing], rng: np.random.Generator) -> Plan | None:
 def author_simulation(prompt: PromptText) -> str:
     """Reply to the ``simulation`` prompt: a program for this task with these objects."""
     task = prompt.json("task")
-    plan = plan_task(task, read_things(prompt.json("scene")))
+    plan = plan_task(task, read_scene_objects(prompt.json("scene")))
     return f"```python\n{program_for(task, plan)}```"
 
 
@@ -62,67 +69,72 @@ def program_for(task: Json, plan: Plan | None) -> str:
     return write_program(plan, class_name(name), description)
 
 
-def plan_task(task: Json, things: Sequence[Thing], margin: float = 1.0) -> Plan | None:
+def plan_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -> Plan | None:
     """A plan for a task that anyone may have written.
 
     Args:
         task: the task definition.
-        things: the objects of the scene that may be used.
+        objects: the objects of the scene that may be used.
         margin: factor on the free space inside containers and zones.
     """
     name, description = str(task.get("task-name", "")), str(task.get("task-description", ""))
     assets = [str(asset) for asset in task.get("assets-used", [])]
-    used = [thing for thing in things if thing.asset in assets]
-    used.sort(key=lambda thing: assets.index(thing.asset))
+    used = [obj for obj in objects if obj.asset in assets]
+    used.sort(key=lambda obj: assets.index(obj.asset))
     family = read_family(name, description)
-    small = [thing for thing in used if not thing.hollow]
-    holders = [thing for thing in used if thing.hollow] if family == "pack" and len(small) > 1 else []
-    selections = _selections([t for t in used if t not in holders] or used, description)
-    wish = read_wish(name, description, [t.on_table() for t in holders if t not in selections[0] and in_reach(t)])
-    wish = Wish(wish.color, wish.holders, wish.note, margin)
+    small = [obj for obj in used if not obj.hollow]
+    containers = [obj for obj in used if obj.hollow] if family == "pack" and len(small) > 1 else []
+    selections = _selections([t for t in used if t not in containers] or used, description)
+    request = read_request(
+        name, description, [t.on_table() for t in containers if t not in selections[0] and is_in_reach(t)]
+    )
+    request = TaskRequest(request.color, request.containers, request.criterion, margin)
     foreign: list[Plan] = []
-    for count in range(min(MOST, max(len(chosen) for chosen in selections)), 0, -1):
+    for count in range(min(MAX_OBJECTS, max(len(chosen) for chosen in selections)), 0, -1):
         for chosen in selections:
-            ready = settled(chosen[:count])
+            ready = relocate_misplaced(chosen[:count])
             for name in (family, "place", "pack") if ready else ():
-                plan = FAMILIES[name](ready, wish)
+                plan = FAMILIES[name](ready, request)
                 if plan is not None and set(plan.assets) <= {*assets}:
                     return plan
                 foreign += [plan] if plan else []
     return foreign[0] if foreign else None
 
 
-def _selections(things: Sequence[Thing], description: str) -> list[list[Thing]]:
+def _selections(objects: Sequence[SceneObject], description: str) -> list[list[SceneObject]]:
     """What a description may mean: where it counts fewer objects than are called alike, each of them in turn."""
-    alike = [[other for other in things if other.label == thing.label] for thing in things]
+    alike = [[other for other in objects if other.label == obj.label] for obj in objects]
     turns = max((len(group) for group in alike), default=1)
-    selections: list[list[Thing]] = []
+    selections: list[list[SceneObject]] = []
     for turn in range(turns):
-        ranks = [(group.index(thing) - turn) % len(group) for thing, group in zip(things, alike, strict=True)]
-        ordered = [things[index] for index in sorted(range(len(things)), key=ranks.__getitem__)]
+        ranks = [(group.index(obj) - turn) % len(group) for obj, group in zip(objects, alike, strict=True)]
+        ordered = [objects[index] for index in sorted(range(len(objects)), key=ranks.__getitem__)]
         kept = _as_described(ordered, description)
-        chosen = [thing for thing in things if thing in kept]
+        chosen = [obj for obj in objects if obj in kept]
         if chosen not in selections:
             selections.append(chosen)
     return selections or [[]]
 
 
-def _holders(things: Sequence[Thing]) -> tuple[Thing, ...]:
+def _containers(objects: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
     return tuple(
-        thing.on_table()
-        for thing in things
-        if thing.hollow and thing.standing and in_reach(thing) and thing.category not in ("mug", "cup", "plate", "bowl")
+        obj.on_table()
+        for obj in objects
+        if obj.hollow
+        and obj.stands_on_table
+        and is_in_reach(obj)
+        and obj.category not in ("mug", "cup", "plate", "bowl")
     )
 
 
-def _as_described(things: Sequence[Thing], description: str) -> list[Thing]:
+def _as_described(objects: Sequence[SceneObject], description: str) -> list[SceneObject]:
     """Of objects called alike, as many as the description counts; of one asset those it speaks of, at least one."""
-    spoken = {thing.asset for thing in things if told(thing.label, description) < UNTOLD}
-    kept: list[Thing] = []
-    for thing in things:
-        if thing.asset in spoken and told(thing.label, description) == UNTOLD:
+    spoken = {obj.asset for obj in objects if told(obj.label, description) < NOT_MENTIONED}
+    kept: list[SceneObject] = []
+    for obj in objects:
+        if obj.asset in spoken and told(obj.label, description) == NOT_MENTIONED:
             continue
-        same = [other for other in kept if other.label == thing.label]
-        if thing.asset not in {other.asset for other in same} or len(same) < told(thing.label, description):
-            kept.append(thing)
+        same = [other for other in kept if other.label == obj.label]
+        if obj.asset not in {other.asset for other in same} or len(same) < told(obj.label, description):
+            kept.append(obj)
     return kept

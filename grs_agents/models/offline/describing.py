@@ -18,19 +18,19 @@ from grs_agents.models.offline.prompt_text import Json, PromptText, numbers, wor
 
 Image = npt.NDArray[np.uint8]
 """BGR, as OpenCV decodes it."""
-SLIVER = 0.006
+MIN_THICKNESS = 0.006
 """Nothing thinner than this is taken for an object, metres."""
-SLACK = 0.005
+SIZE_SLACK = 0.005
 """Every measured extent may be wrong by this much (metres) and by a share of the asset's extent."""
-SHORT, LONG = 0.33, 0.12
+SHORT_TOLERANCE, TOLERANCE = 0.33, 0.12
 """The share where it is too short across, since the camera sees one side only, and where it is not."""
-SURE = 0.9
+MAX_DIFFERENCE = 0.9
 """The most that an asset may differ, 1 being the bounds above reached by every extent."""
-APART = 0.2
+LEAD = 0.2
 """How much better the best asset must be than the next."""
-ACCENT = 0.05
+MIN_COLOR_SHARE = 0.05
 """The share of an object's pixels from which a second colour is worth telling."""
-_EITHER = frozenset({"bottle", "jar", "canister", "tub"})
+_ROUND_OR_ANGULAR = frozenset({"bottle", "jar", "canister", "tub"})
 """Kinds that look round or angular by the side one sees."""
 _PLAIN = frozenset({"white", "gray", "black"})
 _ROUND = frozenset({"cylinder", "can", "bottle", "jar", "canister", "tub", "mug", "cup", "bowl", "plate", "sphere"})
@@ -55,11 +55,11 @@ def describe(prompt: PromptText, pictures: Sequence[bytes]) -> str:
     names = _colors(measured, pictures)
     shape = _shape(measured)
     category = _category(shape, size) if size else "object"
-    is_object = size is None or _plausible(size, measured)
+    is_object = size is None or _is_plausible_object(size, measured)
     what = category if category != "object" else shape
     extent = " x ".join(f"{100 * edge:.0f}" for edge in size) + " cm" if size else "unknown size"
     second = f" with some {' and '.join(names[1:])}" if len(names) > 1 else ""
-    description = f"A {_build(size)}{names[0]} {what}{second}, {shape}-shaped, about {extent}."
+    description = f"A {_proportion_word(size)}{names[0]} {what}{second}, {shape}-shaped, about {extent}."
     if not is_object:
         description = f"A {names[0]} segment of {extent}, too thin or too large to be an object."
     return _fenced(
@@ -77,20 +77,20 @@ def match(prompt: PromptText) -> str:
     """Reply to the ``match`` prompt: the asset of the same size, colour and shape, if there is exactly one."""
     candidate = prompt.json("candidate")
     size = _size(candidate)
-    if candidate.get("is_object") is False or (size is not None and not _plausible(size, candidate)):
+    if candidate.get("is_object") is False or (size is not None and not _is_plausible_object(size, candidate)):
         return _fenced({"match": "no_object", "asset": None, "reason": "the segment is no plausible object"})
     told = " ".join(str(candidate.get(key, "")) for key in ("description", "category", "shape", "color"))
     scores: list[tuple[float, str]] = []
     for asset in prompt.rows("assets"):
         extent = numbers(asset.get("size"), 3)
-        if size and extent and _same_build(told, asset):
+        if size and extent and _same_roundness(told, asset):
             difference = _difference(size, extent) + _color_difference(told, asset)
-            if difference <= SURE:
+            if difference <= MAX_DIFFERENCE:
                 scores.append((difference, str(asset.get("name"))))
     scores.sort()
     if not scores:
         return _fenced({"match": "no_asset", "asset": None, "reason": "no asset of this size, shape and colour"})
-    if len(scores) > 1 and scores[1][0] < scores[0][0] + APART:
+    if len(scores) > 1 and scores[1][0] < scores[0][0] + LEAD:
         names = " and ".join(name for _, name in scores[:3])
         return _fenced({"match": "no_asset", "asset": None, "reason": f"{names} fit equally well"})
     reason = f"size, shape and colours agree, at {100 * scores[0][0]:.0f} % of what is allowed to differ"
@@ -127,7 +127,7 @@ def color_names(image: Image, mean: Sequence[float] | None = None) -> list[str]:
             shares[name] += share
             shares["brown"] -= share
     ranked = sorted(shares, key=lambda name: (-shares[name], name))
-    return ranked[:1] + [name for name in ranked[1:4] if shares[name] >= ACCENT]
+    return ranked[:1] + [name for name in ranked[1:4] if shares[name] >= MIN_COLOR_SHARE]
 
 
 def _colors(measured: Json, pictures: Sequence[bytes]) -> list[str]:
@@ -147,11 +147,11 @@ def _shape(measured: Json) -> str:
     return shape if shape in (*_ROUND, "box") else "box"
 
 
-def _plausible(size: Sequence[float], measured: Json) -> bool:
+def _is_plausible_object(size: Sequence[float], measured: Json) -> bool:
     points = measured.get("pixels")
     seen = not isinstance(points, int | float) or points >= 30
     low, middle, high = sorted(size)
-    return seen and low >= SLIVER and middle >= 0.012 and high <= 0.6 and high <= 25 * low
+    return seen and low >= MIN_THICKNESS and middle >= 0.012 and high <= 0.6 and high <= 25 * low
 
 
 def _category(shape: str, size: Sequence[float]) -> str:
@@ -168,16 +168,16 @@ def _category(shape: str, size: Sequence[float]) -> str:
     return "carton" if height >= 2 * across and height > 0.12 else "box"
 
 
-def _build(size: Sequence[float] | None) -> str:
+def _proportion_word(size: Sequence[float] | None) -> str:
     if size is None:
         return ""
     across = max(size[:2])
     return "tall " if size[2] > 1.6 * across else "flat " if size[2] < 0.45 * across else ""
 
 
-def _same_build(told: str, asset: Json) -> bool:
+def _same_roundness(told: str, asset: Json) -> bool:
     """Whether what was told and the asset are both round or both angular, as far as that can be seen."""
-    if asset.get("category") in _EITHER:
+    if asset.get("category") in _ROUND_OR_ANGULAR:
         return True
     kind = {*words(str(asset.get("category", ""))), *words(str(asset.get("description", "")))}
     return bool({*words(told)} & _ROUND) == bool(kind & _ROUND)
@@ -189,9 +189,9 @@ def _difference(measured: Sequence[float], extent: Sequence[float]) -> float:
     best = 10.0
     for axis in range(3):
         rest = sorted(edge for number, edge in enumerate(extent) if number != axis)
-        parts = [abs(measured[2] - extent[axis]) / (LONG * extent[axis] + SLACK)]
+        parts = [abs(measured[2] - extent[axis]) / (TOLERANCE * extent[axis] + SIZE_SLACK)]
         for seen, edge in zip(across, rest, strict=True):
-            parts.append(abs(seen - edge) / ((SHORT if seen < edge else LONG) * edge + SLACK))
+            parts.append(abs(seen - edge) / ((SHORT_TOLERANCE if seen < edge else TOLERANCE) * edge + SIZE_SLACK))
         best = min(best, (max(parts) + sum(parts) / 3) / 2 + (0.0 if axis == 2 else 0.1))
     return best
 
@@ -218,11 +218,11 @@ def _fenced(value: Json) -> str:
     return f"```json\n{json.dumps(value, ensure_ascii=False)}\n```"
 
 
-_KINDS_TEXT = """
+_CATEGORIES_TEXT = """
 bottle can box bowl mug cup plate jar carton tub canister cube pitcher ball basket tray toy bag book pan sponge hammer
 scissors marker
 """
-_KINDS = _KINDS_TEXT.split()
+_CATEGORIES = _CATEGORIES_TEXT.split()
 
 
 def describe_asset(prompt: PromptText) -> str:
@@ -232,7 +232,7 @@ def describe_asset(prompt: PromptText) -> str:
     colors = [str(one) for one in cast(list[object], told)] if isinstance(told, list) and told else ["gray"]
     words = str(facts.get("file_name", "")).lower().replace("_", " ").replace("-", " ").split()
     words = [word for word in words if word.isalpha()]
-    category = next((word for word in reversed(words) if word in _KINDS), "object")
+    category = next((word for word in reversed(words) if word in _CATEGORIES), "object")
     size = numbers(facts.get("size_m"), 3)
     across = max(size[:2]) if size else 0.0
     build = "" if not size else "tall " if size[2] > 1.6 * across else "flat " if size[2] < 0.45 * across else ""

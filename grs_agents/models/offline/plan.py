@@ -1,4 +1,4 @@
-"""A plan: which things move where. A program is written from it, and it says nothing of any one scene.
+"""A plan: which objects move where. A program is written from it, and it says nothing of any one scene.
 
 Places come from rows inside a rectangle and from free places on the table; objects do not touch.
 """
@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from grs_agents.models.offline.prompt_text import FAR, GAP, NEAR, Rect, Thing, Vector
+from grs_agents.models.offline.prompt_text import FAR, GAP, NEAR, Rect, SceneObject, Vector
 
 CONTAINER = "container/container-template.urdf"
 ZONE = "zone/zone-template.urdf"
@@ -20,38 +20,38 @@ Family = Literal["pack", "stack", "sort", "line", "place", "match", "clear"]
 
 
 @dataclass(frozen=True)
-class Frame:
+class Target:
     """A place on the table that goals refer to.
 
     Attributes:
         name: a Python identifier, e.g. ``red_zone``.
-        kind: ``container`` (a filled template), ``zone`` (a flat mark), ``free`` (bare table) or ``thing`` (an
+        kind: ``container`` (a filled template), ``zone`` (a flat mark), ``free`` (bare table) or ``object`` (an
             object of the scene that serves where it stands).
         size: extents in metres.
         place: (x, y) of a place known to be free.
         color: its colour's name.
         moves: whether each seed draws another place for it.
-        thing: the object, for kind ``thing``.
+        obj: the object, for kind ``object``.
     """
 
     name: str
-    kind: Literal["container", "zone", "free", "thing"]
+    kind: Literal["container", "zone", "free", "object"]
     size: Vector
     place: tuple[float, float]
     color: str = ""
     moves: bool = True
-    thing: Thing | None = None
+    obj: SceneObject | None = None
 
     @property
     def label(self) -> str:
         """What people call it."""
-        return self.thing.label if self.thing else self.name.replace("_", " ")
+        return self.obj.label if self.obj else self.name.replace("_", " ")
 
     @property
     def asset(self) -> str:
         """The library name of what marks it; empty for bare table."""
-        if self.thing:
-            return self.thing.asset
+        if self.obj:
+            return self.obj.asset
         return {"container": CONTAINER, "zone": ZONE}.get(self.kind, "")
 
 
@@ -60,13 +60,13 @@ class Move:
     """One pick-and-place.
 
     Attributes:
-        thing: what is moved.
-        frame: where to.
+        object: what is moved.
+        target: where to.
         offset: the object's centre from the frame's place at table height, metres.
     """
 
-    thing: Thing
-    frame: Frame
+    obj: SceneObject
+    target: Target
     offset: Vector
 
 
@@ -76,27 +76,27 @@ class Plan:
 
     Attributes:
         family: the kind of task.
-        frames: the places, in the order in which they are laid out.
+        targets: the places, in the order in which they are laid out.
         moves: what the robot does, in order.
-        note: how things are told apart or ordered, e.g. ``color``.
+        criterion: how objects are told apart or ordered, e.g. ``color``.
         exact: whether each object must stand at its very spot, rather than anywhere inside its frame.
     """
 
     family: Family
-    frames: tuple[Frame, ...]
+    targets: tuple[Target, ...]
     moves: tuple[Move, ...]
-    note: str = ""
+    criterion: str = ""
     exact: bool = False
 
     @property
-    def things(self) -> tuple[Thing, ...]:
+    def objects(self) -> tuple[SceneObject, ...]:
         """The objects that are moved, each once, in the order of the moves."""
-        return tuple(dict.fromkeys(move.thing for move in self.moves))
+        return tuple(dict.fromkeys(move.obj for move in self.moves))
 
     @property
     def assets(self) -> tuple[str, ...]:
         """Every asset that the program uses, each once."""
-        names = [thing.asset for thing in self.things] + [frame.asset for frame in self.frames]
+        names = [obj.asset for obj in self.objects] + [target.asset for target in self.targets]
         return tuple(dict.fromkeys(name for name in names if name))
 
 
@@ -106,7 +106,7 @@ STEP = 0.02
 """The grid on which free places are looked for, metres."""
 
 
-TALLEST = 0.25
+MAX_ZONE_HEIGHT = 0.25
 """Zones score only what lies below the workspace's ceiling, metres."""
 
 
@@ -179,28 +179,28 @@ def _steps(low: float, high: float) -> Iterable[float]:
     return (round(low + STEP * index, 4) for index in range(max(0, count)))
 
 
-def apart(things: Iterable[Thing], limit: int, gap: float = 0.004) -> list[Thing]:
-    """The first things, at most ``limit``, of which no two overlap."""
-    chosen: list[Thing] = []
-    for thing in things:
-        if len(chosen) < limit and not any(thing.rect.overlaps(other.rect, gap) for other in chosen):
-            chosen.append(thing)
+def non_overlapping(objects: Iterable[SceneObject], limit: int, gap: float = 0.004) -> list[SceneObject]:
+    """The first objects, at most ``limit``, of which no two overlap."""
+    chosen: list[SceneObject] = []
+    for obj in objects:
+        if len(chosen) < limit and not any(obj.rect.overlaps(other.rect, gap) for other in chosen):
+            chosen.append(obj)
     return chosen
 
 
-def pickable(thing: Thing) -> bool:
+def is_pickable(obj: SceneObject) -> bool:
     """Whether the suction cup can lift it from above and set it down upright."""
-    footprint = min(thing.size[:2])
-    small_enough = max(thing.size[:2]) <= 0.32 and thing.size[2] <= TALLEST
-    return not thing.hollow and footprint >= 0.018 and thing.size[2] >= 0.008 and small_enough
+    footprint = min(obj.size[:2])
+    small_enough = max(obj.size[:2]) <= 0.32 and obj.size[2] <= MAX_ZONE_HEIGHT
+    return not obj.hollow and footprint >= 0.018 and obj.size[2] >= 0.008 and small_enough
 
 
-def steady(thing: Thing) -> bool:
+def is_steady(obj: SceneObject) -> bool:
     """Whether it stands without toppling at a touch."""
-    return thing.size[2] <= 4.0 * min(thing.size[:2])
+    return obj.size[2] <= 4.0 * min(obj.size[:2])
 
 
-def in_reach(thing: Thing) -> bool:
+def is_in_reach(obj: SceneObject) -> bool:
     """Whether the arm can pick it where it stands."""
-    radius = math.hypot(thing.position[0], thing.position[1])
-    return thing.reachable and NEAR <= radius <= FAR and thing.position[0] > 0.1
+    radius = math.hypot(obj.position[0], obj.position[1])
+    return obj.reachable and NEAR <= radius <= FAR and obj.position[0] > 0.1

@@ -67,7 +67,7 @@ def max_steps(source: str) -> int | None:
 def set_max_steps(source: str, steps: int) -> str | None:
     """``source`` with another number of steps; None where it assigns none."""
     found = [node for node in _assignments(source) if _target(node) == "max_steps"]
-    return _replaced(source, ((node.value, str(steps)) for node in found)) if found else None
+    return _with_replacements(source, ((node.value, str(steps)) for node in found)) if found else None
 
 
 def scale_areas(source: str, factor: float) -> str | None:
@@ -80,7 +80,7 @@ def scale_areas(source: str, factor: float) -> str | None:
         for element in value.elts[:2]:
             if isinstance(element, ast.Constant) and isinstance(element.value, float | int):
                 edits.append((element, f"{element.value * factor:.3f}"))
-    return _replaced(source, edits) if edits else None
+    return _with_replacements(source, edits) if edits else None
 
 
 def replace_attribute(source: str, wrong: str, right: str) -> str | None:
@@ -89,7 +89,7 @@ def replace_attribute(source: str, wrong: str, right: str) -> str | None:
     return changed if changed != source else None
 
 
-def drop_asset(source: str, asset: str) -> str | None:
+def remove_asset(source: str, asset: str) -> str | None:
     """``source`` without the list entries and statements about ``asset``; None where that leaves no whole program.
 
     Rows of literal lists and dictionaries that name the asset go first; a statement that adds it goes with the list
@@ -98,19 +98,21 @@ def drop_asset(source: str, asset: str) -> str | None:
     tree = parse(source)
     if tree is None:
         return None
-    spans: list[tuple[int, int]] = []
+    line_ranges: list[tuple[int, int]] = []
     variables: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.List | ast.Tuple) and len(node.elts) > 1:
             rows = [row for row in node.elts if isinstance(row, ast.Dict | ast.Tuple | ast.List | ast.Constant)]
-            spans += [_span(row) for row in rows if _names(row, asset) and not isinstance(node.ctx, ast.Store)]
-        if isinstance(node, ast.Assign) and _names(node, asset) and isinstance(node.value, ast.Call):
+            line_ranges += [
+                _line_range(row) for row in rows if _mentions(row, asset) and not isinstance(node.ctx, ast.Store)
+            ]
+        if isinstance(node, ast.Assign) and _mentions(node, asset) and isinstance(node.value, ast.Call):
             variables |= {target.id for target in node.targets if isinstance(target, ast.Name)}
-            spans.append(_span(node))
+            line_ranges.append(_line_range(node))
     for node in ast.walk(tree):
         if isinstance(node, ast.List):
-            spans += [_span(row) for row in node.elts if variables & _identifiers(row)]
-    changed = _without(source, spans) if spans else source
+            line_ranges += [_line_range(row) for row in node.elts if variables & _identifiers(row)]
+    changed = _without_lines(source, line_ranges) if line_ranges else source
     return changed if parse(changed) is not None and asset not in assets_in(changed) else None
 
 
@@ -124,7 +126,7 @@ def _target(node: ast.Assign) -> str:
     return target.id if isinstance(target, ast.Name) else target.attr if isinstance(target, ast.Attribute) else ""
 
 
-def _names(node: ast.AST, text: str) -> bool:
+def _mentions(node: ast.AST, text: str) -> bool:
     return any(isinstance(part, ast.Constant) and part.value == text for part in ast.walk(node))
 
 
@@ -132,16 +134,16 @@ def _identifiers(node: ast.AST) -> set[str]:
     return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
 
 
-def _span(node: ast.expr | ast.stmt) -> tuple[int, int]:
+def _line_range(node: ast.expr | ast.stmt) -> tuple[int, int]:
     return node.lineno, node.end_lineno or node.lineno
 
 
-def _without(source: str, spans: Iterable[tuple[int, int]]) -> str:
-    gone = {number for first, last in spans for number in range(first, last + 1)}
+def _without_lines(source: str, line_ranges: Iterable[tuple[int, int]]) -> str:
+    gone = {number for first, last in line_ranges for number in range(first, last + 1)}
     return "\n".join(line for number, line in enumerate(source.splitlines(), 1) if number not in gone) + "\n"
 
 
-def _replaced(source: str, edits: Iterable[tuple[ast.expr, str]]) -> str:
+def _with_replacements(source: str, edits: Iterable[tuple[ast.expr, str]]) -> str:
     lines = source.splitlines()
     for node, text in sorted(edits, key=lambda edit: (-edit[0].lineno, -edit[0].col_offset)):
         line = lines[node.lineno - 1].encode()

@@ -2,10 +2,10 @@
 
 import keyword
 
-from grs_agents.models.offline.plan import CONTAINER, TALLEST, ZONE, Frame, Move, Plan
+from grs_agents.models.offline.plan import CONTAINER, MAX_ZONE_HEIGHT, ZONE, Move, Plan, Target
 from grs_agents.models.offline.prompt_text import GAP, identifier, words
 
-_TOLD = {
+_LANGUAGE_TEMPLATES = {
     "pack": "put the {} into the {}",
     "stack": "stack the {} on the {}",
     "clear": "move the {} to the {}",
@@ -28,11 +28,11 @@ def write_program(plan: Plan, title: str, description: str, spots: bool = False)
     """
     names = _variables(plan)
     lines = [*_head(plan, title, description), *_start(plan, names)]
-    for frame in plan.frames:
-        lines += ["", *_frame(frame, names)]
-    exact = plan.exact or any(thing.size[2] > TALLEST for thing in plan.things)
+    for target in plan.targets:
+        lines += ["", *_target_lines(target, names)]
+    exact = plan.exact or any(obj.size[2] > MAX_ZONE_HEIGHT for obj in plan.objects)
     lines += ["", *_goals(plan, names, "pose" if exact else "zone", spots and not exact)]
-    if any(frame.moves for frame in plan.frames) or any(thing.relocated for thing in plan.things):
+    if any(target.moves for target in plan.targets) or any(obj.relocated for obj in plan.objects):
         lines += ["", *_FIND_PLACE]
     return "\n".join(lines) + "\n"
 
@@ -52,7 +52,7 @@ def _head(plan: Plan, title: str, description: str) -> list[str]:
         "    def __init__(self):",
         "        super().__init__()",
         f"        self.max_steps = {steps + steps // 2 + 2}",
-        f'        self.lang_template = "{_TOLD.get(plan.family, "put the {} on the {}")}"',
+        f'        self.lang_template = "{_LANGUAGE_TEMPLATES.get(plan.family, "put the {} on the {}")}"',
         '        self.task_completed_desc = "task completed."',
         "        self.additional_reset()",
         "",
@@ -63,46 +63,46 @@ def _head(plan: Plan, title: str, description: str) -> list[str]:
 
 def _start(plan: Plan, names: dict[str, str]) -> list[str]:
     lines = ["", "        # The objects, where the photo shows them."]
-    relocated = [thing for thing in plan.things if thing.relocated]
-    for thing in plan.things:
-        if not thing.relocated:
-            pose = f"({_vector(thing.position)}, {_vector(thing.orientation)})"
-            lines.append(f'        {names[thing.name]} = env.add_object("{thing.asset}", {pose})')
-    if len(relocated) == len(plan.things):
+    relocated = [obj for obj in plan.objects if obj.relocated]
+    for obj in plan.objects:
+        if not obj.relocated:
+            pose = f"({_vector(obj.position)}, {_vector(obj.orientation)})"
+            lines.append(f'        {names[obj.name]} = env.add_object("{obj.asset}", {pose})')
+    if len(relocated) == len(plan.objects):
         lines = []
     if relocated:
         lines += ["", "        # The objects that cannot be used where the photo shows them stand somewhere free."]
-    for thing in relocated:
-        spot = f"({thing.position[0]:.3f}, {thing.position[1]:.3f})"
+    for obj in relocated:
+        spot = f"({obj.position[0]:.3f}, {obj.position[1]:.3f})"
         lines += [
-            f"        start = self.find_place(env, {_vector(thing.size)}, {spot})",
-            f"        start = utils.multiply(start, ((0, 0, 0), {_vector(thing.orientation)}))",
-            f'        {names[thing.name]} = env.add_object("{thing.asset}", start)',
+            f"        start = self.find_place(env, {_vector(obj.size)}, {spot})",
+            f"        start = utils.multiply(start, ((0, 0, 0), {_vector(obj.orientation)}))",
+            f'        {names[obj.name]} = env.add_object("{obj.asset}", start)',
         ]
     return lines
 
 
-def _frame(frame: Frame, names: dict[str, str]) -> list[str]:
-    name = names[frame.name]
-    if frame.thing:
-        rotation = _vector(frame.thing.orientation)
+def _target_lines(target: Target, names: dict[str, str]) -> list[str]:
+    name = names[target.name]
+    if target.obj:
+        rotation = _vector(target.obj.orientation)
         return [
-            f"        # The {frame.label} serves where it stands.",
-            f"        {name}_size = {_vector(frame.size)}",
-            f"        {name}_pose = ({_vector(frame.thing.position)}, (0, 0, 0, 1))",
-            f'        env.add_object("{frame.thing.asset}", ({name}_pose[0], {rotation}), "fixed")',
+            f"        # The {target.label} serves where it stands.",
+            f"        {name}_size = {_vector(target.size)}",
+            f"        {name}_pose = ({_vector(target.obj.position)}, (0, 0, 0, 1))",
+            f'        env.add_object("{target.obj.asset}", ({name}_pose[0], {rotation}), "fixed")',
         ]
-    x, y = frame.place
-    lines = [f"        # The {frame.label}.", f"        {name}_size = {_vector(frame.size)}"]
-    if frame.moves:
+    x, y = target.place
+    lines = [f"        # The {target.label}.", f"        {name}_size = {_vector(target.size)}"]
+    if target.moves:
         lines.append(f"        {name}_pose = self.find_place(env, {name}_size, ({x:.3f}, {y:.3f}))")
     else:
-        lines.append(f"        {name}_pose = (({x:.4f}, {y:.4f}, {frame.size[2] / 2:.4f}), (0, 0, 0, 1))")
-    if frame.asset:
-        template = CONTAINER if frame.kind == "container" else ZONE
+        lines.append(f"        {name}_pose = (({x:.4f}, {y:.4f}, {target.size[2] / 2:.4f}), (0, 0, 0, 1))")
+    if target.asset:
+        template = CONTAINER if target.kind == "container" else ZONE
         lines += [
             f"        {name}_urdf = self.fill_template(",
-            f'            "{template}", {{"DIM": {name}_size, "COLOR": utils.COLORS["{frame.color}"]}}',
+            f'            "{template}", {{"DIM": {name}_size, "COLOR": utils.COLORS["{target.color}"]}}',
             "        )",
             f'        env.add_object({name}_urdf, {name}_pose, "fixed")',
         ]
@@ -141,17 +141,17 @@ def _goals(plan: Plan, names: dict[str, str], metric: str, spots: bool) -> list[
 
 
 def _row(move: Move, names: dict[str, str], spots: bool) -> str:
-    name, frame, thing = names[move.frame.name], move.frame, move.thing
-    middle = frame.thing.position[2] if frame.thing else frame.size[2] / 2
+    name, target, obj = names[move.target.name], move.target, move.obj
+    middle = target.obj.position[2] if target.obj else target.size[2] / 2
     offset = (move.offset[0], move.offset[1], move.offset[2] - middle)
-    size = _vector((thing.size[0] + GAP, thing.size[1] + GAP, thing.size[2])) if spots else f"{name}_size"
-    head = f'{names[thing.name]}, "{thing.label}", "{frame.label}", {name}_pose, {size}'
-    return f"({head}, {_vector(offset)}, {_vector(thing.orientation)})"
+    size = _vector((obj.size[0] + GAP, obj.size[1] + GAP, obj.size[2])) if spots else f"{name}_size"
+    head = f'{names[obj.name]}, "{obj.label}", "{target.label}", {name}_pose, {size}'
+    return f"({head}, {_vector(offset)}, {_vector(obj.orientation)})"
 
 
 def _variables(plan: Plan) -> dict[str, str]:
     taken: dict[str, str] = {}
-    for name in [*(thing.name for thing in plan.things), *(frame.name for frame in plan.frames)]:
+    for name in [*(obj.name for obj in plan.objects), *(target.name for target in plan.targets)]:
         base, number = identifier(name), 2
         variable = base
         while variable in (*taken.values(), *_RESERVED):

@@ -129,19 +129,19 @@ class Rect:
 
 
 @dataclass(frozen=True)
-class Thing:
+class SceneObject:
     """One object of the scene, as the photo shows it.
 
     Attributes:
         name: unique in the scene.
         asset: library name of what stands for it.
-        category: what kind of thing it is, lower case.
+        category: what kind of object it is, lower case.
         color: name of its dominant colour.
         position: centre, metres, robot frame.
         orientation: rotation (xyzw).
         size: extents along the robot's axes as it stands, metres.
         reachable: whether the arm can pick it there.
-        hollow: whether other things can be put inside or on it.
+        hollow: whether other objects can be put inside or on it.
         relocated: whether the program puts it elsewhere than the photo.
     """
 
@@ -172,38 +172,38 @@ class Thing:
         return " ".join(name if self.category in name or not self.category else [*name, self.category])
 
     @property
-    def standing(self) -> bool:
+    def stands_on_table(self) -> bool:
         """Whether it rests on the table rather than on another object."""
         return abs(self.position[2] - self.size[2] / 2) < 0.025
 
     @property
-    def flat_topped(self) -> bool:
+    def is_flat_topped(self) -> bool:
         """Whether another object would rest on it."""
         kinds = {*words(self.category), *words(self.asset.rsplit("/", 1)[-1]), *words(self.name)}
         return not self.hollow and not kinds & ROUND_WORDS
 
-    def at(self, x: float, y: float) -> "Thing":
-        """The same thing standing elsewhere on the table."""
+    def at(self, x: float, y: float) -> "SceneObject":
+        """The same object standing elsewhere on the table."""
         return replace(self, position=(x, y, self.size[2] / 2), relocated=True)
 
-    def on_table(self) -> "Thing":
-        """The same thing with its underside on the table, where the photo's box hovers or sinks."""
+    def on_table(self) -> "SceneObject":
+        """The same object with its underside on the table, where the photo's box hovers or sinks."""
         low = self.size[2] / 2
         height = self.position[2] if low <= self.position[2] <= low + 0.02 else low
         return replace(self, position=(self.position[0], self.position[1], height))
 
 
-def read_things(scene: Json) -> list[Thing]:
+def read_scene_objects(scene: Json) -> list[SceneObject]:
     """The objects of a scene section; entries without a name, asset, position or size are left out."""
-    found: list[Thing] = []
+    found: list[SceneObject] = []
     for entry in _list(scene.get("objects")):
-        thing = _thing(cast(Json, entry)) if isinstance(entry, dict) else None
-        if thing is not None:
-            found.append(thing)
+        obj = _scene_object(cast(Json, entry)) if isinstance(entry, dict) else None
+        if obj is not None:
+            found.append(obj)
     return found
 
 
-def _thing(entry: Json) -> Thing | None:
+def _scene_object(entry: Json) -> SceneObject | None:
     position, size = numbers(entry.get("position"), 3), numbers(entry.get("size"), 3)
     box = entry.get("box")
     if size is None and isinstance(box, dict):
@@ -218,7 +218,7 @@ def _thing(entry: Json) -> Thing | None:
     category = str(entry.get("category") or "").lower()
     named_hollow = bool({category, *words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")
     hollow = bool(entry.get("hollow")) or named_hollow
-    return Thing(
+    return SceneObject(
         name=str(entry.get("name") or asset),
         asset=asset,
         category=category,
@@ -232,7 +232,7 @@ def _thing(entry: Json) -> Thing | None:
 
 
 def _as_it_stands(size: tuple[float, ...], orientation: tuple[float, ...], box: Any) -> Vector:
-    """The extents along the robot's axes, whether ``size`` tells them or the thing's own, judged by its box."""
+    """The extents along the robot's axes, whether ``size`` tells them or the object's own, judged by its box."""
     x, y, z, w = orientation
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     across, along = abs(math.cos(yaw)), abs(math.sin(yaw))

@@ -32,11 +32,11 @@ def judge(evidence: Evidence, history: str = "") -> tuple[str, str]:
     recent = [line for line in history.splitlines() if "fix_" in line][-3:]
     if len(recent) == 3 and all("fix_test" in line for line in recent):
         return "fix_code", "Three fixes of the tests in a row did not help, so the program is at fault: simplify it."
-    fault = _tests_fault(evidence)
-    return ("fix_test", f"{fault} Mend the tests.") if fault else ("fix_code", _program_fault(evidence))
+    fault = _fault_of_tests(evidence)
+    return ("fix_test", f"{fault} Mend the tests.") if fault else ("fix_code", _fault_of_program(evidence))
 
 
-def _tests_fault(evidence: Evidence) -> str:
+def _fault_of_tests(evidence: Evidence) -> str:
     """What speaks against the tests; empty where the oracle fell short or nothing was raised in them."""
     if any(oracle.outcome != "stopped" for oracle in evidence.oracles):
         return ""
@@ -52,7 +52,7 @@ def _tests_fault(evidence: Evidence) -> str:
     return f"The test file itself cannot be run: {_last_error(evidence)}." if evidence.where == "tests" else ""
 
 
-def _program_fault(evidence: Evidence) -> str:
+def _fault_of_program(evidence: Evidence) -> str:
     if evidence.oracles:
         first = evidence.oracles[0]
         remedy = _REMEDIES.get(first.outcome, "simplify the task")

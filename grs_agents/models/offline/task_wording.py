@@ -3,9 +3,9 @@
 import re
 from collections.abc import Sequence
 
-from grs_agents.models.offline.plan import Family, Frame, Plan
-from grs_agents.models.offline.prompt_text import COLORS, Thing
-from grs_agents.models.offline.task_families import PALETTE, Wish
+from grs_agents.models.offline.plan import Family, Plan, Target
+from grs_agents.models.offline.prompt_text import COLORS, SceneObject
+from grs_agents.models.offline.task_families import PALETTE, TaskRequest
 
 _FAMILY_WORDS: tuple[tuple[Family, str], ...] = (
     ("sort", r"sort|group|categor|separat"),
@@ -29,11 +29,11 @@ _VERBS: dict[Family, str] = {
 
 def task_name(plan: Plan) -> str:
     """A kebab-case name that tells the family and some of the objects."""
-    labels = list(dict.fromkeys(thing.label for thing in plan.things))
+    labels = list(dict.fromkeys(obj.label for obj in plan.objects))
     what = "-and-".join(labels[:2]) + ("-and-more" if len(labels) > 2 else "")
-    frame = plan.frames[0]
-    where = f"-{_preposition(frame)}-{frame.label}" if plan.family in ("pack", "stack", "place") else ""
-    how = {"sort": f"-by-{plan.note}", "line": "-by-height", "match": "-on-marks"}.get(plan.family, "")
+    target = plan.targets[0]
+    where = f"-{_preposition(target)}-{target.label}" if plan.family in ("pack", "stack", "place") else ""
+    how = {"sort": f"-by-{plan.criterion}", "line": "-by-height", "match": "-on-marks"}.get(plan.family, "")
     return re.sub(r"[^a-z0-9]+", "-", f"{_VERBS[plan.family]}-{what}{how}{where}".lower()).strip("-")[:90].strip("-")
 
 
@@ -48,8 +48,8 @@ def task_description(plan: Plan) -> str:
         "match": "Put each object on a mark of its own: {each}.",
         "place": "Put {what} on the {where}.",
     }
-    what = listed([thing.label for thing in plan.things])
-    return told[plan.family].format(what=what, where=plan.frames[0].label, note=plan.note, each=_by_frame(plan))
+    what = listed([obj.label for obj in plan.objects])
+    return told[plan.family].format(what=what, where=plan.targets[0].label, note=plan.criterion, each=_by_target(plan))
 
 
 def read_family(name: str, description: str) -> Family:
@@ -64,14 +64,16 @@ def read_family(name: str, description: str) -> Family:
     return "place"
 
 
-def read_wish(name: str, description: str, holders: Sequence[Thing], margin: float = 1.0) -> Wish:
+def read_request(name: str, description: str, containers: Sequence[SceneObject], margin: float = 1.0) -> TaskRequest:
     """The colour and the order that a task's words ask for."""
     text = f"{description} {name.replace('-', ' ')}".lower()
     colors = "|".join(COLORS)
     found = re.search(rf"\b({colors}) (?:container|zone|strip|area|mark|place|square)\b", text)
     found = found or re.search(rf"\b({colors}) box\b", text)  # a box may also be one of the objects
-    note = "color" if re.search(r"by colou?r", text) else "kind" if re.search(r"by (kind|category|type)", text) else ""
-    return Wish(found.group(1) if found else PALETTE[0], tuple(holders), note, margin)
+    criterion = (
+        "color" if re.search(r"by colou?r", text) else "kind" if re.search(r"by (kind|category|type)", text) else ""
+    )
+    return TaskRequest(found.group(1) if found else PALETTE[0], tuple(containers), criterion, margin)
 
 
 def listed(labels: Sequence[str]) -> str:
@@ -81,28 +83,28 @@ def listed(labels: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-UNTOLD = 1000
+NOT_MENTIONED = 1000
 """More than any description counts: it does not mention them."""
 
 
 def told(label: str, description: str) -> int:
     """How many objects called ``label`` a description counts; very many where it does not mention them."""
     found = re.findall(rf"\bthe (?:(\d+) )?{re.escape(label)}(?:e?s)?\b", description)
-    return sum(int(number or 1) for number in found) if found else UNTOLD
+    return sum(int(number or 1) for number in found) if found else NOT_MENTIONED
 
 
 def _plural(label: str) -> str:
     return f"{label}es" if label.endswith(("s", "x", "ch", "sh")) else f"{label}s"
 
 
-def _by_frame(plan: Plan) -> str:
+def _by_target(plan: Plan) -> str:
     parts: list[str] = []
-    for frame in plan.frames:
-        labels = [move.thing.label for move in plan.moves if move.frame is frame]
+    for target in plan.targets:
+        labels = [move.obj.label for move in plan.moves if move.target is target]
         if labels:
-            parts.append(f"{listed(labels)} on the {frame.label}")
+            parts.append(f"{listed(labels)} on the {target.label}")
     return ", and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
 
 
-def _preposition(frame: Frame) -> str:
-    return "into" if frame.kind in ("container", "thing") else "on"
+def _preposition(target: Target) -> str:
+    return "into" if target.kind in ("container", "object") else "on"
