@@ -118,10 +118,8 @@ def _provider(name: str) -> Diagnosis:
     key = provider.key_variable
     key_state = (f", {key} is set" if os.environ.get(key) else f", {key} is not set") if key else ", needs no key"
     if not installed(name):
-        remedy = _install(provider.extra)
-        return Diagnosis(
-            f"models {name}", "not installed", f"the package {provider.module} is missing{key_state}", remedy
-        )
+        remedy = _install(name)
+        return Diagnosis(f"models {name}", "not installed", f"the package {provider.module} is missing{told}", remedy)
     if key and not os.environ.get(key):
         return Diagnosis(f"models {name}", "no key", f"the package is installed{key_state}", f"export {key}=...")
     return Diagnosis(f"models {name}", "works", f"the package is installed{key_state}")

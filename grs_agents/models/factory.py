@@ -3,7 +3,7 @@
 import ipaddress
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from operator import attrgetter
 from typing import Any, cast
@@ -23,62 +23,46 @@ PLACEHOLDER_KEY = "not-needed"
 
 @dataclass(frozen=True)
 class Provider:
-    """How one provider's LangChain client is made.
+    """How one provider's LangChain client is made; the extra of ``grs-agents`` that installs it has its name.
 
     Attributes:
         module: the package to import.
         model_class: the chat model in it.
-        extra: the extra of ``grs-agents`` that installs the package.
+        http_client: where the model holds its HTTP client, so that the length of replies can be bounded. Only two of
+            the four packages take a client or hooks when a model is made.
         key_variable: the environment variable that holds the key by default; empty where none is needed.
         key_argument: the constructor's name for the key.
         length_argument: the constructor's name for the longest reply.
-        http_client: where the model holds its HTTP client, so that the length of replies can be bounded. Only two of
-            the four packages take a client or hooks when a model is made.
         defaults: further arguments; the client's own retries are switched off, ours are in ``retry``.
     """
 
     module: str
     model_class: str
-    extra: str
-    key_variable: str
-    key_argument: str
-    length_argument: str
     http_client: str
-    defaults: Mapping[str, Any]
+    key_variable: str
+    key_argument: str = "api_key"
+    length_argument: str = "max_tokens"
+    defaults: Mapping[str, Any] = field(default_factory=lambda: {"max_retries": 0})
 
 
 PROVIDERS: Mapping[str, Provider] = {
-    "openai": Provider(
-        "langchain_openai",
-        "ChatOpenAI",
-        "openai",
-        "OPENAI_API_KEY",
-        "api_key",
-        "max_tokens",
-        "root_client._client",
-        {"max_retries": 0},
-    ),
+    "openai": Provider("langchain_openai", "ChatOpenAI", "root_client._client", "OPENAI_API_KEY"),
     "anthropic": Provider(
         "langchain_anthropic",
         "ChatAnthropic",
-        "anthropic",
-        "ANTHROPIC_API_KEY",
-        "api_key",
-        "max_tokens",
         "_client._client",
-        {"max_retries": 0, "max_tokens": 8192},
+        "ANTHROPIC_API_KEY",
+        defaults={"max_retries": 0, "max_tokens": 8192},
     ),
     "google": Provider(
         "langchain_google_genai",
         "ChatGoogleGenerativeAI",
-        "google",
+        "client._api_client._httpx_client",
         "GOOGLE_API_KEY",
         "google_api_key",
         "max_output_tokens",
-        "client._api_client._httpx_client",
-        {"max_retries": 0},
     ),
-    "ollama": Provider("langchain_ollama", "ChatOllama", "ollama", "", "", "num_predict", "_client._client", {}),
+    "ollama": Provider("langchain_ollama", "ChatOllama", "_client._client", "", "", "num_predict", {}),
 }
 
 
@@ -103,13 +87,8 @@ def chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
     if not colon or not model.strip():
         raise ConfigError(f"model {config.model!r} names no model of {name}", f"write {name}:NAME")
     provider = PROVIDERS[name]
-    make = _load(provider, config.model)
-    arguments = {
-        **provider.defaults,
-        "model": model.strip(),
-        **_key(provider, config),
-        **_bounds(name, provider, config),
-    }
+    make = _client_class(name, config.model)
+    arguments = {**provider.defaults, "model": model.strip(), **_key(provider, config), **_bounds(name, config)}
     try:
         made = cast(BaseChatModel, make(**arguments))
         bound_bodies(attrgetter(provider.http_client)(made))
@@ -137,13 +116,14 @@ def is_loopback(url: str | None) -> bool:
         return False
 
 
-def _load(provider: Provider, model: str) -> Any:
+def _client_class(name: str, model: str) -> Any:
+    provider = PROVIDERS[name]
     try:
         return getattr(import_module(provider.module), provider.model_class)
     except ImportError as error:
         raise ConfigError(
             f"model {model!r} needs the package {provider.module}, which is not installed",
-            f'run: pip install "grs-agents[{provider.extra}]"',
+            f'run: pip install "grs-agents[{name}]"',
         ) from error
 
 
@@ -163,7 +143,7 @@ def _key(provider: Provider, config: ModelConfig) -> dict[str, str]:
     return {provider.key_argument: key}
 
 
-def _bounds(name: str, provider: Provider, config: ModelConfig) -> dict[str, Any]:
+def _bounds(name: str, config: ModelConfig) -> dict[str, Any]:
     bounds: dict[str, Any] = {"timeout": config.timeout}
     if name == "ollama":
         bounds = {"client_kwargs": {"timeout": config.timeout}}
@@ -172,5 +152,5 @@ def _bounds(name: str, provider: Provider, config: ModelConfig) -> dict[str, Any
     if config.temperature is not None:
         bounds["temperature"] = config.temperature
     if config.max_tokens is not None:
-        bounds[provider.length_argument] = config.max_tokens
+        bounds[PROVIDERS[name].length_argument] = config.max_tokens
     return bounds

@@ -1,7 +1,8 @@
 """The roles that invent: the task author and the simulation author."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -25,18 +26,11 @@ def author_task(prompt: PromptText, rng: np.random.Generator) -> str:
     objects = read_scene_objects(prompt.json("scene"))
     plan = draw_plan(objects, rng)
     if plan is not None:
-        task = {
-            "task-name": task_name(plan),
-            "task-description": task_description(plan),
-            "assets-used": list(plan.assets),
-        }
+        name, description, assets = task_name(plan), task_description(plan), list(plan.assets)
     else:
         first = objects[0].asset if objects else next((str(row.get("name")) for row in prompt.rows("fixtures")), ZONE)
-        task = {
-            "task-name": "place-object",
-            "task-description": "Put the object on the green zone.",
-            "assets-used": [first, ZONE],
-        }
+        name, description, assets = "place-object", "Put the object on the green zone.", [first, ZONE]
+    task = {"task-name": name, "task-description": description, "assets-used": assets}
     return f"```json\n{json.dumps(task, indent=2, ensure_ascii=False)}\n```"
 
 
@@ -58,15 +52,10 @@ def author_simulation(prompt: PromptText) -> str:
     """Reply to the ``simulation`` prompt: a program for this task with these objects."""
     task = prompt.json("task")
     plan = plan_task(task, read_scene_objects(prompt.json("scene")))
-    return f"```python\n{program_for(task, plan)}```"
-
-
-def program_for(task: Json, plan: Plan | None) -> str:
-    """The program text for a task; one that says so where no plan could be made."""
     name, description = str(task.get("task-name", "")), str(task.get("task-description", ""))
     if plan is None:
-        return f'raise RuntimeError("no object of {name} can be placed on the table")\n'
-    return write_program(plan, class_name(name), description)
+        return f'```python\nraise RuntimeError("no object of {name} can be placed on the table")\n```'
+    return f"```python\n{write_program(plan, class_name(name), description)}```"
 
 
 def plan_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -> Plan | None:
@@ -79,26 +68,35 @@ def plan_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -
     """
     name, description = str(task.get("task-name", "")), str(task.get("task-description", ""))
     assets = [str(asset) for asset in task.get("assets-used", [])]
-    used = [obj for obj in objects if obj.asset in assets]
-    used.sort(key=lambda obj: assets.index(obj.asset))
-    family = read_family(name, description)
-    small = [obj for obj in used if not obj.hollow]
-    containers = [obj for obj in used if obj.hollow] if family == "pack" and len(small) > 1 else []
-    selections = _selections([t for t in used if t not in containers] or used, description)
-    request = read_request(
-        name, description, [t.on_table() for t in containers if t not in selections[0] and is_in_reach(t)]
-    )
-    request = TaskRequest(request.color, request.containers, request.criterion, margin)
-    foreign: list[Plan] = []
-    for count in range(min(MAX_OBJECTS, max(len(chosen) for chosen in selections)), 0, -1):
-        for chosen in selections:
-            ready = relocate_misplaced(chosen[:count])
-            for name in (family, "place", "pack") if ready else ():
-                plan = FAMILIES[name](ready, request)
-                if plan is not None and set(plan.assets) <= {*assets}:
-                    return plan
-                foreign += [plan] if plan else []
-    return foreign[0] if foreign else None
+    family, used = read_family(name, description), _in_order(objects, assets)
+    moved = [obj for obj in used if not obj.hollow] if family == "pack" else []
+    moved = moved if len(moved) > 1 else used
+    containers = [obj.on_table() for obj in used if obj not in moved and is_in_reach(obj)]
+    request = read_request(name, description, containers, margin)
+    foreign: Plan | None = None
+    for plan in _candidate_plans(family, _selections(moved, description), request):
+        if {*plan.assets} <= {*assets}:
+            return plan
+        foreign = foreign or plan
+    return foreign
+
+
+def _in_order(objects: Sequence[SceneObject], assets: Sequence[str]) -> list[SceneObject]:
+    """The objects that stand for ``assets``, in their order."""
+    return sorted((obj for obj in objects if obj.asset in assets), key=lambda obj: assets.index(obj.asset))
+
+
+def _candidate_plans(
+    family: Family, selections: Sequence[Sequence[SceneObject]], request: TaskRequest
+) -> Iterator[Plan]:
+    """Plans for as many objects as possible; of as many objects, those of ``family`` first."""
+    most = min(MAX_OBJECTS, max(map(len, selections)))
+    for count, chosen in product(range(most, 0, -1), selections):
+        ready = relocate_misplaced(chosen[:count])
+        for name in (family, "place", "pack") if ready else ():
+            plan = FAMILIES[name](ready, request)
+            if plan is not None:
+                yield plan
 
 
 def _selections(objects: Sequence[SceneObject], description: str) -> list[list[SceneObject]]:

@@ -1,7 +1,7 @@
 """The code fixer: the smallest change that the evidence calls for, else the same task with less to do."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from grs_agents.models.offline import program_edits
@@ -89,6 +89,11 @@ class Replan:
     spots: bool = False
     margin: float = 1.0
 
+    def applied_to(self, objects: Sequence[SceneObject]) -> list[SceneObject]:
+        """The objects that are left, those to put elsewhere marked as out of reach."""
+        left = [obj for obj in objects if obj.name not in self.without]
+        return [replace(obj, reachable=False) if obj.name in self.away else obj for obj in left]
+
 
 def _replanned(source: str, evidence: Evidence, task: Json, objects: Sequence[SceneObject]) -> str:
     """The same task planned anew with what the evidence teaches; with fewer objects where it teaches nothing."""
@@ -97,39 +102,45 @@ def _replanned(source: str, evidence: Evidence, task: Json, objects: Sequence[Sc
     present = [obj for obj in named if obj.asset in used]
     if {"moved", "assets_of_task"} & set(evidence.findings) or len(present) < 2:
         present = named
+    title, description = program_edits.task_class(source), str(task.get("task-description", ""))
     for option in _replans(present, evidence, "spot" in source, _RELOCATION_COMMENT in source):
-        chosen = [obj for obj in present if obj.name not in option.without]
-        chosen = [replace(obj, reachable=False) if obj.name in option.away else obj for obj in chosen]
-        plan = plan_task(task, chosen, option.margin)
+        plan = plan_task(task, option.applied_to(present), option.margin)
         if plan is None or len(plan.objects) < min(2, len(named)):
             continue
-        text = write_program(
-            plan, program_edits.task_class(source), str(task.get("task-description", "")), option.spots
-        )
+        text = write_program(plan, title, description, option.spots)
         if text.strip() != source.strip():
             return text
     return source
 
 
-def _replans(present: Sequence[SceneObject], evidence: Evidence, spots: bool, elsewhere: bool) -> list[Replan]:
+def _replans(present: Sequence[SceneObject], evidence: Evidence, spots: bool, relocated: bool) -> list[Replan]:
     """What to try in turn: first what keeps every object that the task names, as the audit wants them all."""
     concerned = {asset for oracle in evidence.oracles for asset in oracle.objects}
-    outcomes = {oracle.outcome for oracle in evidence.oracles}
     worst = sorted((obj for obj in present if not obj.hollow), key=_difficulty, reverse=True)
     suspects = [obj.name for obj in worst if obj.asset in concerned]
     everyone = frozenset(obj.name for obj in present)
-    tries = [] if evidence.oracles or evidence.findings else [Replan(spots=spots)]
+    return [
+        *_replans_with_every_object(evidence, frozenset(suspects), spots, relocated),
+        *(Replan(frozenset({name}), spots=spots) for name in suspects),
+        Replan(spots=spots, margin=1.5),
+        *(Replan(frozenset(obj.name for obj in worst[:count]), spots=spots) for count in range(1, len(worst))),
+        Replan(away=everyone, spots=True),
+        Replan(away=everyone, spots=True, margin=1.5),
+    ]
+
+
+def _replans_with_every_object(
+    evidence: Evidence, suspects: frozenset[str], spots: bool, relocated: bool
+) -> Iterator[Replan]:
+    outcomes = {oracle.outcome for oracle in evidence.oracles}
+    if not evidence.oracles and not evidence.findings:
+        yield Replan(spots=spots)
     if outcomes & (_PARTIAL_OUTCOMES | {"toppled"}) and not spots:
-        tries.append(Replan(spots=True))
-    if "toppled" in outcomes and not elsewhere:
-        tries.append(Replan(away=frozenset(suspects), spots=True))
+        yield Replan(spots=True)
+    if "toppled" in outcomes and not relocated:
+        yield Replan(away=suspects, spots=True)
     if "unreachable" in outcomes:
-        tries.append(Replan(away=frozenset(suspects), spots=spots))
-    tries += [Replan(frozenset({name}), spots=spots) for name in suspects]
-    tries.append(Replan(spots=spots, margin=1.5))
-    tries += [Replan(frozenset(obj.name for obj in worst[:count]), spots=spots) for count in range(1, len(worst))]
-    tries += [Replan(away=everyone, spots=True), Replan(away=everyone, spots=True, margin=1.5)]
-    return tries
+        yield Replan(away=suspects, spots=spots)
 
 
 def _difficulty(obj: SceneObject) -> float:

@@ -5,7 +5,8 @@ The last one goes by what was measured of a model, and says so.
 
 import base64
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from typing import Any, cast
 
 import cv2
@@ -80,14 +81,7 @@ def match(prompt: PromptText) -> str:
     if candidate.get("is_object") is False or (size is not None and not _is_plausible_object(size, candidate)):
         return _fenced({"match": "no_object", "asset": None, "reason": "the segment is no plausible object"})
     told = " ".join(str(candidate.get(key, "")) for key in ("description", "category", "shape", "color"))
-    scores: list[tuple[float, str]] = []
-    for asset in prompt.rows("assets"):
-        extent = numbers(asset.get("size"), 3)
-        if size and extent and _same_roundness(told, asset):
-            difference = _difference(size, extent) + _color_difference(told, asset)
-            if difference <= MAX_DIFFERENCE:
-                scores.append((difference, str(asset.get("name"))))
-    scores.sort()
+    scores = sorted(_scores(size, told, prompt.rows("assets"))) if size else []
     if not scores:
         return _fenced({"match": "no_asset", "asset": None, "reason": "no asset of this size, shape and colour"})
     if len(scores) > 1 and scores[1][0] < scores[0][0] + LEAD:
@@ -95,6 +89,16 @@ def match(prompt: PromptText) -> str:
         return _fenced({"match": "no_asset", "asset": None, "reason": f"{names} fit equally well"})
     reason = f"size, shape and colours agree, at {100 * scores[0][0]:.0f} % of what is allowed to differ"
     return _fenced({"match": "asset", "asset": scores[0][1], "reason": reason})
+
+
+def _scores(size: Sequence[float], told: str, assets: Sequence[Json]) -> Iterator[tuple[float, str]]:
+    """How much each asset differs that may be what was measured and described, and its name."""
+    for asset in assets:
+        extent = numbers(asset.get("size"), 3)
+        if extent and _same_roundness(told, asset):
+            difference = _difference(size, extent) + _color_difference(told, asset)
+            if difference <= MAX_DIFFERENCE:
+                yield difference, str(asset.get("name"))
 
 
 def color_names(image: Image, mean: Sequence[float] | None = None) -> list[str]:
@@ -228,18 +232,13 @@ _CATEGORIES = _CATEGORIES_TEXT.split()
 def describe_asset(prompt: PromptText) -> str:
     """Reply to the ``describe_asset`` prompt from its facts alone; the pictures are not looked at."""
     facts = prompt.json("facts")
-    told = facts.get("colors")
-    colors = [str(one) for one in cast(list[object], told)] if isinstance(told, list) and told else ["gray"]
-    words = str(facts.get("file_name", "")).lower().replace("_", " ").replace("-", " ").split()
-    words = [word for word in words if word.isalpha()]
-    category = next((word for word in reversed(words) if word in _CATEGORIES), "object")
-    size = numbers(facts.get("size_m"), 3)
-    across = max(size[:2]) if size else 0.0
-    build = "" if not size else "tall " if size[2] > 1.6 * across else "flat " if size[2] < 0.45 * across else ""
-    called = " ".join(words) or category
-    hollow = ", hollow" if facts.get("hollow") is True else ""
-    paint = f"{build}{' and '.join(colors[:2])}"
+    colors = [str(color) for color in facts.get("colors") or ()] if isinstance(facts.get("colors"), list) else []
+    colors = colors or ["gray"]
+    name = re.split(r"[\s_-]+", str(facts.get("file_name", "")).lower())
+    spoken = [word for word in name if word.isalpha()]
+    category = next((word for word in reversed(spoken) if word in _CATEGORIES), "object")
+    paint = f"{_proportion_word(numbers(facts.get('size_m'), 3))}{' and '.join(colors[:2])}"
     article = "An" if paint[0] in "aeiou" else "A"
-    text = f"{article} {paint} {called}{hollow} (told from its name and measurements, not seen)."
-    reply = {"description": text, "color": colors[0], "category": category}
-    return f"```json\n{json.dumps(reply)}\n```"
+    hollow = ", hollow" if facts.get("hollow") is True else ""
+    text = f"{article} {paint} {' '.join(spoken) or category}{hollow} (told from its name and measurements, not seen)."
+    return _fenced({"description": text, "color": colors[0], "category": category})

@@ -75,10 +75,9 @@ def object_selections(
     least, most = _OBJECT_COUNTS[family]
     if family == "stack":
         chains = _chains(shuffled)
-        order = [chains[int(index)] for index in rng.permutation(len(chains))]
-        return [chain[:count] for chain in order for count in (most, least)]
+        return [chains[int(index)][:count] for index in rng.permutation(len(chains)) for count in (most, least)]
     if family == "clear":
-        return [chosen for chosen in (_cluster(shuffled, seed, most) for seed in shuffled) if len(chosen) >= 2]
+        return _clusters(shuffled, most)
     if family == "sort":
         return [non_overlapping(group, most) for group in _few_groups(shuffled)]
     count = int(rng.integers(least, most + 1))
@@ -112,9 +111,14 @@ def _chains(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:
     return chains
 
 
-def _cluster(objects: Sequence[SceneObject], seed: SceneObject, most: int) -> list[SceneObject]:
-    near = sorted(objects, key=lambda obj: math.dist(obj.position[:2], seed.position[:2]))
-    return non_overlapping([obj for obj in near if math.dist(obj.position[:2], seed.position[:2]) < 0.28], most)
+def _clusters(objects: Sequence[SceneObject], most: int) -> list[list[SceneObject]]:
+    """For each object those within 28 cm of it, the nearest first, where there are at least two."""
+    clusters: list[list[SceneObject]] = []
+    for seed in objects:
+        pairs = [(math.dist(obj.position[:2], seed.position[:2]), obj) for obj in objects]
+        near = [obj for distance, obj in sorted(pairs, key=lambda pair: pair[0]) if distance < 0.28]
+        clusters.append(non_overlapping(near, most))
+    return [cluster for cluster in clusters if len(cluster) >= 2]
 
 
 def _few_groups(objects: Sequence[SceneObject]) -> list[list[SceneObject]]:

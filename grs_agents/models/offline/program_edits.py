@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 
 KNOWN_NAMES = {
     "np": "import numpy as np",
@@ -59,14 +59,18 @@ def add_import(source: str, name: str) -> str | None:
 def max_steps(source: str) -> int | None:
     """The number that ``source`` assigns to ``self.max_steps``."""
     for node in _assignments(source):
-        if _target(node) == "max_steps" and isinstance(node.value, ast.Constant) and isinstance(node.value.value, int):
+        if (
+            _name_of(node.targets[0]) == "max_steps"
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.value.value, int)
+        ):
             return node.value.value
     return None
 
 
 def set_max_steps(source: str, steps: int) -> str | None:
     """``source`` with another number of steps; None where it assigns none."""
-    found = [node for node in _assignments(source) if _target(node) == "max_steps"]
+    found = [node for node in _assignments(source) if _name_of(node.targets[0]) == "max_steps"]
     return _with_replacements(source, ((node.value, str(steps)) for node in found)) if found else None
 
 
@@ -74,7 +78,7 @@ def scale_areas(source: str, factor: float) -> str | None:
     """``source`` with the x and y extents of its containers and zones scaled; None where it states none."""
     edits: list[tuple[ast.expr, str]] = []
     for node in _assignments(source):
-        name, value = _target(node), node.value
+        name, value = _name_of(node.targets[0]), node.value
         if not name.endswith("_size") or not isinstance(value, ast.Tuple) or len(value.elts) != 3:
             continue
         for element in value.elts[:2]:
@@ -98,22 +102,25 @@ def remove_asset(source: str, asset: str) -> str | None:
     tree = parse(source)
     if tree is None:
         return None
-    line_ranges: list[tuple[int, int]] = []
-    variables: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.List | ast.Tuple) and len(node.elts) > 1:
-            rows = [row for row in node.elts if isinstance(row, ast.Dict | ast.Tuple | ast.List | ast.Constant)]
-            line_ranges += [
-                _line_range(row) for row in rows if _mentions(row, asset) and not isinstance(node.ctx, ast.Store)
-            ]
-        if isinstance(node, ast.Assign) and _mentions(node, asset) and isinstance(node.value, ast.Call):
-            variables |= {target.id for target in node.targets if isinstance(target, ast.Name)}
-            line_ranges.append(_line_range(node))
+    calls = [node for node in _assignments(source) if isinstance(node.value, ast.Call) and _mentions(node, asset)]
+    variables = {target.id for node in calls for target in node.targets if isinstance(target, ast.Name)}
+    changed = _without_lines(source, [*calls, *_entries_with(tree, variables), *_rows_about(tree, asset)])
+    return changed if parse(changed) is not None and asset not in assets_in(changed) else None
+
+
+def _entries_with(tree: ast.Module, variables: set[str]) -> Iterator[ast.expr]:
+    """The list entries that use one of ``variables``."""
     for node in ast.walk(tree):
         if isinstance(node, ast.List):
-            line_ranges += [_line_range(row) for row in node.elts if variables & _identifiers(row)]
-    changed = _without_lines(source, line_ranges) if line_ranges else source
-    return changed if parse(changed) is not None and asset not in assets_in(changed) else None
+            yield from (row for row in node.elts if variables & _identifiers(row))
+
+
+def _rows_about(tree: ast.Module, asset: str) -> Iterator[ast.expr]:
+    """The entries of literal lists of several entries that name ``asset``."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.List | ast.Tuple) and len(node.elts) > 1 and not isinstance(node.ctx, ast.Store):
+            rows = (row for row in node.elts if isinstance(row, ast.Dict | ast.Tuple | ast.List | ast.Constant))
+            yield from (row for row in rows if _mentions(row, asset))
 
 
 def _assignments(source: str) -> list[ast.Assign]:
@@ -121,8 +128,8 @@ def _assignments(source: str) -> list[ast.Assign]:
     return [node for node in ast.walk(tree) if isinstance(node, ast.Assign)] if tree else []
 
 
-def _target(node: ast.Assign) -> str:
-    target = node.targets[0]
+def _name_of(target: ast.expr) -> str:
+    """The variable or attribute that is assigned to; empty for anything else."""
     return target.id if isinstance(target, ast.Name) else target.attr if isinstance(target, ast.Attribute) else ""
 
 
@@ -134,12 +141,11 @@ def _identifiers(node: ast.AST) -> set[str]:
     return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
 
 
-def _line_range(node: ast.expr | ast.stmt) -> tuple[int, int]:
-    return node.lineno, node.end_lineno or node.lineno
-
-
-def _without_lines(source: str, line_ranges: Iterable[tuple[int, int]]) -> str:
-    gone = {number for first, last in line_ranges for number in range(first, last + 1)}
+def _without_lines(source: str, nodes: Sequence[ast.expr | ast.stmt]) -> str:
+    """``source`` without the lines of ``nodes``."""
+    if not nodes:
+        return source
+    gone = {number for node in nodes for number in range(node.lineno, (node.end_lineno or node.lineno) + 1)}
     return "\n".join(line for number, line in enumerate(source.splitlines(), 1) if number not in gone) + "\n"
 
 

@@ -195,29 +195,18 @@ class SceneObject:
 
 def read_scene_objects(scene: Json) -> list[SceneObject]:
     """The objects of a scene section; entries without a name, asset, position or size are left out."""
-    found: list[SceneObject] = []
-    for entry in _list(scene.get("objects")):
-        obj = _scene_object(cast(Json, entry)) if isinstance(entry, dict) else None
-        if obj is not None:
-            found.append(obj)
-    return found
+    entries = [cast(Json, entry) for entry in _list(scene.get("objects")) if isinstance(entry, dict)]
+    return [obj for obj in map(_scene_object, entries) if obj is not None]
 
 
 def _scene_object(entry: Json) -> SceneObject | None:
-    position, size = numbers(entry.get("position"), 3), numbers(entry.get("size"), 3)
-    box = entry.get("box")
-    if size is None and isinstance(box, dict):
-        edges = cast(Json, box)
-        low, high = numbers(edges.get("low"), 3), numbers(edges.get("high"), 3)
-        size = tuple(b - a for a, b in zip(low, high, strict=True)) if low and high else None
+    position, box = numbers(entry.get("position"), 3), _box_extents(entry.get("box"))
+    size = numbers(entry.get("size"), 3) or box
     asset = str(entry.get("asset") or "")
     if position is None or size is None or min(size) <= 0 or not asset:
         return None
     orientation = numbers(entry.get("orientation"), 4) or (0.0, 0.0, 0.0, 1.0)
-    size = _as_it_stands(size, orientation, box)
     category = str(entry.get("category") or "").lower()
-    named_hollow = bool({category, *words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")
-    hollow = bool(entry.get("hollow")) or named_hollow
     return SceneObject(
         name=str(entry.get("name") or asset),
         asset=asset,
@@ -225,24 +214,32 @@ def _scene_object(entry: Json) -> SceneObject | None:
         color=str(entry.get("color") or "").lower(),
         position=cast(Vector, position),
         orientation=cast(Quaternion, orientation),
-        size=size,
+        size=_as_it_stands(size, orientation, box),
         reachable=bool(entry.get("reachable", True)),
-        hollow=hollow,
+        hollow=bool(entry.get("hollow")) or _is_named_hollow(asset, category),
     )
 
 
-def _as_it_stands(size: tuple[float, ...], orientation: tuple[float, ...], box: Any) -> Vector:
+def _is_named_hollow(asset: str, category: str) -> bool:
+    return bool({category, *words(asset)} & HOLLOW_WORDS) and not asset.startswith("proxy/")
+
+
+def _box_extents(box: Any) -> tuple[float, ...] | None:
+    """The extents of an axis-aligned box that is given by its corners; None where it is not."""
+    edges = cast(Json, box) if isinstance(box, dict) else {}
+    low, high = numbers(edges.get("low"), 3), numbers(edges.get("high"), 3)
+    return tuple(b - a for a, b in zip(low, high, strict=True)) if low and high else None
+
+
+def _as_it_stands(size: tuple[float, ...], orientation: tuple[float, ...], box: tuple[float, ...] | None) -> Vector:
     """The extents along the robot's axes, whether ``size`` tells them or the object's own, judged by its box."""
+    if box is None:
+        return cast(Vector, size)
     x, y, z, w = orientation
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     across, along = abs(math.cos(yaw)), abs(math.sin(yaw))
     turned = (across * size[0] + along * size[1], along * size[0] + across * size[1], size[2])
-    edges = cast(Json, box) if isinstance(box, dict) else {}
-    low, high = numbers(edges.get("low"), 3), numbers(edges.get("high"), 3)
-    if low is None or high is None:
-        return cast(Vector, size)
-    seen = [b - a for a, b in zip(low[:2], high[:2], strict=True)]
-    return cast(Vector, min((size, turned), key=lambda extents: math.dist(extents[:2], seen)))
+    return cast(Vector, min((size, turned), key=lambda extents: math.dist(extents[:2], box[:2])))
 
 
 def numbers(value: Any, count: int) -> tuple[float, ...] | None:

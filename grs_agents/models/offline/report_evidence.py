@@ -76,25 +76,20 @@ def read_evidence(text: str) -> Evidence:
     errors: list[tuple[str, str]] = []
     findings: dict[str, str] = {}
     for line in text.splitlines():
-        case, oracle, finding, error = _CASE.match(line), _ORACLE.search(line), _FINDING.match(line), _ERROR.match(line)
-        if oracle:
-            names = tuple(re.findall(r"[\"']([^\"']+)[\"']", oracle["objects"] or ""))
-            oracles.append(
-                Oracle(oracle["outcome"], int(oracle["steps"]), int(oracle["most"]), oracle["detail"], names)
-            )
-        elif finding:
+        if oracle := _ORACLE.search(line):
+            oracles.append(_oracle(oracle))
+        elif finding := _FINDING.match(line):
             findings[finding["check"]] = finding["detail"]
-        elif case and case["outcome"] != "passed":
-            cases.append(Case(case["id"], case["outcome"], case["where"] or "", case["message"] or ""))
-        elif error:
+        elif (case := _CASE.match(line)) and case["outcome"] != "passed":
+            cases.append(Case(*(case[name] or "" for name in ("id", "outcome", "where", "message"))))
+        elif error := _ERROR.match(line):
             errors.append((error["type"], error["message"]))
     raised = re.search(r"raised in:? (\w+)", text)
-    return Evidence(
-        text=text,
-        cases=tuple(cases),
-        oracles=tuple(oracle for oracle in oracles if oracle.outcome != "success"),
-        solved=sum(oracle.outcome == "success" for oracle in oracles),
-        errors=tuple(errors),
-        where=raised[1] if raised else "",
-        findings=findings,
-    )
+    short = tuple(oracle for oracle in oracles if oracle.outcome != "success")
+    where = raised[1] if raised else ""
+    return Evidence(text, tuple(cases), short, len(oracles) - len(short), tuple(errors), where, findings)
+
+
+def _oracle(line: re.Match[str]) -> Oracle:
+    assets = tuple(re.findall(r"[\"']([^\"']+)[\"']", line["objects"] or ""))
+    return Oracle(line["outcome"], int(line["steps"]), int(line["most"]), line["detail"], assets)

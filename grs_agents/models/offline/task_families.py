@@ -3,8 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
-from grs_agents.models.offline.plan import WALL, ZONE_HEIGHT, Family, Move, Plan, Table, Target, in_rows
+from grs_agents.models.offline.plan import WALL, ZONE_HEIGHT, Family, Move, Plan, Rows, Table, Target, in_rows
 from grs_agents.models.offline.prompt_text import COLORS, GAP, Rect, SceneObject, Vector, identifier
 
 PALETTE = ("green", "blue", "red", "yellow", "purple", "orange")
@@ -29,17 +30,14 @@ class TaskRequest:
 
 def pack(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Everything into one container: one of the scene's where one fits, else a new one."""
-    rows = in_rows([obj.size[:2] for obj in objects], gap=GAP * request.margin)
+    rows = _rows(objects, request)
     target = _existing_container(objects, request, rows.width, rows.depth) or _new_container(
         objects, request, rows.width, rows.depth
     )
     if target is None:
         return None
     floor = WALL if target.kind == "container" else 0.01
-    moves = [
-        Move(obj, target, (x, y, floor + obj.size[2] / 2)) for obj, (x, y) in zip(objects, rows.offsets, strict=True)
-    ]
-    return Plan("pack", (target,), tuple(moves))
+    return Plan("pack", (target,), _moves(objects, target, rows, floor))
 
 
 def _existing_container(
@@ -59,7 +57,7 @@ def _new_container(objects: Sequence[SceneObject], request: TaskRequest, width: 
     border = 2 * (WALL + GAP * request.margin)
     height = round(min(0.08, max(0.04, 0.6 * min(obj.size[2] for obj in objects))), 3)
     size = (_round_up(width + border), _round_up(depth + border), height)
-    return _target_lines(f"{request.color}_container", "container", size, request.color, _table(objects))
+    return _new_target(f"{request.color}_container", "container", size, request.color, _table(objects))
 
 
 def stack(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
@@ -125,14 +123,13 @@ def line(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     strip = _zone(f"{request.color}_strip", width, depth, request.color, _table(objects))
     if strip is None:
         return None
-    moves = [Move(obj, strip, (x, y, obj.size[2] / 2)) for obj, (x, y) in zip(order, rows.offsets, strict=True)]
-    return Plan("line", (strip,), tuple(moves), "height", exact=True)
+    return Plan("line", (strip,), _moves(order, strip, rows), "height", exact=True)
 
 
 def place(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Everything onto one zone."""
     layout = _zone_with_rows(objects, f"{request.color}_zone", request.color, _table(objects), request)
-    return None if layout is None else Plan("place", (layout[0],), tuple(layout[1]))
+    return None if layout is None else Plan("place", (layout[0],), layout[1])
 
 
 def match(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
@@ -153,22 +150,24 @@ def match(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
 
 def clear(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     """Out of the area in which they stand, to a free part of the table."""
-    rects = [obj.rect for obj in objects]
-    low = [min(r.x - r.width / 2 for r in rects) - GAP, min(r.y - r.depth / 2 for r in rects) - GAP]
-    high = [max(r.x + r.width / 2 for r in rects) + GAP, max(r.y + r.depth / 2 for r in rects) + GAP]
-    area = Rect((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[0] - low[0], high[1] - low[1])
+    area = _area_around([obj.rect for obj in objects])
     if any(obj.relocated for obj in objects) or max(area.width, area.depth) > 0.45:
         return None
     size = (_round_up(area.width), _round_up(area.depth), ZONE_HEIGHT)
     spot = Target(f"{request.color}_area", "zone", size, (area.x, area.y), request.color, moves=False)
     table = Table([area])
-    rows = in_rows([obj.size[:2] for obj in objects], gap=GAP * request.margin)
+    rows = _rows(objects, request)
     size = (_round_up(rows.width + 2 * GAP), _round_up(rows.depth + 2 * GAP), max(obj.size[2] for obj in objects))
-    free = _target_lines("free_place", "free", size, "", table)
+    free = _new_target("free_place", "free", size, "", table)
     if free is None:
         return None
-    moves = [Move(obj, free, (x, y, obj.size[2] / 2)) for obj, (x, y) in zip(objects, rows.offsets, strict=True)]
-    return Plan("clear", (spot, free), tuple(moves))
+    return Plan("clear", (spot, free), _moves(objects, free, rows))
+
+
+def _area_around(rects: Sequence[Rect]) -> Rect:
+    low = [min(r.x - r.width / 2 for r in rects) - GAP, min(r.y - r.depth / 2 for r in rects) - GAP]
+    high = [max(r.x + r.width / 2 for r in rects) + GAP, max(r.y + r.depth / 2 for r in rects) + GAP]
+    return Rect((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[0] - low[0], high[1] - low[1])
 
 
 FAMILIES: dict[Family, Callable[[Sequence[SceneObject], TaskRequest], Plan | None]] = {
@@ -182,26 +181,34 @@ FAMILIES: dict[Family, Callable[[Sequence[SceneObject], TaskRequest], Plan | Non
 }
 
 
+def _rows(objects: Sequence[SceneObject], request: TaskRequest) -> Rows:
+    return in_rows([obj.size[:2] for obj in objects], gap=GAP * request.margin)
+
+
+def _moves(objects: Sequence[SceneObject], target: Target, rows: Rows, floor: float = 0.0) -> tuple[Move, ...]:
+    """Each object to its place in the rows, standing ``floor`` metres above the table."""
+    pairs = zip(objects, rows.offsets, strict=True)
+    return tuple(Move(obj, target, (x, y, floor + obj.size[2] / 2)) for obj, (x, y) in pairs)
+
+
 def _zone_with_rows(
     objects: Sequence[SceneObject], name: str, color: str, table: Table, request: TaskRequest
-) -> tuple[Target, list[Move]] | None:
-    rows = in_rows([obj.size[:2] for obj in objects], gap=GAP * request.margin)
+) -> tuple[Target, tuple[Move, ...]] | None:
+    rows = _rows(objects, request)
     border = 2 * GAP * request.margin
     zone = _zone(name, _round_up(rows.width + border), _round_up(rows.depth + border), color, table)
-    if zone is None:
-        return None
-    return zone, [Move(obj, zone, (x, y, obj.size[2] / 2)) for obj, (x, y) in zip(objects, rows.offsets, strict=True)]
+    return None if zone is None else (zone, _moves(objects, zone, rows))
 
 
 def _zone(name: str, width: float, depth: float, color: str, table: Table) -> Target | None:
-    return _target_lines(name, "zone", (width, depth, ZONE_HEIGHT), color, table)
+    return _new_target(name, "zone", (width, depth, ZONE_HEIGHT), color, table)
 
 
-def _target_lines(name: str, kind: str, size: Vector, color: str, table: Table) -> Target | None:
+def _new_target(
+    name: str, kind: Literal["container", "zone", "free"], size: Vector, color: str, table: Table
+) -> Target | None:
     spot = table.place(size[0], size[1])
-    if spot is None:
-        return None
-    return Target(name, "container" if kind == "container" else "zone" if kind == "zone" else "free", size, spot, color)
+    return None if spot is None else Target(name, kind, size, spot, color)
 
 
 def _table(objects: Sequence[SceneObject]) -> Table:
