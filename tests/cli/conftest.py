@@ -1,12 +1,9 @@
 """A chat-completions server on loopback that answers as a scripted model would."""
 
 import base64
-import contextlib
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
 from typing import Any
 
 import pytest
@@ -14,6 +11,7 @@ from langchain_core.messages import HumanMessage
 
 from grs_agents.config import ModelConfig
 from grs_agents.models import chat_model
+from tests.chat_server import Answer, Json, chat_server, completion
 
 
 @dataclass
@@ -38,7 +36,18 @@ class ScriptedServer:
     bodies: list[str] = field(default_factory=list[str])
     arrived: Callable[[], None] = lambda: None
 
-    def answer(self, body: dict[str, Any]) -> str:
+    def answer(self, body: Json, _: str) -> Answer:
+        """What the server answers: the scripted reply, or that its role is refused."""
+        self.bodies.append(json.dumps(body["messages"]))
+        self.arrived()
+        reply = self.reply(body)
+        if refusal := self.refused.get(self.roles[-1]):
+            return 401, {}, json.dumps({"error": {"message": refusal}}).encode()
+        usage = {"prompt_tokens": 10, "completion_tokens": 5, "total_tokens": 15, "cost": 0.25}
+        details = {"cached_tokens": 4}
+        return 200, {}, json.dumps(completion({"content": reply}, **usage, prompt_tokens_details=details)).encode()
+
+    def reply(self, body: Json) -> str:
         """The scripted reply: the rules of the offline model, over the wire of another provider."""
         content = body["messages"][0]["content"]
         parts: list[dict[str, Any]] = [{"type": "text", "text": content}] if isinstance(content, str) else content
@@ -63,48 +72,5 @@ def scripted_server() -> Iterator[ScriptedServer]:
     """An OpenAI-compatible server on 127.0.0.1."""
     script = ScriptedServer()
 
-    class Handler(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-            script.bodies.append(json.dumps(body["messages"]))
-            script.arrived()
-            message = {"role": "assistant", "content": script.answer(body)}
-            if refusal := script.refused.get(script.roles[-1]):
-                self.send(401, {"error": {"message": refusal}})
-                return
-            reply = {
-                "id": "1",
-                "object": "chat.completion",
-                "created": 1,
-                "model": body["model"],
-                "choices": [{"index": 0, "message": message, "finish_reason": "stop"}],
-                "usage": {
-                    "prompt_tokens": 10,
-                    "completion_tokens": 5,
-                    "total_tokens": 15,
-                    "prompt_tokens_details": {"cached_tokens": 4},
-                    "cost": 0.25,
-                },
-            }
-            with contextlib.suppress(OSError):  # the client was killed
-                self.send(200, reply)
-
-        def send(self, status: int, reply: dict[str, Any]) -> None:
-            data = json.dumps(reply).encode()
-            self.send_response(status)
-            self.send_header("Content-Type", "application/json")
-            self.send_header("Content-Length", str(len(data)))
-            self.end_headers()
-            self.wfile.write(data)
-
-        def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
-            """Stay silent."""
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    script.url = f"http://127.0.0.1:{server.server_address[1]}/v1"
-    yield script
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with chat_server(script.answer) as script.url:
+        yield script

@@ -2,17 +2,15 @@
 
 import json
 import re
-import threading
 from collections.abc import Callable, Iterator, Mapping
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import pytest
 from hypothesis import strategies as st
 
 from grs_agents import content
+from tests.chat_server import Answer, Json, chat_server, completion
 
-Json = dict[str, Any]
 COLORS = ("red", "green", "blue", "yellow", "white", "brown")
 CATEGORIES = ("box", "can", "bottle", "cube", "bowl", "object")
 
@@ -99,7 +97,7 @@ class Scripted:
     """A server on loopback that gives prepared (status, headers, body) answers, the last one for ever."""
 
     def __init__(self) -> None:
-        self.answers: list[tuple[int, dict[str, str], bytes]] = []
+        self.answers: list[Answer] = []
         self.requests: list[tuple[str, Json]] = []
 
     def say(self, status: int, body: Json | bytes, **headers: str) -> None:
@@ -108,43 +106,18 @@ class Scripted:
         self.answers.append((status, named, data))
 
     def complete(self, text: str | None = "hello", finish: str | None = "stop", **message: Any) -> None:
-        said = {"role": "assistant", "content": text, **message}
-        self.say(
-            200,
-            {
-                "id": "x",
-                "object": "chat.completion",
-                "created": 1,
-                "model": "any",
-                "choices": [{"index": 0, "message": said, "finish_reason": finish}],
-                "usage": {"prompt_tokens": 11, "completion_tokens": 5, "total_tokens": 16},
-            },
-        )
+        usage = {"prompt_tokens": 11, "completion_tokens": 5, "total_tokens": 16}
+        self.say(200, completion({"content": text, **message}, finish, **usage))
+
+    def answer(self, body: Json, authorization: str) -> Answer:
+        """The next prepared answer."""
+        self.requests.append((authorization, body))
+        return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
 
 
 @pytest.fixture
 def server() -> Iterator[tuple[Scripted, str]]:
     """A scripted OpenAI-compatible server and its base URL."""
     script = Scripted()
-
-    class Handler(BaseHTTPRequestHandler):
-        def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
-            """Stay silent."""
-
-        def do_POST(self) -> None:
-            body = json.loads(self.rfile.read(int(self.headers.get("Content-Length", 0))))
-            script.requests.append((self.headers.get("Authorization", ""), body))
-            status, headers, data = script.answers.pop(0) if len(script.answers) > 1 else script.answers[0]
-            self.send_response(status)
-            for name, value in {"Content-Type": "application/json", **headers}.items():
-                self.send_header(name, value)
-            self.send_header("Content-Length", str(len(data)))
-            self.end_headers()
-            self.wfile.write(data)
-
-    running = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=running.serve_forever, args=(0.01,), daemon=True)
-    thread.start()
-    yield script, f"http://127.0.0.1:{running.server_address[1]}/v1"
-    running.shutdown()
-    running.server_close()
+    with chat_server(script.answer) as url:
+        yield script, url

@@ -19,9 +19,17 @@ def f(x):
     for item in range(x):
         assert item < x
     return x
+def g():
+    later = lambda: assertTrue(False)
+    def inner(): assert False
+async def asyncSetUp():
+    assert True
 def setUp():
     assert True
 '''
+
+
+AWAITED = "try: asyncSetUp().send(None)\nexcept StopIteration: pass"
 
 
 def run(source: str) -> tuple[dict[str, object], Counter]:
@@ -31,7 +39,7 @@ def run(source: str) -> tuple[dict[str, object], Counter]:
     return scope, counter
 
 
-@pytest.mark.parametrize(("call", "count"), [("f(0)", 2), ("f(3)", 5), ("setUp()", 0)])
+@pytest.mark.parametrize(("call", "count"), [("f(0)", 2), ("f(3)", 5), ("setUp()", 0), ("g()", 0), (AWAITED, 0)])
 def test_what_is_reached_is_counted(call: str, count: int) -> None:
     assert run(f"{SOURCE}\n{call}")[1].count == count
 

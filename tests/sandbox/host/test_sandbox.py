@@ -1,69 +1,31 @@
 """What a hostile snippet gets from a call: an outcome, and nothing else."""
 
 import os
-import signal
-import subprocess
-import sys
 import tempfile
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-import grs_agents
 from grs_agents.config.model import Limits
 from grs_agents.errors import UnknownNameError
-from grs_agents.sandbox import CallResult, Sandbox, SandboxError
-from grs_agents.sandbox.protocol.startup import ENVIRONMENT
+from grs_agents.sandbox import Sandbox, SandboxError
 from tests.sandbox.processes import ends
-
-Execute = Callable[..., CallResult]
-
-OUTCOMES = {
-    "infinite loop": ("while True: pass", "timeout"),
-    "regex loop": ("import re; re.match(r'(a+)+$', 'a' * 40 + 'b')", "timeout"),
-    "stopped": ("import os, signal; os.kill(os.getpid(), signal.SIGSTOP)", "timeout"),
-    "masked signals": (
-        "import signal\nsignal.pthread_sigmask(signal.SIG_BLOCK, range(1, 64))\nwhile True: pass",
-        "timeout",
-    ),
-    "thread storm": (
-        "import threading, time\nthreading.stack_size(32768)\n"
-        "for _ in range(200): threading.Thread(target=time.sleep, args=(5,), daemon=True).start()\ntime.sleep(5)",
-        ("thread_limit", "error"),
-    ),
-    "many files": ("for n in range(3000): open(f'f{n}', 'w').close()", "scratch_limit"),
-    "files, and gone before anybody looked": ("for n in range(300): open(f'f{n}', 'w').close()", "scratch_limit"),
-    "large file": ("open('big', 'wb').write(b'x' * (2 << 20))", "scratch_limit"),
-    "memory": ("x = []\nwhile True: x.append(bytearray(1 << 20))", "memory_limit"),
-    "descriptor flood": ("import os\nwhile True: os.write(1, b'x' * 10000)", "output_limit"),
-    "huge result": ("value = {'x': 'y' * (3 << 20)}", "output_limit"),
-    "exit 0": ("import os; os._exit(0)", "crashed"),
-    "segfault": ("import ctypes; ctypes.string_at(0)", "crashed"),
-    "close all pipes": ("import os, time; os.closerange(0, 128); time.sleep(1000)", "crashed"),
-    "stack overflow": ("def f(): f()\nf()", "error"),
-    "stack overflow in C": (
-        "import sys\nsys.setrecursionlimit(10**9)\nx = []\nfor _ in range(10**5): x = [x]\nrepr(x)",
-        "crashed",
-    ),
-    "KeyboardInterrupt": ("raise KeyboardInterrupt", "error"),
-    "exception that cannot be shown": (
-        "class E(Exception):\n    def __str__(self): raise SystemExit(1)\nraise E()",
-        "error",
-    ),
-    "NaN": ("value = {'x': float('nan')}", "error"),
-    "not an object": ("value = [1]", "error"),
-}
+from tests.sandbox.snippets import (
+    HOST,
+    OUTCOMES,
+    Execute,
+    check_environment,
+    check_outcome,
+    check_replacement,
+    check_stacks,
+    start_host,
+)
 
 
 @pytest.mark.parametrize("name", OUTCOMES)
 def test_attack_is_an_outcome(name: str, execute: Execute) -> None:
-    code, outcome = OUTCOMES[name]
-    result = execute(code, **({"wall_seconds": 0.7} if outcome == "timeout" else {}))
-    assert result.outcome in (outcome if isinstance(outcome, tuple) else (outcome,)), result
-    assert result.value is None
-    assert result.error
+    check_outcome(name, execute)
 
 
 def test_what_python_is_refused(execute: Execute) -> None:
@@ -99,22 +61,12 @@ def test_value_output_and_cost(execute: Execute) -> None:
     assert not result.retried
 
 
-def test_cpu_limit_is_its_own_outcome(execute: Execute) -> None:
-    result = execute("while True: pass", cpu_seconds=1)
-    assert result.outcome == "cpu_limit"
-    assert "line 1" in result.stack
-
-
-def test_timeout_says_where(execute: Execute) -> None:
-    result = execute("def spin():\n    while True: pass\nspin()", wall_seconds=0.7)
-    assert "line 2 in spin" in result.stack
+def test_cpu_limit_and_timeout_say_where(execute: Execute) -> None:
+    check_stacks(execute)
 
 
 def test_nothing_of_the_host_is_in_the_environment(execute: Execute, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OPENAI_API_KEY", "secret")
-    result = execute("import os; value = dict(os.environ)")
-    assert result.value is not None
-    assert result.value.keys() == {"HOME", "TMPDIR", *ENVIRONMENT}
+    check_environment(execute, monkeypatch)
 
 
 def test_no_descriptor_of_the_host_is_inherited(execute: Execute, tmp_path: Path) -> None:
@@ -155,9 +107,6 @@ def test_scratch_is_private_and_gone_afterwards(depth: int, execute: Execute) ->
     assert Path("/usr/bin").exists()
 
 
-RAW = (
-    "import os, struct\nfd = __import__('grs_agents.sandbox.harness.channel').sandbox.harness.channel._descriptor[0]\n"
-)
 FRAMES = {
     "garbage": b"\xff" * 100,
     "huge length": b"\xff\xff\xff\xff{}",
@@ -169,8 +118,8 @@ FRAMES = {
 
 @pytest.mark.parametrize("name", FRAMES)
 def test_forged_bytes_are_an_outcome(name: str, execute: Execute) -> None:
-    result = execute(f"{RAW}os.write(fd, {FRAMES[name]!r}); os._exit(0)")
-    assert result.outcome in ("error", "crashed")
+    result = execute(f"import os; os.write(3, {FRAMES[name]!r}); os._exit(0)")
+    assert result.outcome == "forged"
     assert result.value is None
 
 
@@ -215,12 +164,7 @@ def test_worker_that_cannot_start_is_our_error() -> None:
 
 
 def test_zygote_that_was_killed_between_calls_is_replaced(execute: Execute, sandbox: Sandbox) -> None:
-    execute("")
-    assert sandbox._zygote is not None
-    os.killpg(sandbox._zygote.pid, signal.SIGKILL)
-    result = execute("value = {'n': 1}")
-    assert result.value == {"n": 1}
-    assert result.retried
+    check_replacement(execute, sandbox)
 
 
 def test_close_ends_every_process() -> None:
@@ -234,30 +178,8 @@ def test_close_ends_every_process() -> None:
     sandbox.close()
 
 
-HOST = """
-import sys
-from pathlib import Path
-from grs_agents import content
-from grs_agents.sandbox import Sandbox, Limits
-content.add_overlay(Path(sys.argv[1]))
-code = "from grs_agents.sandbox import progress\\nprogress({'at': 1})\\nwhile True: pass"
-with Sandbox() as sandbox:
-    sandbox.call("execute", {"code": ""})
-    print(sandbox._zygote.pid, flush=True)
-    sandbox.call("execute", {"code": code}, Limits(wall_seconds=60))
-"""
-
-
 def test_everything_dies_with_its_host(tool_folder: Path) -> None:
-    host = subprocess.Popen(
-        [sys.executable, "-c", HOST, str(tool_folder)],
-        env={**os.environ, "PYTHONPATH": str(Path(grs_agents.__file__).parent.parent)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert host.stdout is not None
-    with host.stdout:
-        pid = int(host.stdout.readline())
+    host, pid = start_host(HOST, tool_folder)
     host.kill()
     host.wait()
     assert ends(pid), "the sandbox outlived its host"

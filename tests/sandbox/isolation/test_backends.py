@@ -1,7 +1,6 @@
 """Single-use workers, as far as a stand-in for ``sandbox-exec`` can show, and what each backend needs."""
 
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -14,13 +13,18 @@ import pytest
 import grs_agents
 from grs_agents.config import Config
 from grs_agents.config.model import Limits
-from grs_agents.sandbox import CallResult, Choice, Sandbox, SandboxError, TestReport
+from grs_agents.sandbox import Choice, Sandbox, SandboxError, TestReport
 from grs_agents.sandbox.isolation import hardening
-from grs_agents.sandbox.protocol.startup import ENVIRONMENT
-from tests.sandbox.host.test_sandbox import HOST, OUTCOMES
 from tests.sandbox.processes import ends
-
-Execute = Callable[..., CallResult]
+from tests.sandbox.snippets import (
+    HOST,
+    Execute,
+    check_environment,
+    check_outcome,
+    check_replacement,
+    check_stacks,
+    start_host,
+)
 
 SHOWN = (
     "masked signals",
@@ -53,11 +57,7 @@ def sandbox(_stand_in: None) -> Iterator[Sandbox]:
 
 @pytest.mark.parametrize("name", SHOWN)
 def test_attack_is_an_outcome(name: str, execute: Execute) -> None:
-    code, outcome = OUTCOMES[name]
-    result = execute(code, **({"wall_seconds": 0.7} if outcome == "timeout" else {}))
-    assert result.outcome in (outcome if isinstance(outcome, tuple) else (outcome,)), result
-    assert result.value is None
-    assert result.error
+    check_outcome(name, execute)
 
 
 def test_value_output_and_cost(execute: Execute) -> None:
@@ -69,17 +69,11 @@ def test_value_output_and_cost(execute: Execute) -> None:
 
 
 def test_cpu_limit_and_timeout_say_where(execute: Execute) -> None:
-    result = execute("while True: pass", cpu_seconds=1)
-    assert (result.outcome, "line 1" in result.stack) == ("cpu_limit", True)
-    result = execute("def spin():\n    while True: pass\nspin()", wall_seconds=0.7)
-    assert (result.outcome, "line 2 in spin" in result.stack) == ("timeout", True)
+    check_stacks(execute)
 
 
 def test_nothing_of_the_host_is_in_the_environment(execute: Execute, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OPENAI_API_KEY", "secret")
-    result = execute("import os; value = dict(os.environ)")
-    assert result.value is not None
-    assert result.value.keys() == {"HOME", "TMPDIR", *ENVIRONMENT}
+    check_environment(execute, monkeypatch)
 
 
 def test_no_call_sees_what_another_left(execute: Execute) -> None:
@@ -104,12 +98,7 @@ def test_a_test_program(check: Callable[..., TestReport]) -> None:
 
 
 def test_what_was_killed_between_calls_is_replaced(execute: Execute, sandbox: Sandbox) -> None:
-    execute("")
-    assert sandbox._zygote is not None
-    os.killpg(sandbox._zygote.pid, signal.SIGKILL)
-    result = execute("value = {'n': 1}")
-    assert result.value == {"n": 1}
-    assert result.retried
+    check_replacement(execute, sandbox)
 
 
 def test_nothing_is_left_after_closing(_stand_in: None) -> None:
@@ -124,15 +113,8 @@ def test_nothing_is_left_after_closing(_stand_in: None) -> None:
 @pytest.mark.parametrize("code", ["while True: pass", "import time; time.sleep(1000)"])
 def test_everything_dies_with_its_host(code: str, _stand_in: None, tool_folder: Path) -> None:
     program = HOST.replace("Sandbox()", "Sandbox(backend='sandbox-exec')").replace("while True: pass", code)
-    host = subprocess.Popen(
-        [sys.executable, "-c", program, str(tool_folder)],
-        env={**os.environ, "PYTHONPATH": str(Path(grs_agents.__file__).parent.parent)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert host.stdout is not None
-    with host.stdout:
-        pids = descendants(int(host.stdout.readline()))
+    host, pid = start_host(program, tool_folder)
+    pids = descendants(pid)
     host.kill()
     host.wait()
     assert all(ends(pid) for pid in pids), "the sandbox outlived its host"
