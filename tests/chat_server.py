@@ -2,7 +2,7 @@
 
 import contextlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 from typing import Any
@@ -12,7 +12,7 @@ Answer = tuple[int, Mapping[str, str], bytes]
 """Status, headers and body."""
 
 
-def completion(message: Json, finish: str | None = "stop", **usage: Any) -> Json:
+def completion(message: Json, usage: Json, finish: str | None = "stop") -> Json:
     """The body of a chat completion with one choice."""
     return {
         "id": "x",
@@ -25,7 +25,7 @@ def completion(message: Json, finish: str | None = "stop", **usage: Any) -> Json
 
 
 @contextlib.contextmanager
-def chat_server(answer: Callable[[Json, str], Answer]) -> Iterator[str]:
+def chat_server(answer: Callable[[Json, str], Answer]) -> Generator[str]:
     """Serve until the end; the base URL.
 
     Args:

@@ -126,9 +126,9 @@ def run(request: Request, context: ToolContext) -> Result:
 def _unsound(request: Request) -> tuple[Failure, ...]:
     """Why the source need not run at all, for each seed; empty if it is Python with a task in it."""
     try:
-        tree = sandbox.parse(request.simulation, sandbox.SIMULATION_FILE)
+        tree = sandbox.parse_program(request.simulation, sandbox.SIMULATION_FILE)
     except SyntaxError as error:
-        trace = sandbox.describe(error)
+        trace = sandbox.describe_error(error)
         return tuple(Failure(seed=seed, outcome="error", **_shown(trace)) for seed in request.seeds)
     if names_task(tree):
         return ()
@@ -201,7 +201,7 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _failure(error: BaseException) -> dict[str, str]:
-    shown = _shown(sandbox.describe(error))
+    shown = _shown(sandbox.describe_error(error))
     if isinstance(error, ValidationError):
         return {**shown, "message": first_fault(error), "outcome": "invalid"}
     return {**shown, "outcome": str(getattr(error, "outcome", "error"))}
@@ -239,7 +239,7 @@ def _validated(seed: int, text: object, objects: int) -> TaskInstance | Failure:
 
 
 def _stopped(seed: int, call: CallResult, source: str) -> Failure:
-    trace = sandbox.from_stack(call.stack, {sandbox.SIMULATION_FILE: source}, call.error)
+    trace = sandbox.describe_stack_dump(call.stack, {sandbox.SIMULATION_FILE: source}, call.error)
     last = (call.error.strip().splitlines() or [call.outcome])[-1][:1000]
     outcome = _STOPPED.get(call.outcome, "crashed")
     return Failure(seed=seed, outcome=outcome, message=last, traceback=trace.text if trace else call.error[-8000:])

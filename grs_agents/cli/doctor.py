@@ -17,7 +17,7 @@ from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
 from grs_agents.run import versions
 from grs_agents.run.sandbox_setup import open_sandbox
-from grs_agents.sandbox import REMEDIES, Choice, SandboxError, candidates
+from grs_agents.sandbox import BACKEND_REMEDIES, BackendChoice, SandboxError, backend_candidates
 from grs_agents.terminal import say_json
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.views import working
@@ -74,17 +74,17 @@ def diagnose(as_json: bool) -> int:
 
 def _sandboxes() -> list[Diagnosis]:
     """What ``sandbox = "auto"`` comes to, then each backend of this system: attacked, and given an endless program."""
-    asked = candidates("auto")
+    asked = backend_candidates("auto")
     diagnoses = {backend: _sandbox(backend) for backend in asked}
     best = next((diagnosis for diagnosis in diagnoses.values() if diagnosis.state == "works"), None)
     if best is not None:
         return [Diagnosis("sandbox", "works", f"auto takes {best.detail.split(':')[0]}"), *diagnoses.values()]
-    remedy = f"{' or '.join(REMEDIES[backend] for backend in asked)}, or accept the risk with {UNSAFE}"
+    remedy = f"{' or '.join(BACKEND_REMEDIES[backend] for backend in asked)}, or accept the risk with {UNSAFE}"
     broken = Diagnosis("sandbox", "broken", "nothing separates generated code from this machine", remedy)
     return [broken, *diagnoses.values()]
 
 
-def _sandbox(backend: Choice) -> Diagnosis:
+def _sandbox(backend: BackendChoice) -> Diagnosis:
     limits = Limits(wall_seconds=10, cpu_seconds=1)
     tool = load_tool("run_tests")
     try:
@@ -92,7 +92,7 @@ def _sandbox(backend: Choice) -> Diagnosis:
             context = ToolContext(sandbox=sandbox, library=Library(), limits=limits)
             report = tool.run(tool.Request(simulation="while True:\n    pass\n", tests=_TESTS), context).report
     except SandboxError as error:
-        return Diagnosis(f"sandbox {backend}", "absent", error.message, REMEDIES[backend])
+        return Diagnosis(f"sandbox {backend}", "absent", error.message, BACKEND_REMEDIES[backend])
     detail = f"{report.backend}: it held; an endless program ended as {report.outcome!r} after {report.seconds:.1f} s"
     return Diagnosis(f"sandbox {backend}", "works" if report.outcome == "timeout" else "broken", detail)
 
@@ -119,7 +119,9 @@ def _provider(name: str) -> Diagnosis:
     key_state = (f", {key} is set" if os.environ.get(key) else f", {key} is not set") if key else ", needs no key"
     if not installed(name):
         remedy = _install(name)
-        return Diagnosis(f"models {name}", "not installed", f"the package {provider.module} is missing{told}", remedy)
+        return Diagnosis(
+            f"models {name}", "not installed", f"the package {provider.module} is missing{key_state}", remedy
+        )
     if key and not os.environ.get(key):
         return Diagnosis(f"models {name}", "no key", f"the package is installed{key_state}", f"export {key}=...")
     return Diagnosis(f"models {name}", "works", f"the package is installed{key_state}")

@@ -9,23 +9,29 @@ from grs_agents.sandbox.harness.channel import progress
 from grs_agents.sandbox.harness.suite_runner import load_program, run_tests_inside, seed_everything
 from grs_agents.sandbox.host.batch_calls import BatchResult, call_batch
 from grs_agents.sandbox.host.sandbox import Sandbox
-from grs_agents.sandbox.host.suite_discovery import ExpectedTests, expected_tests, parse
+from grs_agents.sandbox.host.suite_discovery import ExpectedTests, expected_tests, parse_program
 from grs_agents.sandbox.host.suite_run import TestRun, run_tests
 from grs_agents.sandbox.host.zygote_process import SandboxError
-from grs_agents.sandbox.isolation.backends import REMEDIES, Backend, Choice, candidates
+from grs_agents.sandbox.isolation.backends import BACKEND_REMEDIES, Backend, BackendChoice, backend_candidates
 from grs_agents.sandbox.protocol.report import CallOutcome, CallResult, Limits, TestCase, TestReport
-from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, Trace, describe, from_stack
+from grs_agents.sandbox.protocol.tracebacks import (
+    SIMULATION_FILE,
+    TESTS_FILE,
+    Trace,
+    describe_error,
+    describe_stack_dump,
+)
 
 __all__ = [
-    "REMEDIES",
+    "BACKEND_REMEDIES",
     "SIMULATION_FILE",
     "TESTS_FILE",
     "Backend",
+    "BackendChoice",
     "BatchResult",
     "CallOutcome",
     "CallResult",
     "CapturedError",
-    "Choice",
     "ExpectedTests",
     "Limits",
     "Sandbox",
@@ -34,13 +40,13 @@ __all__ = [
     "TestReport",
     "TestRun",
     "Trace",
+    "backend_candidates",
     "call_batch",
-    "candidates",
-    "describe",
+    "describe_error",
+    "describe_stack_dump",
     "expected_tests",
-    "from_stack",
     "load_program",
-    "parse",
+    "parse_program",
     "progress",
     "run_tests",
     "run_tests_inside",

@@ -43,9 +43,14 @@ class ScriptedServer:
         reply = self.reply(body)
         if refusal := self.refused.get(self.roles[-1]):
             return 401, {}, json.dumps({"error": {"message": refusal}}).encode()
-        usage = {"prompt_tokens": 10, "completion_tokens": 5, "total_tokens": 15, "cost": 0.25}
-        details = {"cached_tokens": 4}
-        return 200, {}, json.dumps(completion({"content": reply}, **usage, prompt_tokens_details=details)).encode()
+        usage = {
+            "prompt_tokens": 10,
+            "completion_tokens": 5,
+            "total_tokens": 15,
+            "prompt_tokens_details": {"cached_tokens": 4},
+            "cost": 0.25,
+        }
+        return 200, {}, json.dumps(completion({"content": reply}, usage)).encode()
 
     def reply(self, body: Json) -> str:
         """The scripted reply: the rules of the offline model, over the wire of another provider."""

@@ -107,7 +107,7 @@ class Scripted:
 
     def complete(self, text: str | None = "hello", finish: str | None = "stop", **message: Any) -> None:
         usage = {"prompt_tokens": 11, "completion_tokens": 5, "total_tokens": 16}
-        self.say(200, completion({"content": text, **message}, finish, **usage))
+        self.say(200, completion({"content": text, **message}, usage, finish))
 
     def answer(self, body: Json, authorization: str) -> Answer:
         """The next prepared answer."""

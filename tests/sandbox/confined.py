@@ -93,7 +93,7 @@ def without_new_privileges(confine: Callable[[], object], check: Callable[[], ob
     """What ``check`` gets in a child after one layer alone; new privileges are given up before it."""
 
     def confine_and_check() -> object:
-        privileges.gain_no_more()
+        privileges.forbid_new_privileges()
         confine()
         return check()
 

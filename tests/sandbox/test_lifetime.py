@@ -16,7 +16,7 @@ import grs_agents
 from grs_agents.config.model import Limits
 from grs_agents.sandbox import Sandbox
 from grs_agents.sandbox.host import streams, zygote_process
-from grs_agents.sandbox.isolation.backends import Choice
+from grs_agents.sandbox.isolation.backends import BackendChoice
 from tests.sandbox.conftest import BACKENDS
 from tests.sandbox.processes import ends
 
@@ -34,7 +34,7 @@ Sandbox(backend=sys.argv[2]).call("execute", {"code": sys.argv[3]})
 
 
 @pytest.fixture(params=BACKENDS)
-def backend(request: pytest.FixtureRequest) -> Choice:
+def backend(request: pytest.FixtureRequest) -> BackendChoice:
     return request.param
 
 
@@ -46,7 +46,7 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def sandbox(backend: Choice, temporary: Path) -> Iterator[Sandbox]:
+def sandbox(backend: BackendChoice, temporary: Path) -> Iterator[Sandbox]:
     with Sandbox(backend=backend, limits=Limits(wall_seconds=30, memory_mib=128)) as started:
         yield started
 
@@ -84,7 +84,7 @@ def running_call(root: int, but: int = 0) -> tuple[int, int]:
     raise AssertionError("no call began")
 
 
-def test_nothing_outlives_a_host_that_was_killed(backend: Choice, temporary: Path, tool_folder: Path) -> None:
+def test_nothing_outlives_a_host_that_was_killed(backend: BackendChoice, temporary: Path, tool_folder: Path) -> None:
     code = f"{NAMED}open('left by a call', 'w').write('x')\nos.makedirs('a/b')\nwhile True: pass"
     host = subprocess.Popen(
         [sys.executable, "-c", HOST, str(tool_folder), backend, code],

@@ -30,7 +30,7 @@ class Counter:
         self.count += 1
 
 
-def counted(tree: ast.Module) -> ast.Module:
+def with_counter_calls(tree: ast.Module) -> ast.Module:
     """``tree`` with a call of ``COUNTER`` before each statement that asserts; what ``setUp`` asserts is no test's."""
     return ast.fix_missing_locations(_Marker().visit(tree))
 
@@ -73,7 +73,7 @@ class _Marker(ast.NodeTransformer):
 def _asserts(statement: ast.stmt) -> bool:
     """Whether a statement asserts something by itself, without what is inside it."""
     if isinstance(statement, _Compound):
-        return any(map(_breaks, _branches(statement))) or any(map(_calls_assertion, _headers(statement)))
+        return any(map(_fails_test, _branches(statement))) or any(map(_calls_assertion, _headers(statement)))
     return isinstance(statement, ast.Assert) or _calls_assertion(statement)
 
 
@@ -91,7 +91,7 @@ def _headers(statement: _Compound) -> Iterator[ast.expr]:
     yield from (item.context_expr for item in getattr(statement, "items", ()))
 
 
-def _breaks(statement: ast.stmt) -> bool:
+def _fails_test(statement: ast.stmt) -> bool:
     """Whether a statement ends the test as failed."""
     if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
         return called_name(statement.value) == "fail"

@@ -4,7 +4,7 @@ from types import TracebackType
 
 
 class CapturedError:
-    """``with CapturedError() as caught: ...``; afterwards ``caught.error`` is the exception or None."""
+    """``with CapturedError() as captured: ...``; afterwards ``captured.error`` is the exception or None."""
 
     def __init__(self) -> None:
         self.error: BaseException | None = None

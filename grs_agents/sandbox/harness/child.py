@@ -55,9 +55,9 @@ def serve(
     """Serve one request in this process, which was forked or started for it alone, and end it."""
     with suppress(BaseException):
         zygote, before = os.getppid(), time.process_time()
-        rules = _arrange(frames, trace, output, rules)
+        rules = _keep_descriptors(frames, trace, output, rules)
         _die_with(zygote, limits)
-        _settle(scratch)
+        _enter_scratch(scratch)
         frame = _receive()
         if frame is not None:
             channel.connect(_FRAMES, frame.pop("key"))
@@ -66,25 +66,25 @@ def serve(
 
 
 def _serve(frame: dict[str, Any], limits: Limits, settings: Settings, rules: int | None, before: float) -> None:
-    with CapturedError() as caught:
+    with CapturedError() as captured:
         for folder in frame["overlays"]:
             content.add_overlay(Path(folder))
-        inside = _inside(frame)
+        inside = _tool_function(frame)
         _confine(limits, settings, rules)
-        _explain_death()
+        _dump_stacks_on_signals()
         channel.send({"kind": "ready", "cpu_seconds": before})
-        _answer(inside, frame.pop("request"))
-    if caught.error is not None:
-        channel.send({"kind": "broken", "error": f"{type(caught.error).__name__}: {caught.error}"})
+        _run_tool(inside, frame.pop("request"))
+    if captured.error is not None:
+        channel.send({"kind": "broken", "error": f"{type(captured.error).__name__}: {captured.error}"})
 
 
-def _inside(frame: dict[str, Any]) -> Callable[[dict[str, Any]], object]:
+def _tool_function(frame: dict[str, Any]) -> Callable[[dict[str, Any]], object]:
     if frame["module"] is not None:
         return importlib.import_module(frame["module"]).inside
     return content.load_module("tools", frame["tool"]).inside
 
 
-def _arrange(frames: int, trace: int, output: int, rules: int | None) -> int | None:
+def _keep_descriptors(frames: int, trace: int, output: int, rules: int | None) -> int | None:
     """Keep the descriptors that this process needs, and close everything of the zygote's; the new one of ``rules``."""
     kept = [os.open(os.devnull, os.O_RDONLY), output, output, frames, trace]
     if rules is not None:
@@ -106,7 +106,7 @@ def _die_with(zygote: int, limits: Limits) -> None:
         os._exit(0)
 
 
-def _settle(scratch: Path) -> None:
+def _enter_scratch(scratch: Path) -> None:
     """A session, signals, a working folder and an environment of its own."""
     os.setsid()
     signal.set_wakeup_fd(-1)
@@ -151,25 +151,25 @@ def _receive() -> dict[str, Any] | None:
     return None
 
 
-def _explain_death() -> None:
+def _dump_stacks_on_signals() -> None:
     """Write the stack to the trace pipe on a crash, at the CPU limit and when the host asks, which is the end too."""
     faulthandler.enable(file=_TRACE, all_threads=False)
     faulthandler.register(signal.SIGXCPU, file=_TRACE, all_threads=False, chain=True)
 
 
-def _answer(inside: Callable[[dict[str, Any]], object], request: dict[str, Any]) -> None:
-    with CapturedError() as caught:
+def _run_tool(inside: Callable[[dict[str, Any]], object], request: dict[str, Any]) -> None:
+    with CapturedError() as captured:
         value = inside(request)
         sys.stdout.flush()
         sys.stderr.flush()
         if not isinstance(value, dict):
             raise TypeError(f"a tool returns a dict, not {type(value).__name__}")
         channel.send({"kind": "result", "value": value})
-    if isinstance(caught.error, MemoryError):
-        traceback.clear_frames(caught.error.__traceback__)  # the memory hangs on their local variables
+    if isinstance(captured.error, MemoryError):
+        traceback.clear_frames(captured.error.__traceback__)  # the memory hangs on their local variables
         channel.send({"kind": "error", "outcome": "memory_limit", "error": ""})
-    elif caught.error is not None:
-        text = "".join(traceback.format_exception(caught.error))
+    elif captured.error is not None:
+        text = "".join(traceback.format_exception(captured.error))
         channel.send({"kind": "error", "outcome": "error", "error": text[-8000:]})
 
 

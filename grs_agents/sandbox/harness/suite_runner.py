@@ -22,11 +22,11 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, TextIO, cast
 
-from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, counted
+from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, with_counter_calls
 from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.harness.channel import progress
 from grs_agents.sandbox.harness.tampering import Integrity, overridden, shadowed
-from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe
+from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe_error
 
 _KEPT_OUTPUT = 4000
 
@@ -160,7 +160,7 @@ class Result(unittest.TestResult):
             outcome = "memory"
         elif isinstance(error, SystemExit):
             outcome = "exited"
-        trace = describe(error)
+        trace = describe_error(error)
         facts = {"message": trace.message, "traceback": trace.text, "raised_in": trace.raised_in}
         self._set(test, outcome=outcome, **facts)
 
@@ -223,16 +223,16 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
     seed_everything(seed)
     counter, tests, found = Counter(), ModuleType("test_task_code"), list[str]()
     integrity = Integrity(with_numpy="testing" in request["simulation"] + request["tests"])
-    with CapturedError() as caught:
+    with CapturedError() as captured:
         load_program(request["simulation"], request["simulation_name"])
         _check(integrity, "simulation")
         tests = _load_tests(request["tests"], counter)
         _check(integrity, "tests")
         found = _found(tests)
-    if isinstance(caught.error, MemoryError):
-        raise caught.error
-    if caught.error is not None:
-        return {"load_error": _load_error(caught.error)}
+    if isinstance(captured.error, MemoryError):
+        raise captured.error
+    if captured.error is not None:
+        return {"load_error": _load_error(captured.error)}
     begin = partial(_begin, seed, _hook(request["clear"]))
     session = Session(begin, _hook(request["episode"]), _hook(request["limit"]), counter, integrity)
     _run(tests, list(request["items"]), session)
@@ -262,7 +262,7 @@ def seed_everything(seed: int) -> None:
 
 def _load_tests(source: str, counter: Counter) -> ModuleType:
     """Execute the test program with its assertions counted."""
-    code = compile(counted(ast.parse(source, TESTS_FILE)), TESTS_FILE, "exec")
+    code = compile(with_counter_calls(ast.parse(source, TESTS_FILE)), TESTS_FILE, "exec")
     return _execute(code, source, "", TESTS_FILE, {COUNTER: counter.reached})
 
 
@@ -289,7 +289,7 @@ def _check(integrity: Integrity, loaded: RaisedIn) -> None:
 
 
 def _load_error(error: BaseException) -> dict[str, Any]:
-    trace = describe(error)
+    trace = describe_error(error)
     kind = "error"
     if isinstance(error, TamperedError):
         message, where = error.args

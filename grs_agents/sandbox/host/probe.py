@@ -73,9 +73,9 @@ def inside(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _succeeds(action: Callable[[], object]) -> bool:
-    with CapturedError() as caught:
+    with CapturedError() as captured:
         action()
-    return caught.error is None
+    return captured.error is None
 
 
 def _execute() -> None:

@@ -14,7 +14,14 @@ from grs_agents.sandbox.host import probe
 from grs_agents.sandbox.host.streams import exchange
 from grs_agents.sandbox.host.zygote_process import DOCTOR, Plan, SandboxError, Zygote
 from grs_agents.sandbox.isolation import allowlist
-from grs_agents.sandbox.isolation.backends import LAYERS, REMEDIES, Backend, Choice, absent, candidates
+from grs_agents.sandbox.isolation.backends import (
+    BACKEND_REMEDIES,
+    LAYERS,
+    Backend,
+    BackendChoice,
+    absent,
+    backend_candidates,
+)
 from grs_agents.sandbox.protocol import wire
 from grs_agents.sandbox.protocol.report import CallResult, Limits
 from grs_agents.sandbox.protocol.scratch import sweep
@@ -40,14 +47,14 @@ class Sandbox:
         preload: Sequence[str] = (),
         *,
         tools: Sequence[str] = (),
-        backend: Choice = "auto",
+        backend: BackendChoice = "auto",
         workers: int = 1,
         limits: Limits | None = None,
         readable: Sequence[Path] = (),
     ) -> None:
         self._plan = Plan(tuple(preload), tuple(tools), limits or Limits(), workers, tuple(readable))
-        self._choice: Choice = backend
-        self._candidates = list(candidates(backend))
+        self._choice: BackendChoice = backend
+        self._candidates = list(backend_candidates(backend))
         self._failures: dict[Backend, SandboxError] = {}
         self._proven: Backend | None = None
         self._zygote: Zygote | None = None
@@ -179,10 +186,10 @@ class Sandbox:
         """Why each candidate is out, and how to get what is missing."""
         found = "; ".join(f"{backend}: {error.message}" for backend, error in self._failures.items())
         remedies = [
-            REMEDIES.get(backend, "") if error.remedy == DOCTOR else error.remedy
+            BACKEND_REMEDIES.get(backend, "") if error.remedy == DOCTOR else error.remedy
             for backend, error in self._failures.items()
         ]
-        self._candidates = list(candidates(self._choice))  # what is missing may be installed meanwhile
+        self._candidates = list(backend_candidates(self._choice))  # what is missing may be installed meanwhile
         remedy = ", or ".join([*filter(None, dict.fromkeys(remedies)), "accept the risk with --unsafe-no-sandbox"])
         return SandboxError(f"nothing separates generated code from this machine ({found})", remedy)
 

@@ -32,7 +32,7 @@ class ExpectedTests:
     chooses: bool = False
 
 
-def parse(source: str, filename: str) -> ast.Module:
+def parse_program(source: str, filename: str) -> ast.Module:
     """The syntax tree of ``source``.
 
     Raises:

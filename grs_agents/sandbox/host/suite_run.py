@@ -11,7 +11,7 @@ from pydantic import Field
 from grs_agents.base import Frozen
 from grs_agents.sandbox.host.batch_calls import BatchResult, call_batch
 from grs_agents.sandbox.host.sandbox import Sandbox
-from grs_agents.sandbox.host.suite_discovery import ExpectedTests, expected_tests, parse
+from grs_agents.sandbox.host.suite_discovery import ExpectedTests, expected_tests, parse_program
 from grs_agents.sandbox.protocol.report import (
     EXITED,
     CallResult,
@@ -21,7 +21,13 @@ from grs_agents.sandbox.protocol.report import (
     TestCase,
     TestReport,
 )
-from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe, from_stack
+from grs_agents.sandbox.protocol.tracebacks import (
+    SIMULATION_FILE,
+    TESTS_FILE,
+    RaisedIn,
+    describe_error,
+    describe_stack_dump,
+)
 
 _STOPPED: dict[str, CaseOutcome] = {
     **{outcome: outcome for outcome in ("timeout", "output_limit", "scratch_limit", "thread_limit", "forged")},
@@ -85,10 +91,10 @@ def run_tests(
         SandboxError: no worker can be started.
     """
     try:
-        parse(programs.simulation, SIMULATION_FILE)
-        expected = expected_tests(parse(programs.tests, TESTS_FILE))
+        parse_program(programs.simulation, SIMULATION_FILE)
+        expected = expected_tests(parse_program(programs.tests, TESTS_FILE))
     except SyntaxError as error:
-        trace = describe(error)
+        trace = describe_error(error)
         where: RaisedIn = "tests" if TESTS_FILE in (error.filename or trace.message) else "simulation"
         return TestReport(outcome="error", message=trace.message, traceback=trace.text, raised_in=where)
     if not expected.ids:
@@ -103,7 +109,7 @@ def run_tests(
     sources = {SIMULATION_FILE: programs.simulation, TESTS_FILE: programs.tests}
 
     def hopeless(call: CallResult) -> bool:
-        trace = from_stack(call.stack, sources, call.error)
+        trace = describe_stack_dump(call.stack, sources, call.error)
         return trace is None or bool({"setUp", "setUpClass", "reset"} & set(trace.functions))
 
     batch = call_batch(sandbox, tool, programs.model_dump(), expected.ids, limits, hopeless, readable)
@@ -170,7 +176,7 @@ def _load_failure(batch: BatchResult, sources: dict[str, str]) -> TestReport | N
                 return TestReport(outcome="crashed", message="the worker's result was malformed")
     if call.events:
         return None
-    at = from_stack(call.stack, sources, call.error)
+    at = describe_stack_dump(call.stack, sources, call.error)
     return TestReport(
         outcome=_ending(call),
         message=f"before any test: {_last_line(call.error)}",
@@ -182,7 +188,7 @@ def _load_failure(batch: BatchResult, sources: dict[str, str]) -> TestReport | N
 def _case(item: str, expected: ExpectedTests, batch: BatchResult, sources: dict[str, str]) -> TestCase:
     if item in batch.stopped:
         call = batch.stopped[item]
-        trace = from_stack(call.stack, sources, call.error)
+        trace = describe_stack_dump(call.stack, sources, call.error)
         return TestCase(
             id=item,
             outcome=_stopped_as(call),

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 Backend = Literal["bubblewrap", "landlock", "sandbox-exec", "none"]
-Choice = Literal["auto", "bubblewrap", "landlock", "sandbox-exec", "none"]
+BackendChoice = Literal["auto", "bubblewrap", "landlock", "sandbox-exec", "none"]
 LAYERS: dict[Backend, str] = {
     "bubblewrap": "bubblewrap+landlock+seccomp",
     "landlock": "landlock+seccomp",
@@ -15,7 +15,7 @@ LAYERS: dict[Backend, str] = {
     "none": "none",
 }
 """The name under which results record each."""
-REMEDIES: dict[str, str] = {
+BACKEND_REMEDIES: dict[str, str] = {
     "bubblewrap": "install bubblewrap 0.8 or later (Debian: apt-get install bubblewrap)",
     "landlock": "use Linux 5.13 or later with Landlock enabled (lsm=landlock,... on the kernel's command line)",
     "sandbox-exec": "use macOS, which comes with sandbox-exec",
@@ -26,7 +26,7 @@ SCRATCH = Path("/scratch")
 """Where scratch folders lie in a file system of their own."""
 
 
-def candidates(choice: Choice) -> tuple[Backend, ...]:
+def backend_candidates(choice: BackendChoice) -> tuple[Backend, ...]:
     """The backends to try for ``choice``, the strongest first."""
     if choice != "auto":
         return (choice,)
@@ -39,7 +39,7 @@ def absent(backend: Backend) -> list[tuple[str, str]]:
         return [(f"it needs Linux or macOS, this is {sys.platform}", "use Linux, or a container of it")]
     reasons: list[tuple[str, str]] = []
     if (program := PROGRAMS.get(backend)) and shutil.which(program) is None:
-        reasons.append((f"there is no {program} on the PATH", REMEDIES[backend]))
+        reasons.append((f"there is no {program} on the PATH", BACKEND_REMEDIES[backend]))
     if backend in ("bubblewrap", "landlock"):
         if sys.platform != "linux":
             return [(f"it needs Linux, this is {sys.platform}", "use Linux")]
@@ -47,5 +47,5 @@ def absent(backend: Backend) -> list[tuple[str, str]]:
 
         lacks = hardening.missing()
         found = [f"no {layer}: {lacks[layer]}" for layer in ("landlock", "seccomp") if layer in lacks]
-        reasons += [(reason, REMEDIES["landlock"]) for reason in found]
+        reasons += [(reason, BACKEND_REMEDIES["landlock"]) for reason in found]
     return reasons

@@ -52,8 +52,8 @@ def harden(rules: int | None, allowance: Allowance, visible: bool = False) -> tu
     _one_thread_only()
     lacks = missing()
     layers = ["no capabilities", "limits"]
-    alone = privileges.leave_roots_count()
-    privileges.gain_no_more()
+    alone = privileges.use_unique_user_id()
+    privileges.forbid_new_privileges()
     privileges.drop_capabilities()
     privileges.hide(not visible)
     if privileges.limit(allowance, alone):

@@ -28,7 +28,7 @@ _ACCOUNTS = 0x7000_0000
 """User ids from here on are given to nobody, containers and dynamic users included."""
 
 
-def gain_no_more() -> None:
+def forbid_new_privileges() -> None:
     """No program started from here may hold more rights than this process: Landlock and seccomp ask for it."""
     kernel.prctl(_SET_NO_NEW_PRIVS, 1)
 
@@ -60,7 +60,7 @@ def hide(hidden: bool = True) -> None:
     kernel.prctl(_SET_DUMPABLE, int(not hidden))
 
 
-def leave_roots_count() -> bool:
+def use_unique_user_id() -> bool:
     """Be counted as a user of its own, since the kernel keeps no limit on the number of root's threads.
 
     Only the *real* user id changes, by which the kernel counts; files are opened as before. Call it while the process
@@ -112,7 +112,7 @@ def limit(allowance: Allowance, alone: bool) -> bool:
 
     Args:
         allowance: what may be used.
-        alone: whether no other process counts as this user's (``privileges.leave_roots_count``).
+        alone: whether no other process counts as this user's (``privileges.use_unique_user_id``).
 
     Returns:
         Whether the limit on threads binds: it does not bind root.

@@ -37,7 +37,7 @@ class Trace:
     functions: tuple[str, ...] = ()
 
 
-def describe(error: BaseException) -> Trace:
+def describe_error(error: BaseException) -> Trace:
     """The traceback of ``error``, causes included."""
     whole = traceback.TracebackException.from_exception(error, limit=-40)
     one: traceback.TracebackException | None = whole
@@ -55,7 +55,7 @@ def describe(error: BaseException) -> Trace:
     return Trace(message[:1000], "".join(whole.format())[-8000:].strip(), _innermost(files), functions)
 
 
-def from_stack(stack: str, sources: Mapping[str, str], message: str) -> Trace | None:
+def describe_stack_dump(stack: str, sources: Mapping[str, str], message: str) -> Trace | None:
     """A ``faulthandler`` dump as a traceback with its source lines; None if no generated code was running."""
     code = {file: source.splitlines() for file, source in sources.items()}
     for section in re.split(r"\n\s*\n", stack):

@@ -14,7 +14,7 @@ import pytest
 from grs_agents import content
 from grs_agents.config.model import Limits
 from grs_agents.sandbox import CallResult, Sandbox
-from grs_agents.sandbox.isolation.backends import Choice
+from grs_agents.sandbox.isolation.backends import BackendChoice
 from tests.needs import require
 from tests.sandbox.attacks import kit
 from tests.sandbox.attacks.world import Canaries
@@ -44,7 +44,7 @@ value = {{"got": kit.answer(attack.run, *arguments)}}
 class Door:
     """A sandbox, and how many descriptors its host has open between calls."""
 
-    backend: Choice
+    backend: BackendChoice
     sandbox: Sandbox
     descriptors: list[int]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.sandbox import describe, load_program, seed_everything
+from grs_agents.sandbox import describe_error, load_program, seed_everything
 
 
 @pytest.fixture(autouse=True)
@@ -35,7 +35,7 @@ def test_no_other_module_is_replaced() -> None:
 def test_its_source_is_shown_in_tracebacks() -> None:
     with pytest.raises(ZeroDivisionError) as info:
         load_program("def f():\n    return 1 / 0\nf()")
-    assert "return 1 / 0" in describe(info.value).text
+    assert "return 1 / 0" in describe_error(info.value).text
 
 
 def test_seeding_repeats_both_generators() -> None:

@@ -13,7 +13,7 @@ import pytest
 import grs_agents
 from grs_agents.config import Config
 from grs_agents.config.model import Limits
-from grs_agents.sandbox import Choice, Sandbox, SandboxError, TestReport
+from grs_agents.sandbox import BackendChoice, Sandbox, SandboxError, TestReport
 from grs_agents.sandbox.isolation import hardening
 from tests.sandbox.processes import ends
 from tests.sandbox.snippets import (
@@ -145,7 +145,7 @@ def test_refusal_lists_each_reason_and_how_to_get_what_is_missing(
 
 
 def test_configuration_offers_every_backend() -> None:
-    assert get_args(Config.model_fields["sandbox"].annotation) == get_args(Choice)
+    assert get_args(Config.model_fields["sandbox"].annotation) == get_args(BackendChoice)
 
 
 ELSEWHERE = """
@@ -156,7 +156,7 @@ del os.pidfd_open, os.O_PATH, socket.SOCK_SEQPACKET
 sys.platform = {platform!r}
 import grs_agents.sandbox
 from grs_agents.sandbox.isolation import backends
-print(backends.candidates("auto"), backends.absent("landlock"))
+print(backends.backend_candidates("auto"), backends.absent("landlock"))
 """
 
 

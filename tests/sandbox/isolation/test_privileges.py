@@ -56,7 +56,7 @@ def test_root_without_capabilities_is_bound_by_permission_bits(tmp_path: Path) -
 def test_no_new_privileges_and_not_dumpable(user: str) -> None:
     def give_up() -> list[int]:
         become(user)
-        privileges.gain_no_more()
+        privileges.forbid_new_privileges()
         privileges.hide()
         get_dumpable, get_no_new_privileges = 3, 39
         return [kernel.prctl(get_dumpable), kernel.prctl(get_no_new_privileges)]
@@ -73,7 +73,7 @@ def test_root_is_counted_apart_yet_opens_its_files(tmp_path: Path) -> None:
 
     def leave() -> list[object]:
         kernel.prctl(set_death_signal, 9)
-        left = privileges.leave_roots_count()
+        left = privileges.use_unique_user_id()
         privileges.drop_capabilities()
         kept = bytearray(8)
         kernel.prctl(get_death_signal, ctypes.addressof(ctypes.c_char.from_buffer(kept)))
@@ -85,7 +85,7 @@ def test_root_is_counted_apart_yet_opens_its_files(tmp_path: Path) -> None:
 def test_without_the_right_to_it_everything_stays() -> None:
     def leave() -> list[object]:
         become(USERS[-1])
-        return [privileges.leave_roots_count(), *os.getresuid()]
+        return [privileges.use_unique_user_id(), *os.getresuid()]
 
     user = 65534 if USERS[-1] == "nobody" else os.getuid()
     assert forked(leave).value == [False, user, user, user]

@@ -22,7 +22,7 @@ SMALL = Allowance(cpu_seconds=0.1, memory_mib=128, file_mib=1, descriptors=400, 
 def limited(check: Callable[[], object], user: str = USERS[-1]) -> Got:
     def limit_and_check() -> object:
         become(user)
-        alone = privileges.leave_roots_count()
+        alone = privileges.use_unique_user_id()
         privileges.drop_capabilities()
         binds = privileges.limit(SMALL, alone)
         return [binds, check()]

@@ -4,9 +4,9 @@ import linecache
 
 import pytest
 
-from grs_agents.sandbox import SIMULATION_FILE, TESTS_FILE, describe, from_stack
+from grs_agents.sandbox import SIMULATION_FILE, TESTS_FILE, describe_error, describe_stack_dump
 
-SIMULATION = "def fail(): return 1 / 0\ndef parse(): return int('x')\n"
+SIMULATION = "def fail(): return 1 / 0\ndef parse_program(): return int('x')\n"
 TESTS = "def test(): fail()\ndef check(): assert False, 'why\\nnot'\n"
 
 
@@ -21,7 +21,7 @@ def _raised(call: str) -> BaseException:
 
 
 def test_innermost_program_is_blamed() -> None:
-    trace = describe(_raised("test()"))
+    trace = describe_error(_raised("test()"))
     assert (trace.raised_in, trace.message) == ("simulation", "ZeroDivisionError: division by zero")
     assert trace.functions == ("test", "fail")
     assert trace.text.splitlines()[1] == f'  File "{TESTS_FILE}", line 1, in test'
@@ -29,18 +29,18 @@ def test_innermost_program_is_blamed() -> None:
 
 
 def test_failed_assertion_belongs_to_the_tests() -> None:
-    trace = describe(_raised("check()"))
+    trace = describe_error(_raised("check()"))
     assert (trace.raised_in, trace.message) == ("tests", "AssertionError: why")
 
 
 def test_no_program_means_library() -> None:
-    assert describe(ValueError("x")).raised_in == "library"
+    assert describe_error(ValueError("x")).raised_in == "library"
 
 
 def test_syntax_error_belongs_to_its_file() -> None:
     with pytest.raises(SyntaxError) as info:
         compile("def", SIMULATION_FILE, "exec")
-    assert describe(info.value).raised_in == "simulation"
+    assert describe_error(info.value).raised_in == "simulation"
 
 
 def test_exception_that_cannot_be_shown() -> None:
@@ -48,7 +48,7 @@ def test_exception_that_cannot_be_shown() -> None:
         def __str__(self) -> str:
             raise RuntimeError
 
-    assert "StrangeError" in describe(StrangeError()).message
+    assert "StrangeError" in describe_error(StrangeError()).message
 
 
 def test_fault_handler_dump_becomes_a_traceback() -> None:
@@ -60,7 +60,7 @@ def test_fault_handler_dump_becomes_a_traceback() -> None:
         f'  File "{TESTS_FILE}", line 1 in test\n'
         '  File "/lib/python3.11/unittest/case.py", line 5 in run\n'
     )
-    trace = from_stack(stack, {SIMULATION_FILE: SIMULATION, TESTS_FILE: TESTS}, "no result within 1 s")
+    trace = describe_stack_dump(stack, {SIMULATION_FILE: SIMULATION, TESTS_FILE: TESTS}, "no result within 1 s")
     assert trace is not None
     assert trace.raised_in == "simulation"
     assert trace.functions == ("test", "fail", "match")
@@ -72,4 +72,4 @@ def test_fault_handler_dump_becomes_a_traceback() -> None:
     "stack", ["", "garbage", '  File "x.py", line 99999999 in f', f'  File "{SIMULATION_FILE}", line 0 in']
 )
 def test_stack_without_a_program_is_none(stack: str) -> None:
-    assert from_stack(stack, {}, "") is None
+    assert describe_stack_dump(stack, {}, "") is None
