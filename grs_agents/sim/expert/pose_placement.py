@@ -238,11 +238,15 @@ def _movable_neighbour(number: int, fit: _Fit, target: Pose, task: ScoredTask, v
     for part in fit.parts:
         for prism in nearby(part, standing, fit.offset[0].tolist(), _BESIDE):
             gap = signed_gaps(part.outline, prism.outline, fit.offset)[0]
-            if _is_level_with(part, up, prism, fit) and gap < _BESIDE and not view.over(prism.owner, target[0]):
-                return prism.owner
-            if not fit.stands and abs(prism.high - part.low - up) < _STEP and gap < -0.0005:
+            shoved = gap < _BESIDE and _is_level_with(part, up, prism, fit) and not view.over(prism.owner, target[0])
+            if shoved or _tips_off(part, up, prism, fit, gap):
                 return prism.owner
     return None
+
+
+def _tips_off(part: Prism, up: float, prism: Prism, fit: _Fit, gap: float) -> bool:
+    """Whether an object that does not stand would come to lie half on another's prism, ``gap`` (m) away from it."""
+    return not fit.stands and gap < -0.0005 and abs(prism.high - part.low - up) < _STEP
 
 
 def _is_level_with(part: Prism, up: float, prism: Prism, fit: _Fit) -> bool:
