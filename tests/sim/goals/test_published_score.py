@@ -1,12 +1,14 @@
 import numpy as np
 import pytest
+from sim_scenes import Scripted, at
 
 from grs_agents.library import Library
-from grs_agents.sim import Zone, utils
+from grs_agents.sim import Environment, Zone, utils
 from grs_agents.sim.goals import task_accounting
 from grs_agents.sim.world.collision_volumes import share_inside, volume_of
 
 LIBRARY = Library()
+COLORS = ("red", "blue")
 
 
 def turned(yaw: float, x: float = 0.5):
@@ -37,3 +39,18 @@ def test_two_zones_count_together() -> None:
     volume = volume_of(LIBRARY.model("block/red_block.urdf"), LIBRARY)
     zones = [Zone(pose=((x, 0.0, 0.0), utils.IDENTITY), size=(0.1, 0.2, 0.0)) for x in (0.45, 0.55)]
     assert share_inside(volume, ((0.5, 0.0, 0.02), utils.IDENTITY), zones, 0.28) == pytest.approx(1.0)
+
+
+def test_an_object_at_a_target_that_is_not_for_it_does_not_count() -> None:
+    places = [at(0.6, 0.1, 0.02), at(0.6, 0.3, 0.02)]
+
+    def scene(task, env) -> None:
+        blocks = [
+            env.add_object(f"block/{color}_block.urdf", place) for color, place in zip(COLORS, places, strict=True)
+        ]
+        task.add_goal(blocks, np.eye(2)[::-1], places, False, False, "pose", None, 1.0, [0, 0])
+
+    env = Environment(task=Scripted(scene))
+    env.reset()
+    env.step(None)
+    assert env.episode.reward == 0.0
