@@ -243,19 +243,12 @@ def _grown(
 
 @dataclass(frozen=True)
 class Background:
-    """A reconstructed background, in the robot frame.
+    """A reconstructed background, in the robot frame."""
 
-    Attributes:
-        mesh: its surface.
-        boxes: (B, 2, 3) lowest and highest corners (m) of the boxes that are solid.
-        color: mean red, green, blue, 0..1.
-        pixels: how many of the (reduced) photo's pixels it was made from.
-    """
-
-    mesh: Mesh
-    boxes: Array
-    color: Vec3
-    pixels: int
+    mesh: Mesh  # its surface
+    boxes: Array  # (B, 2, 3) lowest and highest corners (m) of the boxes that are solid
+    color: Vec3  # mean red, green, blue, 0..1
+    pixels: int  # how many of the (reduced) photo's pixels it was made from
 
 
 def reconstruct(

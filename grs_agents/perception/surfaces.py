@@ -23,19 +23,12 @@ SAMPLES = 2000
 
 @dataclass(frozen=True)
 class Surface:
-    """Points spread evenly over a surface.
+    """Points spread evenly over a surface."""
 
-    Attributes:
-        points: (N, 3) m, about the centre of the bounding box.
-        normals: (N, 3) unit, outwards where the mesh is wound so.
-        half: (3,) half the extents, m.
-        spacing: about how far neighbours are apart, m.
-    """
-
-    points: Array
-    normals: Array
-    half: Array
-    spacing: float
+    points: Array  # (N, 3) m, about the centre of the bounding box
+    normals: Array  # (N, 3) unit, outwards where the mesh is wound so
+    half: Array  # (3,) half the extents, m
+    spacing: float  # about how far neighbours are apart, m
 
 
 def surface_of(name: str, library: Library) -> Surface:
@@ -130,15 +123,10 @@ _SLACK = 0.003
 
 @dataclass(frozen=True)
 class Symmetry:
-    """The turns of an asset about its own frame.
+    """The turns of an asset about its own frame."""
 
-    Attributes:
-        turns: (N, 3, 3) rotations that leave it as it is, the identity among them.
-        axes: (M, 3) unit axes about which any angle does.
-    """
-
-    turns: Floats
-    axes: Floats
+    turns: Floats  # (N, 3, 3) rotations that leave it as it is, the identity among them
+    axes: Floats  # (M, 3) unit axes about which any angle does
 
     def angle(self, found: Floats, true: Floats) -> float:
         """The least angle (degrees) between a rotation (3, 3) and one that looks like the true one (3, 3)."""

@@ -21,21 +21,13 @@ OPENGL: Array = np.diag((1.0, -1.0, -1.0, 1.0))
 
 @dataclass(frozen=True)
 class Plane:
-    """``normal @ point + offset = 0`` in the camera frame.
+    """``normal @ point + offset = 0`` in the camera frame."""
 
-    Attributes:
-        normal: (3,) unit normal towards the camera.
-        offset: distance of the camera from the plane, m.
-        center: (3,) median of the points that lie on it, m.
-        residual: root mean square distance of those points, m.
-        share: of the sampled pixels that lie on it.
-    """
-
-    normal: Array
-    offset: float
-    center: Array
-    residual: float
-    share: float
+    normal: Array  # (3,) unit normal towards the camera
+    offset: float  # distance of the camera from the plane, m
+    center: Array  # (3,) median of the points that lie on it, m
+    residual: float  # root mean square distance of those points, m
+    share: float  # of the sampled pixels that lie on it
 
     def heights(self, points: Array) -> Array:
         """Heights (N,) of (N, 3) points over the plane, m."""

@@ -27,22 +27,16 @@ Array = npt.NDArray[np.float64]
 
 
 class Camera(Frozen):
-    """A pinhole camera, OpenCV axes (x right, y down, z forward).
+    """A pinhole camera, OpenCV axes (x right, y down, z forward)."""
 
-    Attributes:
-        fx, fy, cx, cy: intrinsics in pixels.
-        width, height: of the colour image in pixels.
-        depth_scale: metres per unit of the depth image.
-        T_robot_cam: 4x4 rigid transform from the camera frame to the robot frame, if it was calibrated.
-    """
-
-    fx: Positive
+    fx: Positive  # fx, fy, cx, cy: intrinsics in pixels
     fy: Positive
     cx: Finite
     cy: Finite
-    width: Annotated[int, Field(gt=0)]
+    width: Annotated[int, Field(gt=0)]  # width, height: of the colour image in pixels
     height: Annotated[int, Field(gt=0)]
-    depth_scale: Positive
+    depth_scale: Positive  # metres per unit of the depth image
+    # 4x4 rigid transform from the camera frame to the robot frame, if it was calibrated
     T_robot_cam: Matrix | None = None
 
     @model_validator(mode="after")
@@ -83,21 +77,13 @@ class Camera(Frozen):
 
 @dataclass(frozen=True)
 class RGBDFrame:
-    """A photo with depth.
+    """A photo with depth."""
 
-    Attributes:
-        rgb: (H, W, 3) uint8.
-        depth: (H, W) float32 metres along the optical axis, 0 where nothing was measured.
-        camera: intrinsics and, if calibrated, pose.
-        source: what it was read from: a folder, a file, or ``bop:`` and an image of a data set.
-        notes: what a reader of the scene should know about how it was read.
-    """
-
-    rgb: Image
-    depth: npt.NDArray[np.float32]
-    camera: Camera
-    source: Path
-    notes: tuple[str, ...] = ()
+    rgb: Image  # (H, W, 3) uint8
+    depth: npt.NDArray[np.float32]  # (H, W) float32 metres along the optical axis, 0 where nothing was measured
+    camera: Camera  # intrinsics and, if calibrated, pose
+    source: Path  # what it was read from: a folder, a file, or ``bop:`` and an image of a data set
+    notes: tuple[str, ...] = ()  # what a reader of the scene should know about how it was read
 
     def points(self) -> Array:
         """(H, W, 3) points in the camera frame, metres; (0, 0, 0) where there is no depth."""
@@ -144,40 +130,25 @@ class UprightBox(Frozen):
 
 
 class LevelPlane(Frozen):
-    """A level plane of the photo that may be the table.
+    """A level plane of the photo that may be the table."""
 
-    Attributes:
-        number: from 1, the lowest plane first; ``scene.table`` takes it.
-        height: of its middle over the plane that was taken for the table, metres.
-        share: of the measured pixels that lie on it.
-        taken: whether it was taken for the table.
-    """
-
-    number: int
-    height: float
-    share: float
-    taken: bool
+    number: int  # from 1, the lowest plane first; ``scene.table`` takes it
+    height: float  # of its middle over the plane that was taken for the table, metres
+    share: float  # of the measured pixels that lie on it
+    taken: bool  # whether it was taken for the table
 
 
 class TableFrame(Frozen):
-    """The robot frame and how it was found.
+    """The robot frame and how it was found."""
 
-    Attributes:
-        T_robot_cam: 4x4 transform from the camera frame (OpenCV axes) to the robot frame, metres.
-        origin: ``calibrated`` (given in camera.json) or ``table_plane`` (on the table found in the photo).
-        residual: root mean square distance of the table's points to its plane, metres.
-        inliers: share of the measured pixels that lie on the table.
-        height: z of the table top in the robot frame, metres; 0 where the frame is on it.
-        note: what a reader should know.
-        planes: the level planes that may be the table, the lowest first; empty where none were looked for.
-    """
-
-    T_robot_cam: Matrix
+    T_robot_cam: Matrix  # 4x4 transform from the camera frame (OpenCV axes) to the robot frame, metres
+    # ``calibrated`` (given in camera.json) or ``table_plane`` (on the table found in the photo)
     origin: Literal["calibrated", "table_plane"]
-    residual: float
-    inliers: float
-    height: float = 0.0
-    note: str = ""
+    residual: float  # root mean square distance of the table's points to its plane, metres
+    inliers: float  # share of the measured pixels that lie on the table
+    height: float = 0.0  # z of the table top in the robot frame, metres; 0 where the frame is on it
+    note: str = ""  # what a reader should know
+    # the level planes that may be the table, the lowest first; empty where none were looked for
     planes: tuple[LevelPlane, ...] = ()
 
 
@@ -193,29 +164,17 @@ InsideName = Annotated[str, AfterValidator(_inside)]
 
 @dataclass(frozen=True)
 class Candidate:
-    """A segment that may be an object.
+    """A segment that may be an object."""
 
-    Attributes:
-        id: from 1.
-        mask: (H, W) bool.
-        crop: (h, w, 3) uint8, the segment with a margin.
-        box: axis-aligned, robot frame.
-        upright: the fitted box with its yaw.
-        color: mean red, green, blue, 0..1.
-        shape: which solid fits better.
-        points: how many depth pixels it has.
-        hollow: open at the top, with an inside that lies deeper than its rim: bowls, boxes, mugs.
-    """
-
-    id: int
-    mask: Mask
-    crop: Image
-    box: Aabb
-    upright: UprightBox
-    color: Vec3
-    shape: Solid
-    points: int
-    hollow: bool = False
+    id: int  # from 1
+    mask: Mask  # (H, W) bool
+    crop: Image  # (h, w, 3) uint8, the segment with a margin
+    box: Aabb  # axis-aligned, robot frame
+    upright: UprightBox  # the fitted box with its yaw
+    color: Vec3  # mean red, green, blue, 0..1
+    shape: Solid  # which solid fits better
+    points: int  # how many depth pixels it has
+    hollow: bool = False  # open at the top, with an inside that lies deeper than its rim: bowls, boxes, mugs
 
 
 class CandidateRecord(Frozen):
@@ -243,73 +202,45 @@ class Shown(Frozen):
 
 
 class MatchEvidence(Frozen):
-    """What a match tool answers about one candidate, and why.
+    """What a match tool answers about one candidate, and why."""
 
-    Attributes:
-        match: ``asset``; ``no_asset`` for an object that the library lacks; ``no_object`` for what is none.
-        asset: library name of the match.
-        method: the tool.
-        confidence: how likely the answer is right, 0..1; ``None`` where the tool cannot say.
-        scores: of the best few assets, likelihood or similarity in 0..1, by name, the best first.
-        runner_up: the best asset that is not the answer.
-        reason: in words.
-    """
-
+    # ``asset``; ``no_asset`` for an object that the library lacks; ``no_object`` for what is none
     match: Literal["asset", "no_asset", "no_object"]
-    asset: str | None = None
-    method: str = ""
-    confidence: float | None = None
+    asset: str | None = None  # library name of the match
+    method: str = ""  # the tool
+    confidence: float | None = None  # how likely the answer is right, 0..1; ``None`` where the tool cannot say
+    # of the best few assets, likelihood or similarity in 0..1, by name, the best first
     scores: dict[str, float] = Field(default_factory=dict[str, float])
-    runner_up: str | None = None
-    reason: str = ""
+    runner_up: str | None = None  # the best asset that is not the answer
+    reason: str = ""  # in words
 
 
 class SceneObject(Frozen):
-    """An object of the scene, with the asset that stands for it.
+    """An object of the scene, with the asset that stands for it."""
 
-    Attributes:
-        id: the candidate's.
-        name: unique in the scene, e.g. ``milk_1``.
-        asset: library name, or the proxy's.
-        matched: False for a primitive proxy.
-        description, category, color: in words.
-        box: axis-aligned, as measured, robot frame; what is not seen of it ends where something else was measured.
-        position: centre of the asset, metres, robot frame.
-        orientation: of the asset, xyzw.
-        upright: the same box along its own axes; ``None`` in descriptions of before there was one.
-        size: extents of the asset as placed, along the world's axes (before yaw), metres.
-        reachable: within the arm's workspace.
-        evidence: why this asset, in words.
-        match: scores, runner-up and reason of the match.
-        mask, crop: picture files.
-        method: where the pose comes from.
-        residual: how far the object's points are off the asset's surface, m (mean of the nearest 90 %); of a match.
-        round: the asset looks the same at any yaw, which therefore says nothing.
-        settled: where it comes to rest in the twin: centre (m) and rotation (xyzw).
-        drift: how far its centre moves until then, m.
-    """
-
-    id: int
-    name: str
-    asset: str
-    matched: bool
-    description: str
+    id: int  # the candidate's
+    name: str  # unique in the scene, e.g. ``milk_1``.
+    asset: str  # library name, or the proxy's
+    matched: bool  # False for a primitive proxy
+    description: str  # description, category, color: in words
     category: str
     color: str
-    box: Aabb
-    position: Vec3
-    orientation: Quat
-    size: Vec3
-    reachable: bool
-    evidence: str
-    mask: InsideName
+    box: Aabb  # axis-aligned, as measured, robot frame; what is not seen of it ends where something else was measured
+    position: Vec3  # centre of the asset, metres, robot frame
+    orientation: Quat  # of the asset, xyzw
+    size: Vec3  # extents of the asset as placed, along the world's axes (before yaw), metres
+    reachable: bool  # within the arm's workspace
+    evidence: str  # why this asset, in words
+    mask: InsideName  # mask, crop: picture files
     crop: InsideName
-    method: PoseMethod = "box"
+    method: PoseMethod = "box"  # where the pose comes from
+    # how far the object's points are off the asset's surface, m (mean of the nearest 90 %); of a match
     residual: float | None = None
-    round: bool = False
-    settled: Pose | None = None
-    drift: float | None = None
-    match: MatchEvidence | None = None
+    round: bool = False  # the asset looks the same at any yaw, which therefore says nothing
+    settled: Pose | None = None  # where it comes to rest in the twin: centre (m) and rotation (xyzw)
+    drift: float | None = None  # how far its centre moves until then, m
+    match: MatchEvidence | None = None  # scores, runner-up and reason of the match
+    # the same box along its own axes; ``None`` in descriptions of before there was one
     upright: UprightBox | None = None
 
 
@@ -329,23 +260,16 @@ class Relation(Frozen):
 
 
 class TwinReport(Frozen):
-    """How the described scene stands in MuJoCo.
+    """How the described scene stands in MuJoCo."""
 
-    Attributes:
-        found: deepest penetration as described, m.
-        penetration: deepest one once it came to rest, m.
-        drift: of the object that moved farthest, m.
-        fidelity: share of the objects' pixels at which the twin at rest, seen by the photo's camera, is within 2 cm of
-            the measured depth; ``None`` if nothing was measured.
-        still: everything came to rest.
-        held: so many objects would have fallen, and may stand on something that the photo does not show: they stay.
-    """
-
-    found: float
-    penetration: float
-    drift: float
+    found: float  # deepest penetration as described, m
+    penetration: float  # deepest one once it came to rest, m
+    drift: float  # of the object that moved farthest, m
+    # share of the objects' pixels at which the twin at rest, seen by the photo's camera, is within 2 cm of the measured
+    # depth; ``None`` if nothing was measured
     fidelity: float | None
-    still: bool
+    still: bool  # everything came to rest
+    # so many objects would have fallen, and may stand on something that the photo does not show: they stay
     held: int = 0
 
 

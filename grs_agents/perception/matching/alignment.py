@@ -25,21 +25,14 @@ _ARM = np.float32(0.05)
 
 @dataclass(frozen=True)
 class AlignedPoses:
-    """Poses of an asset, the best first.
+    """Poses of an asset, the best first."""
 
-    Attributes:
-        rotations: (K, 3, 3) rotations from the asset's frame (at the centre of its bounding box) to the robot frame.
-        centers: (K, 3) where that centre lies, m, robot frame.
-        residual: (K,) how far the candidate's points are off the surface: mean, m.
-        free_space: (K,) how far the surface that faces the camera stands before what was measured: mean, m.
-        height: (K,) how far its lowest point is above the table, m.
-    """
-
+    # (K, 3, 3) rotations from the asset's frame (at the centre of its bounding box) to the robot frame
     rotations: Floats
-    centers: Floats
-    residual: Floats
-    free_space: Floats
-    height: Floats
+    centers: Floats  # (K, 3) where that centre lies, m, robot frame
+    residual: Floats  # (K,) how far the candidate's points are off the surface: mean, m
+    free_space: Floats  # (K,) how far the surface that faces the camera stands before what was measured: mean, m
+    height: Floats  # (K,) how far its lowest point is above the table, m
 
     @property
     def misfit(self) -> Floats:
@@ -49,26 +42,16 @@ class AlignedPoses:
 
 @dataclass(frozen=True)
 class AlignmentStart:
-    """From where assets begin to be aligned with a candidate; the same for all of them.
+    """From where assets begin to be aligned with a candidate; the same for all of them."""
 
-    Attributes:
-        yaws: (Y, 3, 3) turns about the vertical.
-        top: how high it reaches, m.
-        flat: (2, 2) horizontal unit vectors towards the camera, and across.
-        low, high: (2,) m, between which its points lie along these.
-        middle: (3,) of its points, m.
-        axes: (3, 3) their principal axes, as columns, the flattest first and towards the camera.
-        least, most: (3,) m, between which its points lie along these, from their middle.
-    """
-
-    yaws: Floats
-    top: float
-    flat: Floats
-    low: Floats
+    yaws: Floats  # (Y, 3, 3) turns about the vertical
+    top: float  # how high it reaches, m
+    flat: Floats  # (2, 2) horizontal unit vectors towards the camera, and across
+    low: Floats  # low, high: (2,) m, between which its points lie along these
     high: Floats
-    middle: Floats
-    axes: Floats
-    least: Floats
+    middle: Floats  # (3,) of its points, m
+    axes: Floats  # (3, 3) their principal axes, as columns, the flattest first and towards the camera
+    least: Floats  # least, most: (3,) m, between which its points lie along these, from their middle
     most: Floats
 
 

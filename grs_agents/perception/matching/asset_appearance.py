@@ -36,31 +36,18 @@ _ANGLES = 24
 
 @dataclass(frozen=True)
 class Appearance:
-    """The coloured surface of an asset.
+    """The coloured surface of an asset."""
 
-    Attributes:
-        points: (N, 3) m, about the centre of the bounding box.
-        normals: (N, 3) unit, outwards where the mesh is wound so.
-        log_colors: (N, 3) of its colours without light and without the finest detail.
-        half: (3,) half the extents, m.
-        views: (V, B) histograms of tone (`color_histogram`), one for each of `directions`.
-        symmetries: (S, 3, 3) turns that leave its shape as it is, the identity first.
-        rotations: (T, 3, 3) the quarter turns, without those that only differ by one of ``symmetries``.
-        nearest: (X, Y, Z) the point nearest to the middle of each cell of a grid.
-        low: (3,) m, where the grid begins.
-        cell: m, the edge of a cell.
-    """
-
-    points: Floats
-    normals: Floats
-    log_colors: Floats
-    half: Floats
-    views: Floats
-    symmetries: Floats
-    rotations: Floats
-    nearest: npt.NDArray[np.int16]
-    low: Floats
-    cell: float
+    points: Floats  # (N, 3) m, about the centre of the bounding box
+    normals: Floats  # (N, 3) unit, outwards where the mesh is wound so
+    log_colors: Floats  # (N, 3) of its colours without light and without the finest detail
+    half: Floats  # (3,) half the extents, m
+    views: Floats  # (V, B) histograms of tone (`color_histogram`), one for each of `directions`
+    symmetries: Floats  # (S, 3, 3) turns that leave its shape as it is, the identity first
+    rotations: Floats  # (T, 3, 3) the quarter turns, without those that only differ by one of ``symmetries``
+    nearest: npt.NDArray[np.int16]  # (X, Y, Z) the point nearest to the middle of each cell of a grid
+    low: Floats  # (3,) m, where the grid begins
+    cell: float  # m, the edge of a cell
 
     def at(self, places: Floats) -> Indices:
         """The number of the surface point near each place (..., 3), m, in the frame of `points`."""
@@ -188,19 +175,12 @@ def _smoothed(points: Array, colors: Array) -> Array:
 
 @dataclass(frozen=True)
 class ComparedAssets:
-    """Assets with their looks.
+    """Assets with their looks."""
 
-    Attributes:
-        assets: what may be matched.
-        appearances: one for each.
-        views: (A, V, B) histograms of each view.
-        sizes: (A, 3) extents in m, the smallest first.
-    """
-
-    assets: tuple[Asset, ...]
-    appearances: tuple[Appearance, ...]
-    views: npt.NDArray[np.float32]
-    sizes: Array
+    assets: tuple[Asset, ...]  # what may be matched
+    appearances: tuple[Appearance, ...]  # one for each
+    views: npt.NDArray[np.float32]  # (A, V, B) histograms of each view
+    sizes: Array  # (A, 3) extents in m, the smallest first
 
 
 def compared_assets(assets: Sequence[Asset], library: Library) -> ComparedAssets:

@@ -26,17 +26,11 @@ _LEAST = 0.05
 
 @dataclass(frozen=True)
 class Light:
-    """What the light of a scene does to colours.
+    """What the light of a scene does to colours."""
 
-    Attributes:
-        gain: by how much it makes them brighter, logarithm.
-        tint: (2,) by how much it shifts both ratios, logarithms.
-        slack: how much more or less of a tint one object may have.
-    """
-
-    gain: float
-    tint: Array
-    slack: float
+    gain: float  # by how much it makes them brighter, logarithm
+    tint: Array  # (2,) by how much it shifts both ratios, logarithms
+    slack: float  # how much more or less of a tint one object may have
 
 
 DAYLIGHT = Light(-0.35, np.zeros(2), 0.25)
@@ -45,22 +39,15 @@ DAYLIGHT = Light(-0.35, np.zeros(2), 0.25)
 
 @dataclass(frozen=True)
 class ColorAgreement:
-    """The best agreement over poses and over the turns that leave the shape as it is.
+    """The best agreement over poses and over the turns that leave the shape as it is."""
 
-    Attributes:
-        level: (P,) misfit in brightness of each pixel, beyond what shading explains, in units of what it may be.
-        hue: (P, 2) by how much both ratios differ, logarithms.
-        gain: by how much brighter (logarithm) the photo is than the asset.
-        pattern: by how much the asset's pattern explains the photo better than one colour would: half the logarithm
-            of the ratio of both misfits.
-        rank: which of the poses it came from.
-    """
-
-    level: Floats
-    hue: Floats
-    gain: float
+    level: Floats  # (P,) misfit in brightness of each pixel, beyond what shading explains, in units of what it may be
+    hue: Floats  # (P, 2) by how much both ratios differ, logarithms
+    gain: float  # by how much brighter (logarithm) the photo is than the asset
+    # by how much the asset's pattern explains the photo better than one colour would: half the logarithm of the ratio
+    # of both misfits
     pattern: float
-    rank: int
+    rank: int  # which of the poses it came from
 
     @property
     def tint(self) -> Floats:

@@ -63,21 +63,13 @@ _CERTAIN = 0.95
 
 @dataclass(frozen=True)
 class TriedAsset:
-    """An asset tried for a candidate.
+    """An asset tried for a candidate."""
 
-    Attributes:
-        asset: its number in the catalogue.
-        poses: where it may lie.
-        colors: how its colours agree; ``None`` where too little of it would be seen.
-        similarity: how alike the histograms of colour are, 0..1, in the best light.
-        large, small: by how much the candidate is larger or smaller than the asset: sums of logarithms.
-    """
-
-    asset: int
-    poses: AlignedPoses
-    colors: ColorAgreement | None
-    similarity: float
-    large: float
+    asset: int  # its number in the catalogue
+    poses: AlignedPoses  # where it may lie
+    colors: ColorAgreement | None  # how its colours agree; ``None`` where too little of it would be seen
+    similarity: float  # how alike the histograms of colour are, 0..1, in the best light
+    large: float  # large, small: by how much the candidate is larger or smaller than the asset: sums of logarithms
     small: float
 
     @property
@@ -187,17 +179,11 @@ def _color_similarity(
 
 @dataclass(frozen=True)
 class RankedAssets:
-    """The assets that were tried for a candidate, the likeliest first.
+    """The assets that were tried for a candidate, the likeliest first."""
 
-    Attributes:
-        names: of the assets.
-        likelihoods: of each; what is missing to 1 is the likelihood that it is none of them.
-        reasons: what speaks for each, in words.
-    """
-
-    names: tuple[str, ...]
-    likelihoods: tuple[float, ...]
-    reasons: tuple[str, ...]
+    names: tuple[str, ...]  # of the assets
+    likelihoods: tuple[float, ...]  # of each; what is missing to 1 is the likelihood that it is none of them
+    reasons: tuple[str, ...]  # what speaks for each, in words
 
 
 def rank(

@@ -24,18 +24,12 @@ _RIM = 3
 
 @dataclass(frozen=True)
 class View:
-    """The photo as all candidates share it.
+    """The photo as all candidates share it."""
 
-    Attributes:
-        frame, table: the photo and its pose.
-        depth: (H, W) m.
-        log_colors: (H, W, 3) of the photo without its finest detail (`color_histogram`).
-    """
-
-    frame: RGBDFrame
+    frame: RGBDFrame  # frame, table: the photo and its pose
     table: TableFrame
-    depth: Floats
-    log_colors: Floats
+    depth: Floats  # (H, W) m
+    log_colors: Floats  # (H, W, 3) of the photo without its finest detail (`color_histogram`)
 
     @property
     def eye(self) -> Array:
@@ -56,27 +50,16 @@ class View:
 
 @dataclass(frozen=True)
 class Observation:
-    """What the camera saw of one candidate.
+    """What the camera saw of one candidate."""
 
-    Attributes:
-        points: (N, 3) m, robot frame; at most `POINTS` of them.
-        surface: (P, 3) m, robot frame; at most `PIXELS` of them, whose tones are
-        log_colors: (P, 3).
-        mask: (H, W) its pixels.
-        upright: the box measured of it.
-        extents: (3,) m, what of that box most of its pixels fill, so that a few stray ones do not make it large.
-        sharp_log_colors: (M, 3) tones of its pixels, sharp.
-        pixels: how many have a depth.
-    """
-
-    points: Floats
-    surface: Floats
-    log_colors: Floats
-    mask: Mask
-    upright: UprightBox
-    extents: Array
-    sharp_log_colors: Array
-    pixels: int
+    points: Floats  # (N, 3) m, robot frame; at most `POINTS` of them
+    surface: Floats  # (P, 3) m, robot frame; at most `PIXELS` of them, whose tones are
+    log_colors: Floats  # (P, 3)
+    mask: Mask  # (H, W) its pixels
+    upright: UprightBox  # the box measured of it
+    extents: Array  # (3,) m, what of that box most of its pixels fill, so that a few stray ones do not make it large
+    sharp_log_colors: Array  # (M, 3) tones of its pixels, sharp
+    pixels: int  # how many have a depth
 
     def histogram(self, tint: Array) -> Floats:
         """(B,) square roots of the shares of tones, once the tint (2,) of the light is taken out."""

@@ -10,21 +10,13 @@ from grs_agents.perception.types import Mask, MatchEvidence, RGBDFrame, Shown, T
 
 @dataclass(frozen=True)
 class Segment:
-    """A candidate to be matched.
+    """A candidate to be matched."""
 
-    Attributes:
-        id: its number.
-        mask: (H, W) its pixels.
-        upright: the box measured of it, robot frame.
-        crop: picture file of it.
-        points: how many of its pixels have a depth.
-    """
-
-    id: int
-    mask: Mask
-    upright: UprightBox
-    crop: Path
-    points: int
+    id: int  # its number
+    mask: Mask  # (H, W) its pixels
+    upright: UprightBox  # the box measured of it, robot frame
+    crop: Path  # picture file of it
+    points: int  # how many of its pixels have a depth
 
 
 Ask = Callable[[Segment, Sequence[Shown], bool, bool], MatchEvidence]
@@ -34,28 +26,17 @@ its picture or not. A model that gives no usable reply answers ``no_asset`` with
 
 @dataclass(frozen=True)
 class MatchRequest:
-    """The candidates of a photo.
+    """The candidates of a photo."""
 
-    Attributes:
-        segments: what is to be matched.
-        frame, table: the photo and its pose.
-        ask: asks a model, for the tools that need one.
-        seed: of the order in which assets are shown to a model.
-        model: folder of the weights that a tool needs, if any.
-        ocr: read what is printed, where a tool can.
-        sized: go by size and place; false only to measure what they are worth.
-        index: folder of an index of the library, for one too large to compare everything.
-    """
-
-    segments: Sequence[Segment]
-    frame: RGBDFrame
+    segments: Sequence[Segment]  # what is to be matched
+    frame: RGBDFrame  # frame, table: the photo and its pose
     table: TableFrame
-    ask: Ask
-    seed: int = 0
-    model: str | None = None
-    ocr: bool = True
-    sized: bool = True
-    index: str | None = None
+    ask: Ask  # asks a model, for the tools that need one
+    seed: int = 0  # of the order in which assets are shown to a model
+    model: str | None = None  # folder of the weights that a tool needs, if any
+    ocr: bool = True  # read what is printed, where a tool can
+    sized: bool = True  # go by size and place; false only to measure what they are worth
+    index: str | None = None  # folder of an index of the library, for one too large to compare everything
 
 
 @dataclass(frozen=True)

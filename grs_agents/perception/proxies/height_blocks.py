@@ -28,15 +28,11 @@ DIRECTIONS = 32
 
 @dataclass(frozen=True)
 class FreeColumns:
-    """What a thing may fill of a box, over each cell of a grid spread evenly over the box's x (rows) and y (columns).
+    """What an object may fill of a box: over each cell of an even grid over its x (rows) and y (columns)."""
 
-    Attributes:
-        floors, heights: (R, C) where it begins and ends, m above the bottom of the box.
-        occupied: (R, C) cells in which another thing stands for certain: there it begins no lower and ends no higher.
-    """
-
-    floors: Floats
+    floors: Floats  # floors, heights: (R, C) where it begins and ends, m above the bottom of the box
     heights: Floats
+    # (R, C) cells in which another thing stands for certain: there it begins no lower and ends no higher
     occupied: npt.NDArray[np.bool_]
 
     @classmethod

@@ -15,17 +15,12 @@ from grs_agents.perception.types import Array, Mask
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Known things where they stand, and the space that others of unknown shape are thought to fill.
+    """Known things where they stand, and the space that others of unknown shape are thought to fill."""
 
-    Attributes:
-        known: names of assets, each with the pose of the centre of its bounding box (m, xyzw), robot frame.
-        claims: of the others.
-        library: where the assets are looked up.
-    """
-
+    # names of assets, each with the pose of the centre of its bounding box (m, xyzw), robot frame
     known: Sequence[tuple[str, Pose]]
-    claims: Sequence[EstimatedVolume]
-    library: Library
+    claims: Sequence[EstimatedVolume]  # of the others
+    library: Library  # where the assets are looked up
 
     def occupied(self, points: Array, margin: float = 0.0) -> Mask:
         """Which of points (N, 3), m, robot frame, are taken, or less than ``margin`` m from a known thing, (N,).

@@ -93,17 +93,11 @@ _WRONG, _NOT_HOLLOW, _HALF = 0.008, 0.012, 0.5
 
 @dataclass(frozen=True)
 class MeasuredShape:
-    """What the photo tells of an object's shape, in the frame of its measured box.
+    """What the photo tells of an object's shape, in the frame of its measured box."""
 
-    Attributes:
-        points: (N, 3) m, about the centre of the box, along its axes.
-        fillable: what it may fill of the box at most; ``None`` if unknown.
-        crowded: other things stand in the box.
-    """
-
-    points: Floats
-    fillable: FreeColumns | None = None
-    crowded: bool = False
+    points: Floats  # (N, 3) m, about the centre of the box, along its axes
+    fillable: FreeColumns | None = None  # what it may fill of the box at most; ``None`` if unknown
+    crowded: bool = False  # other things stand in the box
 
 
 def choose_kind(measured: MeasuredShape, size: Vec3, around: bool, hollow: bool) -> ProxyKind:

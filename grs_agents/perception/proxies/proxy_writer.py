@@ -41,17 +41,13 @@ _FRICTION = 0.6
 
 @dataclass(frozen=True)
 class ProxyTexture:
-    """What an object looks like in the photo.
+    """What an object looks like in the photo."""
 
-    Attributes:
-        image: (H, W, 3) uint8 red, green, blue; what is not of the object is filled with what is beside it.
-        uv_of: points (N, 3) in the object's frame to texture coordinates (N, 2), origin lower left.
-        to_camera: (3,) unit vector towards the camera, object's frame.
-    """
-
+    # (H, W, 3) uint8 red, green, blue; what is not of the object is filled with what is beside it
     image: npt.NDArray[np.uint8]
+    # points (N, 3) in the object's frame to texture coordinates (N, 2), origin lower left
     uv_of: Callable[[Floats], Floats]
-    to_camera: Floats
+    to_camera: Floats  # (3,) unit vector towards the camera, object's frame
 
 
 def write_proxy(

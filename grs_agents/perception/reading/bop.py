@@ -18,15 +18,10 @@ METRES_PER_MILLIMETRE = 0.001
 
 @dataclass(frozen=True)
 class BopImage:
-    """One image of a scene folder.
+    """One image of a scene folder."""
 
-    Attributes:
-        scene: the folder with ``scene_camera.json``.
-        number: of the image.
-    """
-
-    scene: Path
-    number: int
+    scene: Path  # the folder with ``scene_camera.json``
+    number: int  # of the image
 
     @property
     def stem(self) -> str:

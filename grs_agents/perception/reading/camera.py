@@ -48,15 +48,10 @@ FULL_FRAME_DIAGONAL = 43.267
 
 @dataclass(frozen=True)
 class DepthUnit:
-    """What ``depth_scale`` is taken to be where ``camera.json`` does not say it.
+    """What ``depth_scale`` is taken to be where ``camera.json`` does not say it."""
 
-    Attributes:
-        scale: metres per unit, ``None`` if it cannot be inferred.
-        reason: why, for a note or for the error; nothing where it goes without saying.
-    """
-
-    scale: float | None
-    reason: str = ""
+    scale: float | None  # metres per unit, ``None`` if it cannot be inferred
+    reason: str = ""  # why, for a note or for the error; nothing where it goes without saying
 
 
 @dataclass(frozen=True)

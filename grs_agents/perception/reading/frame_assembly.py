@@ -38,19 +38,12 @@ JUMP = 0.03
 
 @dataclass(frozen=True)
 class RecordedDepth:
-    """A depth picture as it was recorded.
+    """A depth picture as it was recorded."""
 
-    Attributes:
-        units: (H, W), 0, NaN, infinite, negative or the type's largest number where nothing was measured.
-        scale: metres per unit.
-        where: what errors call it.
-        scale_source: where its scale is told, for the remedy of a wrong one.
-    """
-
-    units: Units
-    scale: float
-    where: str
-    scale_source: str = "depth_scale in camera.json"
+    units: Units  # (H, W), 0, NaN, infinite, negative or the type's largest number where nothing was measured
+    scale: float  # metres per unit
+    where: str  # what errors call it
+    scale_source: str = "depth_scale in camera.json"  # where its scale is told, for the remedy of a wrong one
 
     @property
     def stored_scale(self) -> float:
@@ -154,21 +147,13 @@ SMALLEST = 8
 
 @dataclass(frozen=True)
 class Recording:
-    """What was found of a scene.
+    """What was found of a scene."""
 
-    Attributes:
-        source: what was named on the command line.
-        picture: the colours.
-        camera: the camera of the colour picture or of the depth picture, whichever has its size.
-        measured: the depth.
-        notes: what a reader of the scene should know about how it was read.
-    """
-
-    source: Path
-    picture: Picture
-    camera: Camera | None = None
-    measured: RecordedDepth | None = None
-    notes: tuple[str, ...] = ()
+    source: Path  # what was named on the command line
+    picture: Picture  # the colours
+    camera: Camera | None = None  # the camera of the colour picture or of the depth picture, whichever has its size
+    measured: RecordedDepth | None = None  # the depth
+    notes: tuple[str, ...] = ()  # what a reader of the scene should know about how it was read
 
     @property
     def size(self) -> tuple[int, int]:

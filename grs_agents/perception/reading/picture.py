@@ -23,18 +23,12 @@ _ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 
 @dataclass(frozen=True)
 class Picture:
-    """A colour picture as its pixels are stored.
+    """A colour picture as its pixels are stored."""
 
-    Attributes:
-        file: where it came from.
-        rgb: (H, W, 3) uint8.
-        orientation: EXIF's, 1 to 8; 1 where nothing is said.
-        focal_35mm: the focal length in millimetres on 35 mm film with the same diagonal angle, if the camera noted it.
-    """
-
-    file: Path
-    rgb: Image
-    orientation: int = 1
+    file: Path  # where it came from
+    rgb: Image  # (H, W, 3) uint8
+    orientation: int = 1  # EXIF's, 1 to 8; 1 where nothing is said
+    # the focal length in millimetres on 35 mm film with the same diagonal angle, if the camera noted it
     focal_35mm: float | None = None
 
 

@@ -26,17 +26,11 @@ CELL = 16
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points in the colour camera's frame (OpenCV axes), in the file's unit.
+    """Points in the colour camera's frame (OpenCV axes), in the file's unit."""
 
-    Attributes:
-        points: (N, 3) float32; NaN or infinite where nothing was measured.
-        shape: rows and columns, if the file says so; (1, N) if not.
-        where: what errors call it.
-    """
-
-    points: Points
-    shape: tuple[int, int]
-    where: str
+    points: Points  # (N, 3) float32; NaN or infinite where nothing was measured
+    shape: tuple[int, int]  # rows and columns, if the file says so; (1, N) if not
+    where: str  # what errors call it
 
 
 def read_cloud(file: Path) -> Cloud | npt.NDArray[np.number]:

@@ -31,21 +31,13 @@ def _faulty(message: str) -> InputError:
 
 @dataclass(frozen=True)
 class Records:
-    """How a file lays its points out.
+    """How a file lays its points out."""
 
-    Attributes:
-        where: what errors call the file.
-        names: of the fields; each field is one number.
-        kinds: numpy's type of each.
-        count: how many points there are.
-        shape: (rows, columns) of an organised cloud, else (1, count).
-    """
-
-    where: str
-    names: Sequence[str]
-    kinds: Sequence[str]
-    count: int
-    shape: tuple[int, int]
+    where: str  # what errors call the file
+    names: Sequence[str]  # of the fields; each field is one number
+    kinds: Sequence[str]  # numpy's type of each
+    count: int  # how many points there are
+    shape: tuple[int, int]  # (rows, columns) of an organised cloud, else (1, count)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be points, or are too many, before anything is read.

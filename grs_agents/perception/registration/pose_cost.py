@@ -12,20 +12,13 @@ from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 
 @dataclass(frozen=True)
 class ObservedPoints:
-    """What the camera saw of one object.
+    """What the camera saw of one object."""
 
-    Attributes:
-        points: (N, 3) of its surface, m, robot frame.
-        frame, table: the photo and its pose.
-        samples: so many points of an asset's surface are held against the photo.
-        config: what counts how much.
-    """
-
-    points: Array
-    frame: RGBDFrame
+    points: Array  # (N, 3) of its surface, m, robot frame
+    frame: RGBDFrame  # frame, table: the photo and its pose
     table: TableFrame
-    samples: int = DEFAULT.registration.cost.samples
-    config: PoseCost = DEFAULT.registration.cost
+    samples: int = DEFAULT.registration.cost.samples  # so many points of an asset's surface are held against the photo
+    config: PoseCost = DEFAULT.registration.cost  # what counts how much
 
     @property
     def eye(self) -> Array:

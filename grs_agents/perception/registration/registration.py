@@ -24,25 +24,15 @@ Entered = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Registered:
-    """Where an asset stands.
+    """Where an asset stands."""
 
-    Attributes:
-        position: centre of its bounding box, m, robot frame.
-        orientation: xyzw.
-        size: extents along the axes after the turn, before the yaw, m.
-        residual: how far the object's points are off its surface: mean of the nearest 90 %, m.
-        method: ``registered``, or ``box`` where that fits no worse.
-        round: it looks the same at any yaw.
-        cost: the residual, and what is unlikely about the pose, m.
-    """
-
-    position: Vec3
-    orientation: Quat
-    size: Vec3
-    residual: float
-    method: PoseMethod
-    round: bool
-    cost: float = 0.0
+    position: Vec3  # centre of its bounding box, m, robot frame
+    orientation: Quat  # xyzw
+    size: Vec3  # extents along the axes after the turn, before the yaw, m
+    residual: float  # how far the object's points are off its surface: mean of the nearest 90 %, m
+    method: PoseMethod  # ``registered``, or ``box`` where that fits no worse
+    round: bool  # it looks the same at any yaw
+    cost: float = 0.0  # the residual, and what is unlikely about the pose, m
 
 
 @dataclass(frozen=True)

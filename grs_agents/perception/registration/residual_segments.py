@@ -32,14 +32,10 @@ def _is_shown(surface: AssetSurface, frame: RGBDFrame, table: TableFrame, config
 
 @dataclass(frozen=True)
 class ResidualCandidates:
-    """What is found once assets stand.
+    """What is found once assets stand."""
 
-    Attributes:
-        candidates: so far they were taken for parts of other objects.
-        divided: segments without an asset, by index, that are these and parts of objects whose assets are known.
-    """
-
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[Candidate, ...] = ()  # so far they were taken for parts of other objects
+    # segments without an asset, by index, that are these and parts of objects whose assets are known
     divided: tuple[int, ...] = ()
 
 

@@ -15,17 +15,11 @@ from grs_agents.perception.types import Array
 
 @dataclass(frozen=True)
 class AssetSurface:
-    """The surface of an asset where it stands.
+    """The surface of an asset where it stands."""
 
-    Attributes:
-        points: (N, 3) m, robot frame.
-        normals: (N, 3) unit.
-        spacing: about how far neighbours are apart, m.
-    """
-
-    points: Array
-    normals: Array
-    spacing: float
+    points: Array  # (N, 3) m, robot frame
+    normals: Array  # (N, 3) unit
+    spacing: float  # about how far neighbours are apart, m
 
     def near(self, cloud: Array, reach: float) -> Array:
         """As `distances`, and infinite for points that are farther than ``reach`` m from the box around it."""

@@ -17,25 +17,16 @@ from grs_agents.perception.types import Array
 
 @dataclass(frozen=True)
 class Part:
-    """A patch in the robot frame.
+    """A patch in the robot frame."""
 
-    Attributes:
-        cloud: (N, 3) points, metres; a sample of at most 800.
-        hull: (M, 2) corners of its footprint.
-        width, length: of its footprint, metres.
-        bottom, top: metres above the table.
-        count: how many pixels it has.
-        config: what counts as solid.
-    """
-
-    cloud: Array
-    hull: Array
-    width: float
+    cloud: Array  # (N, 3) points, metres; a sample of at most 800
+    hull: Array  # (M, 2) corners of its footprint
+    width: float  # width, length: of its footprint, metres
     length: float
-    bottom: float
+    bottom: float  # bottom, top: metres above the table
     top: float
-    count: int
-    config: Segmentation
+    count: int  # how many pixels it has
+    config: Segmentation  # what counts as solid
 
     @cached_property
     def corners(self) -> tuple[list[float], list[float]]:

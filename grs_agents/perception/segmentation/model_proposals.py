@@ -19,15 +19,10 @@ from grs_agents.perception.working_resolution import reduced, restored
 
 @dataclass(frozen=True)
 class Proposal:
-    """A mask that a model proposes.
+    """A mask that a model proposes."""
 
-    Attributes:
-        mask: (H, W) its pixels.
-        score: how good the model thinks it is, 0 to 1.
-    """
-
-    mask: Mask
-    score: float
+    mask: Mask  # (H, W) its pixels
+    score: float  # how good the model thinks it is, 0 to 1
 
 
 Proposer = Callable[[Image, Mask], Iterable[Proposal]]

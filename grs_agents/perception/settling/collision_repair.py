@@ -26,29 +26,20 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class KnownObject:
-    """An object whose asset is known.
+    """An object whose asset is known."""
 
-    Attributes:
-        placed: its asset where it was registered.
-        upright: the box measured of it.
-        mask: (H, W) its pixels.
-    """
-
-    placed: PlacedObject
-    upright: UprightBox
-    mask: Mask
+    placed: PlacedObject  # its asset where it was registered
+    upright: UprightBox  # the box measured of it
+    mask: Mask  # (H, W) its pixels
 
 
 @dataclass(frozen=True)
 class CollisionRepairs:
-    """What becomes of known objects, by index.
+    """What becomes of known objects, by index."""
 
-    Attributes:
-        moved: where those stand that were registered into others.
-        wrong: those that are not where they were registered, or are not these assets, wherever they stand.
-    """
-
+    # where those stand that were registered into others
     moved: Mapping[int, Registered] = field(default_factory=dict[int, Registered])
+    # those that are not where they were registered, or are not these assets, wherever they stand
     wrong: frozenset[int] = frozenset()
 
 

@@ -25,17 +25,11 @@ DIRECTIONS: Floats = np.array(
 
 @dataclass(frozen=True)
 class Separation:
-    """A way to take objects apart.
+    """A way to take objects apart."""
 
-    Attributes:
-        deep: overlaps up to this (m) are left to easing.
-        lift: what is in the table is lifted straight out of it first, whatever stands on that.
-        steps: how far an object may be moved, m.
-    """
-
-    deep: float
-    lift: bool
-    steps: tuple[float, ...] = DEFAULT.settling.depenetration.steps
+    deep: float  # overlaps up to this (m) are left to easing
+    lift: bool  # what is in the table is lifted straight out of it first, whatever stands on that
+    steps: tuple[float, ...] = DEFAULT.settling.depenetration.steps  # how far an object may be moved, m
 
 
 def deepest_overlap(world: World) -> float:

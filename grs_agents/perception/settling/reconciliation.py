@@ -38,21 +38,15 @@ class Segment:
 
 @dataclass(frozen=True)
 class Reconciled:
-    """What became of segments, by their index.
+    """What became of segments, by their index."""
 
-    Attributes:
-        pieces: which are pieces of which others, whose assets explain all their points, or whose boxes hold most.
-        claims: the space that each of the others without an asset fills.
-        masks: (H, W) the pixels of each of those, with those of its pieces.
-        known: assets of the objects of known shape that are no pieces, with their poses as in `PlacedObject`.
-        library: where their assets are looked up.
-    """
-
+    # which are pieces of which others, whose assets explain all their points, or whose boxes hold most
     pieces: dict[int, int]
-    claims: dict[int, EstimatedVolume]
-    masks: dict[int, Mask]
+    claims: dict[int, EstimatedVolume]  # the space that each of the others without an asset fills
+    masks: dict[int, Mask]  # (H, W) the pixels of each of those, with those of its pieces
+    # assets of the objects of known shape that are no pieces, with their poses as in `PlacedObject`
     known: tuple[tuple[str, Pose], ...]
-    library: Library
+    library: Library  # where their assets are looked up
 
     def around(self, index: int) -> Surroundings:
         """What stands around the object whose claim has that index."""

@@ -76,35 +76,23 @@ class PlacedObject:
 
 @dataclass(frozen=True)
 class Placed:
-    """Where an object came to rest.
+    """Where an object came to rest."""
 
-    Attributes:
-        pose: as in `PlacedObject`.
-        drift: how far its centre moved, m.
-        held: it would have fallen, and may stand on something that the photo does not show: it stays where it is.
-        fell: gravity alone moved it farther than the configuration says.
-    """
-
-    pose: Pose
-    drift: float
+    pose: Pose  # as in `PlacedObject`
+    drift: float  # how far its centre moved, m
+    # it would have fallen, and may stand on something that the photo does not show: it stays where it is
     held: bool = False
-    fell: bool = False
+    fell: bool = False  # gravity alone moved it farther than the configuration says
 
 
 @dataclass(frozen=True)
 class RestState:
-    """A scene at rest.
+    """A scene at rest."""
 
-    Attributes:
-        placed: for each object; ``None`` for what is off the simulated table.
-        found, penetration: the deepest overlap before and after, m.
-        still: everything came to rest.
-    """
-
-    placed: tuple[Placed | None, ...]
-    found: float
+    placed: tuple[Placed | None, ...]  # for each object; ``None`` for what is off the simulated table
+    found: float  # found, penetration: the deepest overlap before and after, m
     penetration: float
-    still: bool
+    still: bool  # everything came to rest
 
     @property
     def farthest(self) -> float:

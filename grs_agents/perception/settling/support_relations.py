@@ -18,19 +18,12 @@ from grs_agents.perception.types import Array, Relation
 
 @dataclass(frozen=True)
 class Body:
-    """What stands for an object.
+    """What stands for an object."""
 
-    Attributes:
-        name: the object's.
-        points: (N, 3) of the surface, m, robot frame.
-        spacing: about how far they are apart, m.
-        hollow: open at the top.
-    """
-
-    name: str
-    points: Array
-    spacing: float
-    hollow: bool
+    name: str  # the object's
+    points: Array  # (N, 3) of the surface, m, robot frame
+    spacing: float  # about how far they are apart, m
+    hollow: bool  # open at the top
 
 
 def body_of(name: str, asset: str, pose: Pose, library: Library) -> Body:
