@@ -45,10 +45,7 @@ def tolerance(distance: Array) -> Array:
 
 
 def find_table(
-    frame: RGBDFrame,
-    rng: np.random.Generator,
-    choice: TableChoice = "auto",
-    config: TableFinding = DEFAULT.table,
+    frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice = "auto", config: TableFinding = DEFAULT.table
 ) -> TableFrame:
     """Find the level planes by RANSAC, each refined by least squares, and take one of them for the table.
 

@@ -49,9 +49,7 @@ def asset_surface_at(asset: str, pose: Pose, library: Library) -> AssetSurface:
 
 
 def surface_inliers(
-    clouds: Sequence[Array],
-    surfaces: Sequence[AssetSurface | None],
-    config: SurfaceExplanation = DEFAULT.explanation,
+    clouds: Sequence[Array], surfaces: Sequence[AssetSurface | None], config: SurfaceExplanation = DEFAULT.explanation
 ) -> dict[int, int]:
     """Which objects are pieces of which, by index.
 

@@ -13,11 +13,7 @@ from grs_agents.perception.types import RGBDFrame, TableFrame
 
 
 def may_have_unseen_support(
-    placed: PlacedObject,
-    library: Library,
-    frame: RGBDFrame,
-    table: TableFrame,
-    config: UnseenSupport = DEFAULT.support,
+    placed: PlacedObject, library: Library, frame: RGBDFrame, table: TableFrame, config: UnseenSupport = DEFAULT.support
 ) -> bool:
     """Whether columns from the table to its underside, of which the photo shows none to be free, could carry it.
 
