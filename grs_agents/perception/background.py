@@ -16,12 +16,14 @@ import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.errors import ConfigError
-from grs_agents.perception.configuration import DEFAULT, BackgroundReconstruction
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import components, within
 from grs_agents.perception.segmentation.patches import jump_edges, smoothed
 from grs_agents.perception.table import robot_points, tolerance
 from grs_agents.perception.types import Aabb, Array, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import reduced
+
+CONFIG = DEFAULT.background
 
 Faces = npt.NDArray[np.int64]
 Grid = npt.NDArray[np.float32]
@@ -45,7 +47,7 @@ class Mesh:
         return mesh
 
 
-def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float, config: BackgroundReconstruction) -> Mesh:
+def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float) -> Mesh:
     """The surface that the pixels ``left``, (H, W), show; it is open where something hides what is behind.
 
     Args:
@@ -53,7 +55,6 @@ def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float, co
         table: where its camera is.
         left: pixels of the surface; at least one.
         voxel: edge of the grid's cells, metres; larger where the grid would be too large.
-        config: how large the grid may be, and what is seen.
 
     Raises:
         ConfigError: scikit-image is not installed.
@@ -61,12 +62,12 @@ def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float, co
     measure = _measure()
     cloud = robot_points(frame, table)[left]
     low, high = cloud.min(axis=0), cloud.max(axis=0)
-    while np.prod(np.ceil((high - low) / voxel) + 5) > config.most_voxels:
+    while np.prod(np.ceil((high - low) / voxel) + 5) > CONFIG.most_voxels:
         voxel *= 1.25
     origin = low - 2 * voxel
     shape = tuple(int(count) for count in np.ceil((high - low) / voxel) + 5)
     grid = (origin, voxel, (shape[0], shape[1], shape[2]))
-    distance, known = signed_distance(frame, table, left, grid, config)
+    distance, known = signed_distance(frame, table, left, grid)
     cells = np.ones(tuple(count - 1 for count in shape), np.bool_)
     for x, y, z in product((0, 1), repeat=3):
         cells &= known[x : x + cells.shape[0], y : y + cells.shape[1], z : z + cells.shape[2]]
@@ -82,11 +83,7 @@ def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float, co
 
 
 def signed_distance(
-    frame: RGBDFrame,
-    table: TableFrame,
-    left: Mask,
-    grid: tuple[Array, float, tuple[int, int, int]],
-    config: BackgroundReconstruction,
+    frame: RGBDFrame, table: TableFrame, left: Mask, grid: tuple[Array, float, tuple[int, int, int]]
 ) -> tuple[Grid, npt.NDArray[np.bool_]]:
     """The signed distance in voxels, positive before the surface, and where it is known; both of the grid's shape.
 
@@ -97,12 +94,11 @@ def signed_distance(
         frame, table, left: as of `surface_of`.
         grid: (3,) of the first voxel's centre, metres, robot frame; the distance of two centres, metres; counts along
             x, y, z.
-        config: how far behind a surface is known.
     """
     origin, voxel, shape = grid
     pose, camera = np.asarray(table.T_robot_cam), frame.camera
-    facing = _facing(frame, config.flattest)
-    distance = np.full(shape, config.truncation, np.float32)
+    facing = _facing(frame)
+    distance = np.full(shape, CONFIG.truncation, np.float32)
     known = np.zeros(shape, np.bool_)
     for start in range(0, shape[0], SLAB):
         layers = range(start, min(start + SLAB, shape[0]))
@@ -115,12 +111,12 @@ def signed_distance(
         seen &= (rows >= 0) & (rows < camera.height)
         rows, columns = np.where(seen, rows, 0), np.where(seen, columns, 0)
         gap = (frame.depth[rows, columns] - places[..., 2]) * facing[rows, columns] / voxel
-        known[layers.start : layers.stop] = seen & left[rows, columns] & (gap > -config.truncation)
-        distance[layers.start : layers.stop] = np.clip(gap, -config.truncation, config.truncation)
+        known[layers.start : layers.stop] = seen & left[rows, columns] & (gap > -CONFIG.truncation)
+        distance[layers.start : layers.stop] = np.clip(gap, -CONFIG.truncation, CONFIG.truncation)
     return distance, known
 
 
-def _facing(frame: RGBDFrame, flattest: float) -> Array:
+def _facing(frame: RGBDFrame) -> Array:
     """(H, W) metres perpendicular to the surface for each metre of depth."""
     points = frame.points()
     across, down = np.zeros_like(points), np.zeros_like(points)
@@ -129,7 +125,7 @@ def _facing(frame: RGBDFrame, flattest: float) -> Array:
     normal = np.cross(across, down)
     length = np.maximum(np.linalg.norm(normal, axis=-1), 1e-12)
     along = np.abs((normal * points).sum(axis=-1)) / length
-    return np.clip(along / np.maximum(points[..., 2], 1e-6), flattest, 2.0)
+    return np.clip(along / np.maximum(points[..., 2], 1e-6), CONFIG.flattest, 2.0)
 
 
 def _measure() -> Any:
@@ -173,7 +169,7 @@ def _compact(vertices: Array, faces: Faces) -> Mesh:
 _Cells = npt.NDArray[np.int32]
 
 
-def boxes_around(points: Array, cell: float, config: BackgroundReconstruction = DEFAULT.background) -> Array:
+def boxes_around(points: Array, cell: float) -> Array:
     """(B, 2, 3) lowest and highest corners (m) of a bounded number of boxes that hold all (N, 3) ``points``.
 
     Space is cut into cells; cells with points are joined to the largest blocks that are full, and each block is shrunk
@@ -182,21 +178,20 @@ def boxes_around(points: Array, cell: float, config: BackgroundReconstruction = 
     Args:
         points: metres.
         cell: edge of a cell, metres; larger where there would be too many boxes.
-        config: how many, and how thin.
     """
     if not len(points):
         return np.zeros((0, 2, 3))
     while True:
         index = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
         blocks = _blocks(index)
-        if blocks.max() <= config.most_boxes:
+        if blocks.max() <= CONFIG.most_boxes:
             break
         cell *= 1.25
     owner = blocks[index[:, 0], index[:, 1], index[:, 2]] - 1
     low, high = np.full((owner.max() + 1, 3), np.inf), np.full((owner.max() + 1, 3), -np.inf)
     np.minimum.at(low, owner, points)
     np.maximum.at(high, owner, points)
-    thin = np.maximum(config.thickness - (high - low), 0) / 2
+    thin = np.maximum(CONFIG.thickness - (high - low), 0) / 2
     return np.stack([low - thin, high + thin], axis=1)
 
 
@@ -252,13 +247,7 @@ class Background:
 
 
 def reconstruct(
-    frame: RGBDFrame,
-    table: TableFrame,
-    objects: Mask,
-    boxes: Sequence[Aabb],
-    arm: Array,
-    voxel: float,
-    config: BackgroundReconstruction = DEFAULT.background,
+    frame: RGBDFrame, table: TableFrame, objects: Mask, boxes: Sequence[Aabb], arm: Array, voxel: float
 ) -> Background | None:
     """Reconstruct what is left of a photo after its objects and its table are taken out.
 
@@ -269,7 +258,6 @@ def reconstruct(
         boxes: around the objects; the background keeps away from them.
         arm: (N, 4) centres and radii (m, robot frame) of spheres around the arm at home; it keeps away from them too.
         voxel: edge of the cells of the signed distance, metres.
-        config: how large all may be, and how far from objects and arm.
 
     Returns:
         ``None`` if nothing is left.
@@ -286,22 +274,20 @@ def reconstruct(
     points = robot_points(smooth, table)
     lows, highs = np.array([one.low for one in boxes]).reshape(-1, 3), np.array([one.high for one in boxes])
     keep_out = np.stack([lows, highs.reshape(-1, 3)], axis=1)
-    left = background_pixels(smooth, points, taken, keep_out, arm, config)
+    left = background_pixels(smooth, points, taken, keep_out, arm)
     if not left.any():
         return None
-    raw = surface_of(smooth, table, left, voxel, config)
-    solid = boxes_around(raw.vertices, 2 * voxel, config)
-    solid = solid[~_touching(solid, keep_out, arm, config.clear)]
+    raw = surface_of(smooth, table, left, voxel)
+    solid = boxes_around(raw.vertices, 2 * voxel)
+    solid = solid[~_touching(solid, keep_out, arm)]
     if not len(solid):
         return None
     mean = small.rgb[left].mean(axis=0) / 255
     color = (float(mean[0]), float(mean[1]), float(mean[2]))
-    return Background(raw.simplified(2 * voxel, config.most_faces), solid, color, int(left.sum()))
+    return Background(raw.simplified(2 * voxel, CONFIG.most_faces), solid, color, int(left.sum()))
 
 
-def background_pixels(
-    frame: RGBDFrame, points: Array, objects: Mask, boxes: Array, arm: Array, config: BackgroundReconstruction
-) -> Mask:
+def background_pixels(frame: RGBDFrame, points: Array, objects: Mask, boxes: Array, arm: Array) -> Mask:
     """(H, W) pixels of surfaces around the robot that are neither objects nor table.
 
     Args:
@@ -310,29 +296,28 @@ def background_pixels(
         objects: (H, W) pixels of objects.
         boxes: (N, 2, 3) corners around the objects, metres.
         arm: (N, 4) spheres around the arm at home.
-        config: how far from objects and arm.
     """
-    size = 2 * max(2, frame.depth.shape[1] // config.edge) + 1
+    size = 2 * max(2, frame.depth.shape[1] // CONFIG.edge) + 1
     near_objects = cv2.dilate(objects.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     table = np.abs(np.nan_to_num(points[..., 2], nan=0.0)) < 2 * tolerance(frame.depth.astype(np.float64))
     left = (frame.depth > 0) & ~near_objects & ~jump_edges(frame.depth) & ~table
     rows, columns = np.nonzero(left)
     cloud = points[rows, columns]
-    kept = within(cloud, np.array(config.low), np.array(config.high))
+    kept = within(cloud, np.array(CONFIG.low), np.array(CONFIG.high))
     for low, high in boxes:
-        kept &= ~within(cloud, low - config.margin, high + config.margin)
+        kept &= ~within(cloud, low - CONFIG.margin, high + CONFIG.margin)
     for x, y, z, radius in arm:
-        kept &= ((cloud - (x, y, z)) ** 2).sum(axis=1) > (radius + config.margin) ** 2
+        kept &= ((cloud - (x, y, z)) ** 2).sum(axis=1) > (radius + CONFIG.margin) ** 2
     left[rows, columns] = kept
-    return components(left.astype(np.uint8), int(config.smallest * left.size)) > 0
+    return components(left.astype(np.uint8), int(CONFIG.smallest * left.size)) > 0
 
 
-def _touching(solid: Array, boxes: Array, arm: Array, margin: float) -> Mask:
-    """Which boxes, (B, 2, 3), come nearer than ``margin`` to the objects' ``boxes`` or the arm's spheres."""
+def _touching(solid: Array, boxes: Array, arm: Array) -> Mask:
+    """Which boxes, (B, 2, 3), come too near to the objects' ``boxes`` or the arm's spheres."""
     touching = np.zeros(len(solid), np.bool_)
     for low, high in boxes:
-        touching |= ((solid[:, 0] < high + margin) & (solid[:, 1] > low - margin)).all(axis=1)
+        touching |= ((solid[:, 0] < high + CONFIG.clear) & (solid[:, 1] > low - CONFIG.clear)).all(axis=1)
     for x, y, z, radius in arm:
         nearest = np.clip((x, y, z), solid[:, 0], solid[:, 1])
-        touching |= ((nearest - (x, y, z)) ** 2).sum(axis=1) < (radius + margin) ** 2
+        touching |= ((nearest - (x, y, z)) ** 2).sum(axis=1) < (radius + CONFIG.clear) ** 2
     return touching

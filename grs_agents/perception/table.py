@@ -8,9 +8,11 @@ import numpy.typing as npt
 
 from grs_agents.config import TableChoice
 from grs_agents.errors import InputError
-from grs_agents.perception.configuration import DEFAULT, TableFinding
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import hull_of, inside_hull
 from grs_agents.perception.types import Array, Camera, LevelPlane, RGBDFrame, TableFrame
+
+CONFIG = DEFAULT.table
 
 Index = npt.NDArray[np.intp]
 BEHIND = 0.001
@@ -44,9 +46,7 @@ def tolerance(distance: Array) -> Array:
     return 0.005 + 0.003 * distance**2
 
 
-def find_table(
-    frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice = "auto", config: TableFinding = DEFAULT.table
-) -> TableFrame:
+def find_table(frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice = "auto") -> TableFrame:
     """Find the level planes by RANSAC, each refined by least squares, and take one of them for the table.
 
     With ``T_robot_cam`` the robot frame is the given one, moved along z so that the table top is z = 0. Without it the
@@ -59,38 +59,35 @@ def find_table(
         choice: ``auto``: the plane at z = 0 of a calibrated frame; without calibration the plane with most pixels, or,
             if there is one well above that with a fair share of the pixels and objects on it, that one. ``largest``:
             most pixels. ``highest``. Or the number of a plane as `TableFrame.planes` lists them, from 1.
-        config: what is a table.
 
     Raises:
         InputError: no plane that the camera looks down on holds enough of the pixels, there is no plane of that number,
             or ``T_robot_cam`` puts the table elsewhere than at z = 0.
     """
     rows, columns = np.nonzero(frame.depth > 0)
-    picked = rng.choice(len(rows), size=min(config.samples, len(rows)), replace=False)
+    picked = rng.choice(len(rows), size=min(CONFIG.samples, len(rows)), replace=False)
     sample = _points_at(frame, rows[picked], columns[picked])
     given = None if frame.camera.T_robot_cam is None else np.asarray(frame.camera.T_robot_cam, dtype=np.float64)
-    planes = level_planes(sample, given, rng, config)
+    planes = level_planes(sample, given, rng)
     if not planes:
         level = " that is level in the frame of T_robot_cam" if given is not None else ""
         raise _unlikely(
-            f"{frame.source}: found no table plane with at least {config.least_share:.0%} of the measured pixels"
+            f"{frame.source}: found no table plane with at least {CONFIG.least_share:.0%} of the measured pixels"
             + level,
             "take the photo so that the table fills more of it and the camera looks down on it",
             (sample, given, rng),
-            config,
         )
-    taken = _chosen(planes, sample, given, choice, frame, config)
+    taken = _chosen(planes, sample, given, choice, frame)
     plane = planes[taken]
     height = 0.0 if given is None else plane.height_in(given)
-    if given is not None and abs(height) > config.highest:
+    if given is not None and abs(height) > CONFIG.highest:
         raise _unlikely(
             f"{frame.source / 'camera.json'}: T_robot_cam puts the table top at z = {height:+.3f} m, "
-            f"more than {config.highest} m from the robot frame's z = 0",
+            f"more than {CONFIG.highest} m from the robot frame's z = 0",
             f"correct T_robot_cam, or depth_scale {frame.camera.depth_scale:g}; or leave T_robot_cam out",
             (sample, given, rng),
-            config,
         )
-    table = _laid_on(plane) if given is None else _calibrated(plane, given, config.doubtful_tilt)
+    table = _laid_on(plane) if given is None else _calibrated(plane, given)
     heights = plane.heights(np.stack([other.center for other in planes]))
     listed = tuple(
         LevelPlane(number=number, height=round(float(height), 4), share=other.share, taken=other is plane)
@@ -99,7 +96,7 @@ def find_table(
     return table.model_copy(update={"planes": listed})
 
 
-def doubts(table: TableFrame, config: TableFinding = DEFAULT.table) -> list[str]:
+def doubts(table: TableFrame) -> list[str]:
     """Why the plane taken for the table may not be it: sentences for the reader of the scene, none without a doubt."""
     if table.origin == "calibrated":
         return [table.note] if table.note else []
@@ -110,12 +107,12 @@ def doubts(table: TableFrame, config: TableFinding = DEFAULT.table) -> list[str]
         for other in table.planes
         if not other.taken and (other.share > table.inliers or other.height > 0)
     ]
-    if table.inliers < config.doubtful_share:
+    if table.inliers < CONFIG.doubtful_share:
         found.append(f"only {table.inliers:.0%} of the measured pixels lie on the plane taken for the table")
     return found
 
 
-def level_planes(points: Array, pose: Array | None, rng: np.random.Generator, config: TableFinding) -> list[Plane]:
+def level_planes(points: Array, pose: Array | None, rng: np.random.Generator) -> list[Plane]:
     """The level planes with enough of the points, well above each other; the lowest is first.
 
     Args:
@@ -123,36 +120,33 @@ def level_planes(points: Array, pose: Array | None, rng: np.random.Generator, co
         pose: the calibrated 4x4 transform to the robot frame, which says what is level. Without it the plane with most
             points does.
         rng: draws the hypotheses.
-        config: how many points a plane holds, and what is level.
 
     Returns:
         No plane if the one with most points holds too few.
     """
     up = None if pose is None else pose[:3, :3].T @ np.array([0.0, 0.0, 1.0])
     planes: list[Plane] = []
-    rest, least = points, config.least_share
+    rest, least = points, CONFIG.least_share
     while len(rest) >= max(3, least * len(points)):
-        plane = _largest_plane(rest, up, len(points), rng, config)
+        plane = _largest_plane(rest, up, len(points), rng)
         if plane is None or plane.share < least:
             break
-        up, least = (plane.normal if up is None else up), config.listed_share
-        rest = rest.compress(np.abs(plane.heights(rest)) > config.plane_distance, axis=0)
-        if plane.normal @ up > np.cos(config.level):  # least squares may have tilted it
+        up, least = (plane.normal if up is None else up), CONFIG.listed_share
+        rest = rest.compress(np.abs(plane.heights(rest)) > CONFIG.plane_distance, axis=0)
+        if plane.normal @ up > np.cos(CONFIG.level):  # least squares may have tilted it
             planes.append(plane)
     return sorted(planes, key=lambda one: -one.offset)
 
 
-def _largest_plane(
-    points: Array, up: Array | None, total: int, rng: np.random.Generator, config: TableFinding
-) -> Plane | None:
+def _largest_plane(points: Array, up: Array | None, total: int, rng: np.random.Generator) -> Plane | None:
     """The plane on which most of (N, 3) points lie; its share is that of ``total`` points."""
     bound = tolerance(points[:, 2])
     best, normal, offset = 0, np.zeros(3), 0.0
-    for unit, through in zip(*_hypotheses(points, up, rng, config), strict=True):
+    for unit, through in zip(*_hypotheses(points, up, rng), strict=True):
         distance = points @ unit - through
         count = np.count_nonzero(np.abs(distance) < bound / 2)
         if count > best:
-            count -= np.count_nonzero((distance < -bound) & (distance > -config.occluded_depth))
+            count -= np.count_nonzero((distance < -bound) & (distance > -CONFIG.occluded_depth))
         if count > best:
             best, normal, offset = count, unit, float(-through)
     if best <= 0:
@@ -174,14 +168,7 @@ def _largest_plane(
     )
 
 
-def _chosen(
-    planes: Sequence[Plane],
-    points: Array,
-    pose: Array | None,
-    choice: TableChoice,
-    frame: RGBDFrame,
-    config: TableFinding,
-) -> int:
+def _chosen(planes: Sequence[Plane], points: Array, pose: Array | None, choice: TableChoice, frame: RGBDFrame) -> int:
     """Which of the planes is the table.
 
     Raises:
@@ -199,43 +186,40 @@ def _chosen(
         return choice - 1
     if choice == "highest":
         return len(planes) - 1
-    return largest if choice == "largest" else _likeliest(planes, points, pose, largest, config)
+    return largest if choice == "largest" else _likeliest(planes, points, pose, largest)
 
 
-def _likeliest(planes: Sequence[Plane], points: Array, pose: Array | None, largest: int, config: TableFinding) -> int:
+def _likeliest(planes: Sequence[Plane], points: Array, pose: Array | None, largest: int) -> int:
     """Which plane is the table: the one at z = 0, without calibration one with objects on it well above the largest."""
     if pose is not None:
-        likely = [number for number, plane in enumerate(planes) if abs(plane.height_in(pose)) <= config.highest]
+        likely = [number for number, plane in enumerate(planes) if abs(plane.height_in(pose)) <= CONFIG.highest]
     else:
         likely = [
             number
             for number, plane in enumerate(planes)
-            if number > largest and plane.share >= config.least_share and _is_loaded(plane, points, config)
+            if number > largest and plane.share >= CONFIG.least_share and _is_loaded(plane, points)
         ]
     return max(likely, key=lambda number: planes[number].share, default=largest)
 
 
-def _is_loaded(plane: Plane, points: Array, config: TableFinding) -> bool:
+def _is_loaded(plane: Plane, points: Array) -> bool:
     """Whether objects stand on a plane: points over the area that is seen of it."""
     heights = plane.heights(points)
     across = np.linalg.svd(plane.normal[None])[2][1:]
     own = np.abs(heights) < tolerance(points[:, 2])
-    over = points.compress((heights > config.object_heights[0]) & (heights < config.object_heights[1]), axis=0)
+    over = points.compress((heights > CONFIG.object_heights[0]) & (heights < CONFIG.object_heights[1]), axis=0)
     hull = hull_of(points.compress(own, axis=0) @ across.T)
     loaded = np.count_nonzero(inside_hull(over @ across.T, hull, 0.0))
-    return bool(loaded >= config.loaded_share * np.count_nonzero(own))
+    return bool(loaded >= CONFIG.loaded_share * np.count_nonzero(own))
 
 
-def _unlikely(
-    problem: str, remedy: str, seen: tuple[Array, Array | None, np.random.Generator], config: TableFinding
-) -> InputError:
+def _unlikely(problem: str, remedy: str, seen: tuple[Array, Array | None, np.random.Generator]) -> InputError:
     """The error that there is no table where it should be; with the usual mistake in T_robot_cam that would explain it.
 
     Args:
         problem: what is wrong.
         remedy: what to do where no mistake in T_robot_cam explains it.
         seen: (N, 3) sampled points in the camera frame, m; T_robot_cam, 4x4, if given; and what draws hypotheses.
-        config: what is level, and how high a table may be.
     """
     points, given, rng = seen
     if given is None:
@@ -251,29 +235,29 @@ def _unlikely(
         ),
     )
     for mistake, pose, mended in mistakes:
-        heights = [plane.height_in(pose) for plane in level_planes(points, pose, rng, config)]
-        at_zero = [height for height in heights if abs(height) <= config.highest]
+        heights = [plane.height_in(pose) for plane in level_planes(points, pose, rng)]
+        at_zero = [height for height in heights if abs(height) <= CONFIG.highest]
         if at_zero:
             cause = f"T_robot_cam probably {mistake}: without that the table is at z = {at_zero[0]:+.3f} m"
             return InputError(f"{problem}; {cause}", mended)
     return InputError(problem, remedy)
 
 
-def _hypotheses(points: Array, up: Array | None, rng: np.random.Generator, config: TableFinding) -> tuple[Array, Array]:
+def _hypotheses(points: Array, up: Array | None, rng: np.random.Generator) -> tuple[Array, Array]:
     """Planes through three points each: (N, 3) unit normals towards the camera, and (N,) products with their points.
 
     The camera looks down on each of them and is not upside down; a calibrated table is level.
     """
-    picked = np.stack([rng.choice(len(points), size=3, replace=False) for _ in range(config.rounds)])
+    picked = np.stack([rng.choice(len(points), size=3, replace=False) for _ in range(CONFIG.rounds)])
     a, b, c = points[picked.T]
     crosses = np.cross(b - a, c - a)
     lengths = np.linalg.norm(crosses, axis=1)
     toward = np.where((crosses * a).sum(axis=1) > 0, -1.0, 1.0)
     units = crosses / np.maximum(lengths, 1e-12)[:, None] * toward[:, None]
     if up is not None:
-        plausible = units @ up > np.cos(config.level)
+        plausible = units @ up > np.cos(CONFIG.level)
     else:
-        plausible = (-units[:, 2] > np.sin(config.lowest_tilt)) & (units[:, 1] < 0.3)
+        plausible = (-units[:, 2] > np.sin(CONFIG.lowest_tilt)) & (units[:, 1] < 0.3)
     kept = plausible & (lengths >= 1e-5)
     return units[kept], (units * a).sum(axis=1)[kept]
 
@@ -297,13 +281,13 @@ def _laid_on(plane: Plane) -> TableFrame:
     )
 
 
-def _calibrated(plane: Plane, given: Array, doubtful_tilt: float) -> TableFrame:
+def _calibrated(plane: Plane, given: Array) -> TableFrame:
     height = plane.height_in(given)
     moved = given.copy()
     moved[2, 3] -= height
     tilt = float(np.arccos(np.clip(given[2, :3] @ plane.normal, -1, 1)))
     notes = [f"the table top lies at z = {height:+.3f} m of the calibrated frame"] if abs(height) > 0.005 else []
-    if tilt > doubtful_tilt:
+    if tilt > CONFIG.doubtful_tilt:
         notes.append(f"the table tilts by {np.rad2deg(tilt):.1f} degrees against the calibrated frame")
     return TableFrame(
         T_robot_cam=as_matrix(moved),

@@ -3,19 +3,21 @@
 import cv2
 import numpy as np
 
-from grs_agents.perception.configuration import DEFAULT, WorkingResolution
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import Index, Labels
 from grs_agents.perception.table import tolerance
 from grs_agents.perception.types import Array, RGBDFrame
 
+CONFIG = DEFAULT.resolution
 
-def reduced(frame: RGBDFrame, config: WorkingResolution = DEFAULT.resolution) -> tuple[RGBDFrame, int]:
+
+def reduced(frame: RGBDFrame) -> tuple[RGBDFrame, int]:
     """The frame at its working size, and how many pixels of a row or column one cell of it stands for.
 
     A cell's depth is measured: the median of at most 3 x 3 pixels, never a mixture of two surfaces.
     """
     height, width = frame.depth.shape
-    factor = max(1, round((height * width / config.pixels) ** 0.5))
+    factor = max(1, round((height * width / CONFIG.pixels) ** 0.5))
     if factor == 1:
         return frame, 1
     rows, columns = height // factor, width // factor
@@ -41,9 +43,7 @@ def reduced(frame: RGBDFrame, config: WorkingResolution = DEFAULT.resolution) ->
     return RGBDFrame(rgb.astype(np.uint8), depth, small, frame.source), factor
 
 
-def restored(
-    labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int, config: WorkingResolution = DEFAULT.resolution
-) -> Labels:
+def restored(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int) -> Labels:
     """(H, W) labels of the full frame from the (h, w) ``labels`` of the reduced one.
 
     Where the cells around a pixel belong to different segments it takes the one of the cell that is most like it in
@@ -56,18 +56,11 @@ def restored(
     around, values = np.ones((3, 3), np.uint8), labels.astype(np.float32)
     spread: Array = np.asarray(cv2.dilate(values, around) - cv2.erode(values, around), np.float64)
     down, across = np.nonzero(spread[rows[:, None], columns[None]])
-    full[down, across] = _most_like(labels, small, frame, factor, (down, across), config)
+    full[down, across] = _most_like(labels, small, frame, factor, (down, across))
     return full
 
 
-def _most_like(
-    labels: Labels,
-    small: RGBDFrame,
-    frame: RGBDFrame,
-    factor: int,
-    pixels: tuple[Index, Index],
-    config: WorkingResolution,
-) -> Labels:
+def _most_like(labels: Labels, small: RGBDFrame, frame: RGBDFrame, factor: int, pixels: tuple[Index, Index]) -> Labels:
     down, across = pixels
     depth, color = frame.depth[down, across], frame.rgb[down, across].astype(np.float32)
     bound = tolerance(depth.astype(np.float64))
@@ -80,8 +73,8 @@ def _most_like(
             away = np.hypot((row + 0.5) * factor - down - 0.5, (column + 0.5) * factor - across - 0.5) / factor
             other = small.depth[row, column]
             known = (depth > 0) & (other > 0)
-            cost: Array = np.where(known, np.abs(depth - other) / bound, 1.0) + away / config.cells
-            cost += np.linalg.norm(small.rgb[row, column] - color, axis=1) / config.color
+            cost: Array = np.where(known, np.abs(depth - other) / bound, 1.0) + away / CONFIG.cells
+            cost += np.linalg.norm(small.rgb[row, column] - color, axis=1) / CONFIG.color
             closer = cost < best
             best[closer], taken[closer] = cost[closer], labels[row, column][closer]
     return taken

@@ -4,10 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from grs_agents.perception.configuration import DEFAULT, PoseCost
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.surfaces import Surface, Tree
 from grs_agents.perception.table import measured_depth, robot_points_at
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
+
+CONFIG = DEFAULT.registration.cost
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,6 @@ class ObservedPoints:
     frame: RGBDFrame  # frame, table: the photo and its pose
     table: TableFrame
     samples: int = DEFAULT.registration.cost.samples  # so many points of an asset's surface are held against the photo
-    config: PoseCost = DEFAULT.registration.cost  # what counts how much
 
     @property
     def eye(self) -> Array:
@@ -30,15 +31,11 @@ class ObservedPoints:
         return replace(self, points=self.points[::factor], samples=self.samples // factor)
 
 
-def observed_points(
-    frame: RGBDFrame, table: TableFrame, mask: Mask, config: PoseCost = DEFAULT.registration.cost
-) -> ObservedPoints:
+def observed_points(frame: RGBDFrame, table: TableFrame, mask: Mask) -> ObservedPoints:
     """The points of a mask (H, W), at most as many as the configuration says, evenly drawn."""
     rows, columns = np.nonzero(mask & (frame.depth > 0))
-    step = -(-len(rows) // config.samples) or 1
-    return ObservedPoints(
-        robot_points_at(frame, table, rows[::step], columns[::step]), frame, table, config.samples, config
-    )
+    step = -(-len(rows) // CONFIG.samples) or 1
+    return ObservedPoints(robot_points_at(frame, table, rows[::step], columns[::step]), frame, table, CONFIG.samples)
 
 
 def residuals(surface: Surface, tree: Tree, poses: Array, seen: ObservedPoints) -> Array:
@@ -47,26 +44,26 @@ def residuals(surface: Surface, tree: Tree, poses: Array, seen: ObservedPoints) 
     local = ((seen.points - shifts) @ turns).reshape(-1, 3)
     nearest, squares = tree.nearest(local)
     across = np.abs(np.einsum("ni,ni->n", local - surface.points[nearest], surface.normals[nearest]))
-    off = np.minimum(np.where(squares < (2 * surface.spacing) ** 2, across, np.sqrt(squares)), seen.config.farthest)
+    off = np.minimum(np.where(squares < (2 * surface.spacing) ** 2, across, np.sqrt(squares)), CONFIG.farthest)
     off = off.reshape(len(poses), -1)
-    kept = max(1, round(seen.config.trimmed * off.shape[1]))
+    kept = max(1, round(CONFIG.trimmed * off.shape[1]))
     return np.partition(off, kept - 1, axis=1)[:, :kept].mean(axis=1)
 
 
 def free_space_cost(surface: Surface, poses: Array, seen: ObservedPoints) -> Array:
     """How far the surface that faces the camera stands before what was measured, or below the table: means (K,), m."""
-    config, turns = seen.config, poses[:, :3, :3].transpose(0, 2, 1)
+    turns = poses[:, :3, :3].transpose(0, 2, 1)
     points = surface.points[: seen.samples] @ turns + poses[:, None, :3, 3]
     facing = ((surface.normals[: seen.samples] @ turns) * (points - seen.eye)).sum(axis=2) < 0
     measured, depth = (
         values.reshape(points.shape[:2]) for values in measured_depth(points.reshape(-1, 3), seen.frame, seen.table)
     )
     known = facing & (measured > 0)
-    before = np.where(known, np.clip(measured - depth - config.free_space, 0, config.farthest), 0.0).sum(axis=1)
-    below = np.where(facing, np.clip(-points[..., 2] - config.free_space / 2, 0, config.farthest), 0.0).sum(axis=1)
+    before = np.where(known, np.clip(measured - depth - CONFIG.free_space, 0, CONFIG.farthest), 0.0).sum(axis=1)
+    below = np.where(facing, np.clip(-points[..., 2] - CONFIG.free_space / 2, 0, CONFIG.farthest), 0.0).sum(axis=1)
     return before / np.maximum(known.sum(axis=1), 1) + below / np.maximum(facing.sum(axis=1), 1)
 
 
 def costs(surface: Surface, tree: Tree, poses: Array, seen: ObservedPoints) -> Array:
     """The residual, and what stands in free space or below the table, at each of ``poses`` (K, 4, 4): (K,) m."""
-    return residuals(surface, tree, poses, seen) + seen.config.free_space_weight * free_space_cost(surface, poses, seen)
+    return residuals(surface, tree, poses, seen) + CONFIG.free_space_weight * free_space_cost(surface, poses, seen)

@@ -6,19 +6,16 @@ from functools import lru_cache
 import numpy as np
 
 from grs_agents.geometry.transforms import about_z, pose_of
-from grs_agents.perception.configuration import DEFAULT, PoseHypotheses
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.registration.pose_cost import ObservedPoints
 from grs_agents.perception.surfaces import Symmetry, quarter_turns
 from grs_agents.perception.types import Array, UprightBox
 
+CONFIG = DEFAULT.registration.hypotheses
+
 
 def pose_hypotheses(
-    half: Array,
-    symmetry: Symmetry,
-    upright: UprightBox,
-    seen: ObservedPoints,
-    normals: Array,
-    config: PoseHypotheses = DEFAULT.registration.hypotheses,
+    half: Array, symmetry: Symmetry, upright: UprightBox, seen: ObservedPoints, normals: Array
 ) -> Array:
     """(K, 4, 4) poses worth a try, each look of the asset once for each frame that it may be in.
 
@@ -28,7 +25,6 @@ def pose_hypotheses(
         upright: the box measured of the object.
         seen: what the camera saw of it.
         normals: (N, 3) unit, at the points of ``seen``.
-        config: when normals are of one plane, and which planes lean.
     """
     turns = _distinct_turns(symmetry.turns.tobytes(), symmetry.axes.tobytes())
     bottom, top = (upright.center[2] + side * upright.size[2] / 2 for side in (-1, 1))
@@ -40,24 +36,20 @@ def pose_hypotheses(
             poses.append(pose_of(whole, np.array([*upright.center[:2], bottom + height])))
             if top - height > bottom + height / 5:  # its bottom may be hidden: what is seen of it is its top
                 poses.append(pose_of(whole, np.array([*upright.center[:2], top - height])))
-    frame = leaning_axes(seen, normals, config)
+    frame = leaning_axes(seen, normals)
     if frame is not None:
-        poses += [
-            pose_of(frame @ turn, _center_behind(frame, np.abs(turn) @ half, seen, config.oblique)) for turn in turns
-        ]
+        poses += [pose_of(frame @ turn, _center_behind(frame, np.abs(turn) @ half, seen)) for turn in turns]
     return np.stack(poses)
 
 
-def slid_hypotheses(
-    poses: Array, half: Array, seen: ObservedPoints, config: PoseHypotheses = DEFAULT.registration.hypotheses
-) -> Array:
+def slid_hypotheses(poses: Array, half: Array, seen: ObservedPoints) -> Array:
     """More (K, 4, 4) poses: where a part is hidden, what is seen may be either end of the asset."""
     slid: list[Array] = []
     for pose in poses:
         local = (seen.points - pose[:3, 3]) @ pose[:3, :3]
         low, high = np.percentile(local, (2, 98), axis=0)
         for axis in range(3):
-            if abs(2 * half[axis] - (high - low)[axis]) < config.hidden or abs(pose[2, axis]) > 0.7:
+            if abs(2 * half[axis] - (high - low)[axis]) < CONFIG.hidden or abs(pose[2, axis]) > 0.7:
                 continue
             for shift in (low[axis] + half[axis], high[axis] - half[axis]):
                 slid.append(pose_of(pose[:3, :3], pose[:3, 3] + shift * pose[:3, axis]))
@@ -75,20 +67,18 @@ def _distinct_turns(turns: bytes, axes: bytes) -> tuple[Array, ...]:
     return tuple(tried)
 
 
-def leaning_axes(
-    seen: ObservedPoints, normals: Array, config: PoseHypotheses = DEFAULT.registration.hypotheses
-) -> Array | None:
+def leaning_axes(seen: ObservedPoints, normals: Array) -> Array | None:
     """(3, 3) axes of an object that leans: its largest plane's normal, that of one across it, and the third.
 
     ``None`` where a normal is vertical, as it is for what stands upright.
     """
     outwards = normals * -np.sign(np.einsum("ni,ni->n", normals, seen.points - seen.eye))[:, None]
-    alike = outwards @ outwards.T > math.cos(config.same_plane)
+    alike = outwards @ outwards.T > math.cos(CONFIG.same_plane)
     first = _mean_normal(outwards, alike[int(alike.sum(axis=1).argmax())])
-    across = np.abs(outwards @ first) < math.sin(config.same_plane)
+    across = np.abs(outwards @ first) < math.sin(CONFIG.same_plane)
     counts = (alike & across[:, None] & across).sum(axis=1)
     most = int(counts.argmax())
-    if counts[most] > config.second_plane * len(outwards):
+    if counts[most] > CONFIG.second_plane * len(outwards):
         second = _mean_normal(outwards, alike[most] & across)
         second -= (second @ first) * first
     else:  # its longer side lies in the plane
@@ -97,7 +87,7 @@ def leaning_axes(
         second = np.linalg.svd(flat, full_matrices=False)[2][0]
     second /= np.linalg.norm(second)
     axes = np.stack([second, np.cross(first, second), first], axis=1)
-    return None if np.abs(axes[2]).max() > math.cos(config.level) else axes
+    return None if np.abs(axes[2]).max() > math.cos(CONFIG.level) else axes
 
 
 def _mean_normal(normals: Array, chosen: Array) -> Array:
@@ -105,13 +95,13 @@ def _mean_normal(normals: Array, chosen: Array) -> Array:
     return total / max(float(np.linalg.norm(total)), 1e-9)
 
 
-def _center_behind(axes: Array, half: Array, seen: ObservedPoints, oblique: float) -> Array:
+def _center_behind(axes: Array, half: Array, seen: ObservedPoints) -> Array:
     """Where the middle of a box of ``half`` extents along ``axes`` is whose nearer sides are the outermost points."""
     along = seen.points @ axes
     low, high = np.percentile(along, (2, 98), axis=0)
     to_eye = (seen.eye - seen.points.mean(axis=0)) @ axes
     far = float(np.linalg.norm(to_eye))
     middle = (low + high) / 2
-    near, away = to_eye > oblique * far, to_eye < -oblique * far
+    near, away = to_eye > CONFIG.oblique * far, to_eye < -CONFIG.oblique * far
     middle[near], middle[away] = (high - half)[near], (low + half)[away]
     return np.asarray(axes @ middle, np.float64)

@@ -11,12 +11,13 @@ from grs_agents.geometry.transforms import about, about_z, pose_of, vec3
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.configuration import Registration as Config
 from grs_agents.perception.registration.pose_cost import ObservedPoints, costs, observed_points, residuals
 from grs_agents.perception.registration.pose_hypotheses import pose_hypotheses, slid_hypotheses
 from grs_agents.perception.segmentation.candidates import place_asset, quaternion
 from grs_agents.perception.surfaces import Cloud, Surface, Symmetry, Tree, align, surface_of, symmetry_of
 from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
+
+CONFIG = DEFAULT.registration
 
 Entered = Callable[[Array], Array]
 """How deep an asset is in other objects at each of (K, 4, 4) poses of the centre of its bounding box, (K,) m."""
@@ -44,23 +45,16 @@ class _Search:
     seen: ObservedPoints
     upright: UprightBox
     symmetry: Symmetry
-    config: Config
     entered: Entered | None = None
 
     @classmethod
     def of(
-        cls,
-        asset: str,
-        library: Library,
-        upright: UprightBox,
-        seen: ObservedPoints,
-        config: Config,
-        entered: Entered | None = None,
+        cls, asset: str, library: Library, upright: UprightBox, seen: ObservedPoints, entered: Entered | None = None
     ) -> "_Search":
         """The search for an asset of the library."""
         surface = surface_of(asset, library)
         tree, symmetry = Tree(surface.points), symmetry_of(asset, library)
-        return cls(surface, tree, seen, upright, symmetry, config, entered)
+        return cls(surface, tree, seen, upright, symmetry, entered)
 
     @property
     def bottom(self) -> float:
@@ -71,17 +65,17 @@ class _Search:
         """What `pose_cost.costs` says, and what is unlikely about each of (K, 4, 4) poses: (K,) m."""
         if self.entered is None:
             return self.seen_costs(poses, factor)
-        return self.seen_costs(poses, factor) + self.config.entered_weight * np.maximum(
-            self.entered(poses) - self.config.entered, 0
+        return self.seen_costs(poses, factor) + CONFIG.entered_weight * np.maximum(
+            self.entered(poses) - CONFIG.entered, 0
         )
 
     def seen_costs(self, poses: Array, factor: int = 1) -> Array:
         """The same, whatever stands around."""
-        lying = self.config.lying * (poses[:, 2, 2] < 0.9)
-        tilted = self.config.tilted * (np.abs(poses[:, 2, :3]).max(axis=1) < math.cos(math.radians(0.1)))
+        lying = CONFIG.lying * (poses[:, 2, 2] < 0.9)
+        tilted = CONFIG.tilted * (np.abs(poses[:, 2, :3]).max(axis=1) < math.cos(math.radians(0.1)))
         seen = self.seen.coarse(factor)
         lowest = (self.surface.points[: seen.samples] @ poses[:, 2, :3].T).min(axis=0) + poses[:, 2, 3]
-        sunk = np.maximum(-lowest - self.config.sunk, 0)
+        sunk = np.maximum(-lowest - CONFIG.sunk, 0)
         return costs(self.surface, self.tree, poses, seen) + lying + tilted + sunk
 
     def residual(self, pose: Array) -> float:
@@ -97,7 +91,6 @@ def register(
     table: TableFrame,
     mask: Mask,
     entered: Entered | None = None,
-    config: Config = DEFAULT.registration,
 ) -> Registered:
     """Lay an asset into the points of a mask (H, W).
 
@@ -108,20 +101,19 @@ def register(
         frame, table: the photo and its pose.
         mask: the object's pixels.
         entered: how deep the asset is in what is known to stand around, which it is not to be.
-        config: of the search.
 
     Raises:
         UnknownNameError: the library has no such asset.
     """
     position, orientation, size = place_asset(upright, library.asset(asset).size)
     begin = pose_of(rotation_matrix(orientation), np.array(position))
-    seen = observed_points(frame, table, mask, config.cost)
-    search = _Search.of(asset, library, upright, seen, config, entered)
-    if len(seen.points) < config.fewest:
+    seen = observed_points(frame, table, mask)
+    search = _Search.of(asset, library, upright, seen, entered)
+    if len(seen.points) < CONFIG.fewest:
         return Registered(position, orientation, size, 0.0, "box", _is_round(begin, search.symmetry))
     best = _searched(search)
     off, (registered, boxed) = search.residual(best), search.costs(np.stack([best, begin]))
-    if registered > boxed - config.better or off > config.worst:
+    if registered > boxed - CONFIG.better or off > CONFIG.worst:
         off, cost = search.residual(begin), float(search.seen_costs(begin[None])[0])
         return Registered(position, orientation, size, off, "box", _is_round(begin, search.symmetry), cost)
     return Registered(
@@ -136,21 +128,14 @@ def register(
 
 
 def cost_of(
-    asset: str,
-    pose: Pose,
-    library: Library,
-    upright: UprightBox,
-    frame: RGBDFrame,
-    table: TableFrame,
-    mask: Mask,
-    config: Config = DEFAULT.registration,
+    asset: str, pose: Pose, library: Library, upright: UprightBox, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> float:
     """What `Registered` calls its cost, m, of an asset whose bounding box has its centre and rotation at ``pose``.
 
     Raises:
         UnknownNameError: the library has no such asset.
     """
-    search = _Search.of(asset, library, upright, observed_points(frame, table, mask, config.cost), config)
+    search = _Search.of(asset, library, upright, observed_points(frame, table, mask))
     return float(search.seen_costs(pose_of(rotation_matrix(pose[1]), np.array(pose[0]))[None])[0])
 
 
@@ -170,49 +155,49 @@ def _extents(turn: Array, surface: Surface) -> Vec3:
 
 def _searched(search: _Search) -> Array:
     """The pose (4, 4) that costs least."""
-    config, half = search.config, search.surface.half
-    seen = search.seen.coarse(config.medium)
+    half = search.surface.half
+    seen = search.seen.coarse(CONFIG.medium)
     source = Cloud(seen.points)
-    every = pose_hypotheses(half, search.symmetry, search.upright, seen, source.normals, config.hypotheses)
-    good = every[np.argsort(search.costs(every, config.coarse), kind="stable")[: config.slid]]
-    more = np.concatenate([good, slid_hypotheses(good, half, search.seen, config.hypotheses)])
-    chosen = _distinct(more[np.argsort(search.costs(more, config.coarse), kind="stable")], search)
+    every = pose_hypotheses(half, search.symmetry, search.upright, seen, source.normals)
+    good = every[np.argsort(search.costs(every, CONFIG.coarse), kind="stable")[: CONFIG.slid]]
+    more = np.concatenate([good, slid_hypotheses(good, half, search.seen)])
+    chosen = _distinct(more[np.argsort(search.costs(more, CONFIG.coarse), kind="stable")], search)
     poses = [chosen[0]]
     for start in chosen:
         aligned = _aligned(search, start, source)
         straight = _straight(aligned, search)
         poses += [aligned] if straight is None else [aligned, straight]
     stack = np.stack(poses)
-    best = stack[np.argsort(search.costs(stack, config.medium), kind="stable")[: config.refined]]
-    refined = np.stack([_refined(pose, search, config.steps, config.medium) for pose in best])
-    return _refined(refined[int(search.costs(refined).argmin())], search, config.steps[-2:], 1)
+    best = stack[np.argsort(search.costs(stack, CONFIG.medium), kind="stable")[: CONFIG.refined]]
+    refined = np.stack([_refined(pose, search, CONFIG.steps, CONFIG.medium) for pose in best])
+    return _refined(refined[int(search.costs(refined).argmin())], search, CONFIG.steps[-2:], 1)
 
 
 def _distinct(poses: Array, search: _Search) -> list[Array]:
     """The first few of (K, 4, 4) poses that are neither near each other nor look alike."""
-    config, chosen = search.config, list[Array]()
+    chosen: list[Array] = []
     for pose in poses:
         if all(
-            np.linalg.norm(pose[:3, 3] - other[:3, 3]) > config.apart
-            or search.symmetry.angle(pose[:3, :3], other[:3, :3]) > config.look_angle
+            np.linalg.norm(pose[:3, 3] - other[:3, 3]) > CONFIG.apart
+            or search.symmetry.angle(pose[:3, :3], other[:3, :3]) > CONFIG.look_angle
             for other in chosen
         ):
             chosen.append(pose)
-        if len(chosen) == config.aligned:
+        if len(chosen) == CONFIG.aligned:
             break
     return chosen
 
 
 def _aligned(search: _Search, start: Array, source: Cloud) -> Array:
     """Align the points with the part of the surface that the camera sees at the pose before, twice."""
-    pose, config = start, search.config
-    for reach in (config.partner_distance, config.partner_distance / 2):
+    pose = start
+    for reach in (CONFIG.partner_distance, CONFIG.partner_distance / 2):
         turn = pose[:3, :3]
         points, normals = (
-            part[: len(part) // config.medium] for part in (search.surface.points, search.surface.normals)
+            part[: len(part) // CONFIG.medium] for part in (search.surface.points, search.surface.normals)
         )
         facing = np.einsum("ni,ni->n", normals @ turn.T, points @ turn.T + pose[:3, 3] - search.seen.eye) < 0
-        if facing.sum() < config.fewest:
+        if facing.sum() < CONFIG.fewest:
             return pose
         target = Cloud(points[facing])
         pose = _inverse(align(target, source, _inverse(pose), reach))
@@ -229,12 +214,12 @@ def _straight(pose: Array, search: _Search) -> Array | None:
     up = int(np.argmax(np.abs(turn[2])))
     axis = turn[:, up] * np.sign(turn[2, up])
     angle = math.acos(min(1.0, float(axis[2])))
-    if angle > search.config.leaning:
+    if angle > CONFIG.leaning:
         return None
     whole = about(np.cross(axis, (0.0, 0.0, 1.0)), angle) @ turn
     height = float(np.abs(whole[2]) @ search.surface.half)
     bottom = float(pose[2, 3]) - height
-    rests = abs(bottom - search.bottom) < search.config.rests
+    rests = abs(bottom - search.bottom) < CONFIG.rests
     return pose_of(whole, np.array([pose[0, 3], pose[1, 3], (search.bottom if rests else bottom) + height]))
 
 

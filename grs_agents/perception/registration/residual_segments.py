@@ -8,26 +8,28 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.perception.configuration import DEFAULT, SurfaceExplanation
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import Index, Labels, components
 from grs_agents.perception.registration.surface_inliers import AssetSurface
 from grs_agents.perception.segmentation.candidates import candidates_of
 from grs_agents.perception.table import measured_depth, robot_points_at
 from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame
 
+CONFIG = DEFAULT.explanation
+
 Picture = npt.NDArray[np.uint8]
 KERNEL = np.ones((3, 3), np.uint8)
 
 
-def _is_shown(surface: AssetSurface, frame: RGBDFrame, table: TableFrame, config: SurfaceExplanation) -> bool:
+def _is_shown(surface: AssetSurface, frame: RGBDFrame, table: TableFrame) -> bool:
     """Whether an asset is the right one, as far as can be seen: its surface is where the photo shows one."""
     facing = ((surface.points - np.asarray(table.T_robot_cam)[:3, 3]) * surface.normals).sum(axis=1) < 0
     measured, depth = measured_depth(surface.points[facing], frame, table)
     before = (measured - depth)[measured > 0]
     if not len(before):
         return False
-    shown, in_free_space = (np.abs(before) < config.off).mean(), (before > config.off).mean()
-    return bool(shown > config.shown and in_free_space < config.in_free_space)
+    shown, in_free_space = (np.abs(before) < CONFIG.off).mean(), (before > CONFIG.off).mean()
+    return bool(shown > CONFIG.shown and in_free_space < CONFIG.in_free_space)
 
 
 @dataclass(frozen=True)
@@ -40,15 +42,10 @@ class ResidualCandidates:
 
 
 def residual_candidates(
-    masks: Sequence[Mask],
-    surfaces: Sequence[AssetSurface | None],
-    frame: RGBDFrame,
-    table: TableFrame,
-    first: int,
-    config: SurfaceExplanation = DEFAULT.explanation,
+    masks: Sequence[Mask], surfaces: Sequence[AssetSurface | None], frame: RGBDFrame, table: TableFrame, first: int
 ) -> ResidualCandidates:
     """What `residual_labels` finds, measured and numbered from ``first``."""
-    labels, divided = residual_labels(masks, surfaces, frame, table, config)
+    labels, divided = residual_labels(masks, surfaces, frame, table)
     try:
         found = candidates_of(frame, table, labels)
     except InputError:  # nothing, or nothing that could be an object
@@ -57,11 +54,7 @@ def residual_candidates(
 
 
 def residual_labels(
-    masks: Sequence[Mask],
-    surfaces: Sequence[AssetSurface | None],
-    frame: RGBDFrame,
-    table: TableFrame,
-    config: SurfaceExplanation = DEFAULT.explanation,
+    masks: Sequence[Mask], surfaces: Sequence[AssetSurface | None], frame: RGBDFrame, table: TableFrame
 ) -> tuple[Labels, tuple[int, ...]]:
     """(H, W) labels from 1 of what is left over of segments once their assets stand, 0 elsewhere; and which it divides.
 
@@ -74,10 +67,10 @@ def residual_labels(
     labels, divided = np.zeros(frame.depth.shape, np.int32), list[int]()
     for index, (mask, surface) in enumerate(zip(masks, surfaces, strict=True)):
         cloud = _Cloud.of(mask, frame, table)
-        rest = _without(cloud, known, config) if surface is None else _unexplained(cloud, surface, frame, table, config)
+        rest = _without(cloud, known) if surface is None else _unexplained(cloud, surface, frame, table)
         if rest is None:
             continue
-        pieces = components(cv2.morphologyEx(rest, cv2.MORPH_OPEN, KERNEL), int(config.smallest * rest.size))
+        pieces = components(cv2.morphologyEx(rest, cv2.MORPH_OPEN, KERNEL), int(CONFIG.smallest * rest.size))
         labels = np.where(pieces > 0, pieces + labels.max(), labels)
         divided += [index] if surface is None else []
     return labels, tuple(divided)
@@ -104,20 +97,18 @@ class _Cloud:
         return drawn
 
 
-def _unexplained(
-    cloud: _Cloud, surface: AssetSurface, frame: RGBDFrame, table: TableFrame, config: SurfaceExplanation
-) -> Picture | None:
+def _unexplained(cloud: _Cloud, surface: AssetSurface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
     """(H, W) what of a segment is not on the surface of its asset; ``None`` where that says nothing."""
-    off = (surface.distances(cloud.points) > config.off) & (cloud.points[:, 2] > config.off)  # the table is no object
-    if not len(off) or off.mean() > 1 - config.explained or not _is_shown(surface, frame, table, config):
+    off = (surface.distances(cloud.points) > CONFIG.off) & (cloud.points[:, 2] > CONFIG.off)  # the table is no object
+    if not len(off) or off.mean() > 1 - CONFIG.explained or not _is_shown(surface, frame, table):
         return None
     return cloud.picture(off)
 
 
-def _without(cloud: _Cloud, surfaces: Sequence[AssetSurface], config: SurfaceExplanation) -> Picture | None:
+def _without(cloud: _Cloud, surfaces: Sequence[AssetSurface]) -> Picture | None:
     """(H, W) what of a segment is not on the surfaces of other objects; ``None`` where little of it is."""
     near = np.full(len(cloud.points), np.inf)
     for surface in surfaces:
-        near = np.minimum(near, surface.near(cloud.points, config.off))
-    theirs = cv2.morphologyEx(cloud.picture(near < config.on), cv2.MORPH_OPEN, KERNEL)  # a thin strip touches them
-    return cloud.picture(near > config.off) if theirs.sum() > config.joined * len(near) else None
+        near = np.minimum(near, surface.near(cloud.points, CONFIG.off))
+    theirs = cv2.morphologyEx(cloud.picture(near < CONFIG.on), cv2.MORPH_OPEN, KERNEL)  # a thin strip touches them
+    return cloud.picture(near > CONFIG.off) if theirs.sum() > CONFIG.joined * len(near) else None

@@ -8,9 +8,11 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception.configuration import DEFAULT, SurfaceExplanation
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.surfaces import Tree, surface_of
 from grs_agents.perception.types import Array
+
+CONFIG = DEFAULT.explanation
 
 
 @dataclass(frozen=True)
@@ -48,15 +50,12 @@ def asset_surface_at(asset: str, pose: Pose, library: Library) -> AssetSurface:
     return AssetSurface(surface.points @ turn.T + pose[0], surface.normals @ turn.T, surface.spacing)
 
 
-def surface_inliers(
-    clouds: Sequence[Array], surfaces: Sequence[AssetSurface | None], config: SurfaceExplanation = DEFAULT.explanation
-) -> dict[int, int]:
+def surface_inliers(clouds: Sequence[Array], surfaces: Sequence[AssetSurface | None]) -> dict[int, int]:
     """Which objects are pieces of which, by index.
 
     Args:
         clouds: (N, 3) measured points of each object, m, robot frame.
         surfaces: the surface of each object's asset, where that is known.
-        config: what is on a surface.
     """
     pieces: dict[int, int] = {}
     for piece, cloud in enumerate(clouds):
@@ -64,7 +63,7 @@ def surface_inliers(
             larger = whole != piece and len(clouds[whole]) > len(cloud) and whole not in pieces
             if surface is None or not larger or not len(cloud):
                 continue
-            if (surface.near(cloud, config.on) < config.on).mean() >= config.piece:
+            if (surface.near(cloud, CONFIG.on) < CONFIG.on).mean() >= CONFIG.piece:
                 pieces[piece] = whole
                 break
     return pieces

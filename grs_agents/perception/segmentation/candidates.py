@@ -9,7 +9,7 @@ import numpy as np
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.errors import InputError
-from grs_agents.perception.configuration import DEFAULT, Measuring
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import (
     THINNEST,
     Labels,
@@ -29,21 +29,19 @@ from grs_agents.perception.segmentation.rim import rim_of
 from grs_agents.perception.table import as_matrix, doubts, robot_points_at
 from grs_agents.perception.types import Aabb, Array, Candidate, Mask, RGBDFrame, Solid, TableFrame, UprightBox
 
+CONFIG = DEFAULT.measuring
+
 DIMMED = (np.arange(256) * 0.35).astype(np.uint8)
 """What each brightness is outside of a segment's crop."""
 
 
-def candidates_of(
-    frame: RGBDFrame, table: TableFrame, labels: Labels, config: Measuring = DEFAULT.measuring
-) -> tuple[Candidate, ...]:
+def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[Candidate, ...]:
     """Measure each segment.
 
     Raises:
         InputError: nothing stands on the table, or one object fills it.
     """
-    clouds = {
-        label: cloud for label, cloud in _clouds(frame, table, labels, config).items() if len(cloud) >= config.fewest
-    }
+    clouds = {label: cloud for label, cloud in _clouds(frame, table, labels).items() if len(cloud) >= CONFIG.fewest}
     supports = {
         label: (hull_of(cloud[::5]), float(percentiles(cloud[::5, 2], [95])[0])) for label, cloud in clouds.items()
     }
@@ -51,8 +49,8 @@ def candidates_of(
     too_large: Vec3 | None = None
     for label, cloud in clouds.items():
         others = [support for key, support in supports.items() if key != label]
-        candidate = _measure(len(candidates) + 1, frame, table, labels == label, cloud, others, config)
-        if max(candidate.upright.size) > config.largest:
+        candidate = _measure(len(candidates) + 1, frame, table, labels == label, cloud, others)
+        if max(candidate.upright.size) > CONFIG.largest:
             too_large = candidate.upright.size
         else:
             candidates.append(candidate)
@@ -61,43 +59,37 @@ def candidates_of(
     problem, remedy = "found nothing on the table", "put objects of at least 2 cm on it"
     if too_large is not None:
         problem = "one thing of {:.2f} x {:.2f} x {:.2f} m fills the table".format(*too_large)
-        remedy = f"photograph objects of at most {config.largest} m"
+        remedy = f"photograph objects of at most {CONFIG.largest} m"
     raise InputError("; ".join([f"{frame.source}: {problem}", *doubts(table)]), remedy)
 
 
-def _clouds(frame: RGBDFrame, table: TableFrame, labels: Labels, config: Measuring) -> dict[int, Array]:
+def _clouds(frame: RGBDFrame, table: TableFrame, labels: Labels) -> dict[int, Array]:
     """The (N, 3) measured points of each label from 1, row by row, robot frame."""
     pixels = pixels_of(np.where(frame.depth > 0, labels, 0))
     eye = np.asarray(table.T_robot_cam)[:3, 3]
     clouds = (robot_points_at(frame, table, *divmod(own, labels.shape[1])) for own in pixels)
-    return {label: cloud.compress(_at_one_range(cloud, eye, config), axis=0) for label, cloud in enumerate(clouds, 1)}
+    return {label: cloud.compress(_at_one_range(cloud, eye), axis=0) for label, cloud in enumerate(clouds, 1)}
 
 
-def _at_one_range(cloud: Array, eye: Array, config: Measuring) -> Mask:
+def _at_one_range(cloud: Array, eye: Array) -> Mask:
     """(N,) which of (N, 3) points are not few and far behind or before all others: a sensor may see past an object."""
     ranges = np.linalg.norm(cloud - eye, axis=1)
     order = np.argsort(ranges, kind="stable")
     group = np.zeros(len(cloud), np.int64)
-    group[order[1:]] = np.cumsum(np.diff(ranges[order]) > config.gap)
-    return np.asarray((np.bincount(group, minlength=1) >= config.few * len(cloud))[group], np.bool_)
+    group[order[1:]] = np.cumsum(np.diff(ranges[order]) > CONFIG.gap)
+    return np.asarray((np.bincount(group, minlength=1) >= CONFIG.few * len(cloud))[group], np.bool_)
 
 
 def _measure(
-    number: int,
-    frame: RGBDFrame,
-    table: TableFrame,
-    mask: Mask,
-    cloud: Array,
-    others: Sequence[tuple[Array, float]],
-    config: Measuring,
+    number: int, frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, others: Sequence[tuple[Array, float]]
 ) -> Candidate:
-    count, cloud = len(cloud), cloud[:: len(cloud) // (2 * config.samples) + 1]
+    count, cloud = len(cloud), cloud[:: len(cloud) // (2 * CONFIG.samples) + 1]
     low, high = percentiles(cloud, (1, 99))
     inner = cloud.compress(within(cloud, low, high), axis=0)
     bottom = _bottom(inner[::5], others)
     top = max(float(high[2]), bottom + THINNEST)
-    hollow = is_open(inner[:: len(inner) // config.samples + 1], np.zeros((0, 3)))
-    shape, (x, y), (length, width), yaw, rounded = _footprint(frame, table, mask, cloud, hollow, config)
+    hollow = is_open(inner[:: len(inner) // CONFIG.samples + 1], np.zeros((0, 3)))
+    shape, (x, y), (length, width), yaw, rounded = _footprint(frame, table, mask, cloud, hollow)
     cosine, sine = abs(math.cos(yaw)), abs(math.sin(yaw))
     sides = np.array([[length * cosine, width * sine], [length * sine, width * cosine]]) / 2
     reach = np.hypot(*sides.T) if rounded else sides.sum(axis=1)
@@ -117,18 +109,18 @@ def _measure(
 
 
 def _footprint(
-    frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, hollow: bool, config: Measuring
+    frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array, hollow: bool
 ) -> tuple[Solid, tuple[float, float], tuple[float, float], float, bool]:
     """Shape, centre, sides (m), yaw (rad) of a footprint, and whether it is round: then with its unseen back."""
-    low, high = percentiles(cloud, (config.outliers, 100 - config.outliers))
+    low, high = percentiles(cloud, (CONFIG.outliers, 100 - CONFIG.outliers))
     inner = cloud.compress(within(cloud, low, high), axis=0)
-    inner = inner[:: len(inner) // config.samples + 1]
-    if hollow and (rim := rim_of(inner, config.rim)) is not None:
+    inner = inner[:: len(inner) // CONFIG.samples + 1]
+    if hollow and (rim := rim_of(inner)) is not None:
         return "cylinder", rim[0], (rim[1], rim[1]), 0.0, True
     view = view_of(frame, table, mask, inner)
-    ellipse = None if view is None else ellipse_of(inner, view, config.round)
-    ellipse = ellipse if ellipse is not None and _reaches_all(ellipse, inner, config.overhang) else None
-    if ellipse is not None and ellipse.diameters[1] < config.round.round * ellipse.diameters[0]:
+    ellipse = None if view is None else ellipse_of(inner, view)
+    ellipse = ellipse if ellipse is not None and _reaches_all(ellipse, inner, CONFIG.overhang) else None
+    if ellipse is not None and ellipse.diameters[1] < CONFIG.round.round * ellipse.diameters[0]:
         return "box", ellipse.center, ellipse.diameters, ellipse.yaw, True
     if ellipse is not None:
         diameter = sum(ellipse.diameters) / 2
@@ -178,9 +170,7 @@ def _crop(frame: RGBDFrame, mask: Mask, margin: float = 0.15) -> "np.ndarray[tup
     return np.where(mask[wide][..., None], crop, DIMMED[crop])
 
 
-def place_robot(
-    table: TableFrame, candidates: Sequence[Candidate], config: Measuring = DEFAULT.measuring
-) -> tuple[TableFrame, tuple[Candidate, ...]]:
+def place_robot(table: TableFrame, candidates: Sequence[Candidate]) -> tuple[TableFrame, tuple[Candidate, ...]]:
     """Move a frame that is on the table so that the middle of the objects is in the arm's workspace.
 
     A calibrated frame is left as it is.
@@ -190,7 +180,7 @@ def place_robot(
     lows = np.array([candidate.box.low for candidate in candidates])
     highs = np.array([candidate.box.high for candidate in candidates])
     middle = (lows.min(axis=0) + highs.max(axis=0)) / 2
-    shift = np.array([config.workspace_center[0] - middle[0], config.workspace_center[1] - middle[1], 0.0])
+    shift = np.array([CONFIG.workspace_center[0] - middle[0], CONFIG.workspace_center[1] - middle[1], 0.0])
     transform = np.array(table.T_robot_cam)
     transform[:3, 3] += shift
     moved = table.model_copy(update={"T_robot_cam": as_matrix(transform)})

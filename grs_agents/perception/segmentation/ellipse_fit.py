@@ -8,9 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from grs_agents.perception.configuration import RoundFootprint
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import outline_of, percentiles, turns
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
+
+CONFIG = DEFAULT.measuring.round
 
 
 @dataclass(frozen=True)
@@ -56,24 +58,21 @@ def view_of(frame: RGBDFrame, table: TableFrame, mask: Mask, cloud: Array) -> Vi
     return View(eye, along, across, rays @ transform[:3, :3].T, 0.5 / camera.fx)
 
 
-def ellipse_of(cloud: Array, view: View, config: RoundFootprint) -> Ellipse | None:
+def ellipse_of(cloud: Array, view: View) -> Ellipse | None:
     """The footprint of a round object whose side is seen; ``None`` where its side is flat, cornered or hidden."""
     bottom, top = percentiles(cloud[:, 2], (3, 97))
-    edges = np.linspace(float(bottom), float(top), config.slices + 1)
+    edges = np.linspace(float(bottom), float(top), CONFIG.slices + 1)
     fits: list[Array] = []
     for low, high in pairwise(edges):
         side = view.flat(cloud[(cloud[:, 2] >= low) & (cloud[:, 2] <= high)])
-        if (
-            len(side) >= config.fewest
-            and (fit := _half_ellipse(side, view, (float(low), float(high)), config)) is not None
-        ):
+        if len(side) >= CONFIG.fewest and (fit := _half_ellipse(side, view, (float(low), float(high)))) is not None:
             fits.append(fit)
-    if len(fits) < config.fewest_slices:
+    if len(fits) < CONFIG.fewest_slices:
         return None
     widest = max(fit[4] for fit in fits)
-    along, across, slope, depth, half, *_ = np.median([fit for fit in fits if fit[4] >= config.widest * widest], axis=0)
+    along, across, slope, depth, half, *_ = np.median([fit for fit in fits if fit[4] >= CONFIG.widest * widest], axis=0)
     if (
-        depth > config.round * half and abs(slope) < 1 - config.round
+        depth > CONFIG.round * half and abs(slope) < 1 - CONFIG.round
     ):  # a circle: its outline is measured better than its depth
         along, slope, depth = along + half - depth, 0.0, half
     axes, diameters, _ = np.linalg.svd(np.array([[depth, slope * half], [0.0, half]]))
@@ -83,32 +82,32 @@ def ellipse_of(cloud: Array, view: View, config: RoundFootprint) -> Ellipse | No
     return Ellipse((float(x), float(y)), (2 * float(diameters[0]), 2 * float(diameters[1])), yaw)
 
 
-def _half_ellipse(side: Array, view: View, heights: tuple[float, float], config: RoundFootprint) -> Array | None:
+def _half_ellipse(side: Array, view: View, heights: tuple[float, float]) -> Array | None:
     """Fit the near half of an ellipse to a slice, (N, 2) along and across the view.
 
     Returns:
         Its middle along and across the view, slope, half depth and half width, metres; ``None`` where the outline is
         not seen or the slice is no half ellipse.
     """
-    fit = _fitted(side, _edges(view, float(np.median(side[:, 0])), heights), config)
+    fit = _fitted(side, _edges(view, float(np.median(side[:, 0])), heights))
     # the outline's width depends on how far the axis is
-    return None if fit is None else _fitted(side, _edges(view, float(fit[0]), heights), config)
+    return None if fit is None else _fitted(side, _edges(view, float(fit[0]), heights))
 
 
-def _fitted(side: Array, edges: tuple[float, float] | None, config: RoundFootprint) -> Array | None:
+def _fitted(side: Array, edges: tuple[float, float] | None) -> Array | None:
     if edges is None:
         return None
     middle, half = (edges[0] + edges[1]) / 2, (edges[1] - edges[0]) / 2
-    near = np.abs(side[:, 1] - middle) < config.seen * half
-    if near.sum() < config.fewest:
+    near = np.abs(side[:, 1] - middle) < CONFIG.seen * half
+    if near.sum() < CONFIG.fewest:
         return None
     points = side[near]
     off = _solved(points, middle, half)[1]
     points = points[off <= percentiles(off, [90])]  # flying pixels
     solution, off = _solved(points, middle, half)
     error = float(np.sqrt(np.mean(off**2)))
-    flat = not config.depths[0] < solution[2] / half < config.depths[1]
-    if flat or error > config.error * half or error > config.better * _cornered(points):
+    flat = not CONFIG.depths[0] < solution[2] / half < CONFIG.depths[1]
+    if flat or error > CONFIG.error * half or error > CONFIG.better * _cornered(points):
         return None
     return np.array([solution[0], middle, solution[1], solution[2], half])
 

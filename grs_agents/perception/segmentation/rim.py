@@ -2,32 +2,34 @@
 
 import numpy as np
 
-from grs_agents.perception.configuration import DEFAULT, RimFootprint
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import percentiles, rectangle_of, turns
 from grs_agents.perception.types import Array
 
+CONFIG = DEFAULT.measuring.rim
 
-def rim_of(cloud: Array, config: RimFootprint = DEFAULT.measuring.rim) -> tuple[tuple[float, float], float] | None:
+
+def rim_of(cloud: Array) -> tuple[tuple[float, float], float] | None:
     """Centre (x, y) and diameter (m) of the rim of (N, 3) points of an open object; ``None`` if it is no round bowl."""
     bottom, top = (float(level) for level in percentiles(cloud[:, 2], [2, 98]))
-    rim = cloud.compress(cloud[:, 2] > top - config.high, axis=0)[:, :2]
+    rim = cloud.compress(cloud[:, 2] > top - CONFIG.high, axis=0)[:, :2]
     kept, center, radius = rim, np.zeros(2), 0.0
-    for _ in range(config.rounds):
-        if len(kept) < config.fewest:
+    for _ in range(CONFIG.rounds):
+        if len(kept) < CONFIG.fewest:
             return None
         center, radius = _circle(kept)
         off = np.abs(np.hypot(*(rim - center).T) - radius)
-        kept = rim.compress(off < max(config.near, 2 * float(np.median(off))), axis=0)
+        kept = rim.compress(off < max(CONFIG.near, 2 * float(np.median(off))), axis=0)
     away = kept - center
     reach = np.hypot(*away.T)
-    sectors = np.floor(np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) * config.sectors).astype(np.int64)
+    sectors = np.floor(np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) * CONFIG.sectors).astype(np.int64)
     height = top - bottom
-    if height > config.flat * 2 * radius or len(np.unique(sectors)) < config.seen * config.sectors:
+    if height > CONFIG.flat * 2 * radius or len(np.unique(sectors)) < CONFIG.seen * CONFIG.sectors:
         return None
-    beyond = np.hypot(*(cloud[:, :2] - center).T) > config.wide * radius
-    if (beyond & (cloud[:, 2] > bottom + config.low * height)).mean() > config.handle:
+    beyond = np.hypot(*(cloud[:, :2] - center).T) > CONFIG.wide * radius
+    if (beyond & (cloud[:, 2] > bottom + CONFIG.low * height)).mean() > CONFIG.handle:
         return None
-    if np.abs(np.hypot(*(rim - center).T) - radius).mean() > config.better * _off_rectangle(rim):
+    if np.abs(np.hypot(*(rim - center).T) - radius).mean() > CONFIG.better * _off_rectangle(rim):
         return None
     return (float(center[0]), float(center[1])), 2 * float(percentiles(reach, [95])[0])
 

@@ -13,13 +13,15 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Vec3
 from grs_agents.engine import mujoco
 from grs_agents.library import Library
-from grs_agents.perception.configuration import DEFAULT, CollisionRepair
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.registration.registration import Registered, cost_of, register
 from grs_agents.perception.segmentation.candidates import quaternion
 from grs_agents.perception.settling.depenetration import depth_of, overlaps
 from grs_agents.perception.settling.settling import PlacedObject, instances, on_table, world_of
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, UprightBox
 from grs_agents.sim.world.compilation import World
+
+CONFIG = DEFAULT.settling.repair
 
 Floats = npt.NDArray[np.float64]
 
@@ -44,11 +46,7 @@ class CollisionRepairs:
 
 
 def repair_collisions(
-    objects: Sequence[KnownObject],
-    frame: RGBDFrame,
-    table: TableFrame,
-    library: Library,
-    config: CollisionRepair = DEFAULT.settling.repair,
+    objects: Sequence[KnownObject], frame: RGBDFrame, table: TableFrame, library: Library
 ) -> CollisionRepairs:
     """Which are not to stay in others.
 
@@ -59,7 +57,6 @@ def repair_collisions(
         objects: as they were registered one by one.
         frame, table: the photo and its pose.
         library: where their assets are looked up.
-        config: how deep is too deep.
 
     Raises:
         UnknownNameError: an asset is not in the library.
@@ -70,18 +67,18 @@ def repair_collisions(
     compared: set[tuple[int, int]] = set()
     moved: dict[int, Registered] = {}
     wrong: set[int] = set()
-    while len(compared) < config.most:
+    while len(compared) < CONFIG.most:
         pair, depth = scene.deepest_pair(compared)
-        if depth < config.deep:
+        if depth < CONFIG.deep:
             break
         compared.add(pair)
         if wrong & set(pair):
             continue
-        repair = _better_pose(scene, pair, depth, config)
+        repair = _better_pose(scene, pair, depth)
         if repair is not None:
             scene.move(*repair)
             moved[repair[0]] = repair[1]
-        elif depth > config.deepest:
+        elif depth > CONFIG.deepest:
             wrong.add(max(pair, key=scene.cost))
     return CollisionRepairs(
         {on[number]: pose for number, pose in moved.items() if number not in wrong},
@@ -89,13 +86,11 @@ def repair_collisions(
     )
 
 
-def _better_pose(
-    scene: "_CollisionScene", pair: tuple[int, int], depth: float, config: CollisionRepair
-) -> tuple[int, Registered] | None:
+def _better_pose(scene: "_CollisionScene", pair: tuple[int, int], depth: float) -> tuple[int, Registered] | None:
     """Which of two objects goes where, so that they are half as deep in each other and it still shows what was seen."""
     tried = [(number, *scene.registered_again(number)) for number in pair]
     better = [
-        (left + cost, number, pose) for number, pose, left, cost in tried if left < depth / 2 and cost < config.worse
+        (left + cost, number, pose) for number, pose, left, cost in tried if left < depth / 2 and cost < CONFIG.worse
     ]
     return min(better, key=lambda repair: repair[0])[1:] if better else None
 

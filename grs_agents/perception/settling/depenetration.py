@@ -7,8 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.engine import mujoco
-from grs_agents.perception.configuration import DEFAULT, Depenetration
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.sim.world.compilation import World
+
+CONFIG = DEFAULT.settling.depenetration
 
 Floats = npt.NDArray[np.float64]
 TABLE = -1
@@ -37,9 +39,7 @@ def deepest_overlap(world: World) -> float:
     return max(0.0, float(-np.asarray(world.data.contact.dist).min(initial=0.0)))
 
 
-def separate(
-    world: World, guessed: Collection[int], way: Separation, config: Depenetration = DEFAULT.settling.depenetration
-) -> None:
+def separate(world: World, guessed: Collection[int], way: Separation) -> None:
     """Move one object after the other until none overlaps deeply, or none can be moved free of others.
 
     Of two that overlap the one that has to move least is moved; what is ``guessed`` rather than what is known.
@@ -47,21 +47,19 @@ def separate(
     if way.lift:
         _lift(world, way.deep)
     stuck: set[tuple[int, int]] = set()
-    for _ in range(config.most):
+    for _ in range(CONFIG.most):
         mujoco.mj_forward(world.model, world.data)
         pair = _deepest_pair(world, stuck, way.deep)
         if pair is None:
             return
-        if not _move_apart(world, pair, guessed, way, config):
+        if not _move_apart(world, pair, guessed, way):
             stuck.add(pair)
     mujoco.mj_forward(world.model, world.data)
 
 
-def _move_apart(
-    world: World, pair: tuple[int, int], guessed: Collection[int], way: Separation, config: Depenetration
-) -> bool:
+def _move_apart(world: World, pair: tuple[int, int], guessed: Collection[int], way: Separation) -> bool:
     """Move one of two objects, or each half the way; whether one of them can be moved free of others."""
-    free = config.free * way.deep
+    free = CONFIG.free * way.deep
     moves = {
         number: move
         for number in pair
@@ -69,9 +67,9 @@ def _move_apart(
     }
     if not moves:
         return False
-    number = min(moves, key=lambda moved: _move_cost(moves[moved], moved in guessed, config))
+    number = min(moves, key=lambda moved: _move_cost(moves[moved], moved in guessed))
     other, move = pair[number == pair[0]], moves[number]
-    far = np.linalg.norm(move) >= config.far and other in world.addresses and set(pair) <= set(guessed)
+    far = np.linalg.norm(move) >= CONFIG.far and other in world.addresses and set(pair) <= set(guessed)
     if not (far and _move_both(world, number, other, move, free)):
         start = world.addresses[number]
         world.data.qpos[start : start + 3] += move
@@ -86,10 +84,10 @@ def _lift(world: World, deep: float) -> None:
             world.data.qpos[world.addresses[number] + 2] += depth
 
 
-def _move_cost(move: Floats, guessed: bool, config: Depenetration) -> float:
+def _move_cost(move: Floats, guessed: bool) -> float:
     """What it costs to move an object, m."""
     far = float(np.linalg.norm(move))
-    return far / config.guessed if guessed and far < config.far else far
+    return far / CONFIG.guessed if guessed and far < CONFIG.far else far
 
 
 def overlaps(world: World) -> dict[tuple[int, int], float]:

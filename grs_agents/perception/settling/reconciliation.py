@@ -8,7 +8,7 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.library import Library
-from grs_agents.perception.configuration import DEFAULT, Reconciliation
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.proxies.box_clipping import EstimatedVolume, clip_boxes
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.registration.surface_inliers import AssetSurface, asset_surface_at, surface_inliers
@@ -16,6 +16,8 @@ from grs_agents.perception.settling.settling import PlacedObject
 from grs_agents.perception.surfaces import Tree
 from grs_agents.perception.table import robot_points_at
 from grs_agents.perception.types import Array, Mask, RGBDFrame, Solid, TableFrame, UprightBox
+
+CONFIG = DEFAULT.settling.reconciliation
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,6 @@ def reconcile_segments(
     table: TableFrame,
     library: Library,
     united: Mapping[int, int] | None = None,
-    config: Reconciliation = DEFAULT.settling.reconciliation,
 ) -> Reconciled:
     """Find the pieces of known objects, and clip the boxes of what is not known by those and by each other.
 
@@ -69,7 +70,6 @@ def reconcile_segments(
         frame, table: the photo and its pose.
         library: where assets are looked up.
         united: pieces of others, by index, as `supporting_segments` finds them.
-        config: when a segment is a piece of another.
 
     Raises:
         UnknownNameError: an asset is not in the library.
@@ -81,11 +81,11 @@ def reconcile_segments(
     around = Surroundings([asset for solid in solids.values() for asset in solid.known], (), library)
     boxes = _estimated(segments, clouds, pieces, around)
     claimed = _clipped(boxes, [surfaces[index] for index in solids])
-    _drop_filled(claimed, pieces, solids, config)
+    _drop_filled(claimed, pieces, solids)
     masks = {index: segments[index].mask for index in claimed}
     for piece, other in (united or {}).items():
         _join(piece, other, claimed, masks, pieces)
-    _join_contained(claimed, masks, pieces, segments, config)
+    _join_contained(claimed, masks, pieces, segments)
     return Reconciled(pieces, claimed, {index: masks[index] for index in claimed}, tuple(around.known), library)
 
 
@@ -118,59 +118,49 @@ def _clipped(
 
 
 def _drop_filled(
-    claims: dict[int, EstimatedVolume],
-    pieces: dict[int, int],
-    solids: Mapping[int, Surroundings],
-    config: Reconciliation,
+    claims: dict[int, EstimatedVolume], pieces: dict[int, int], solids: Mapping[int, Surroundings]
 ) -> None:
     """Make pieces of known objects of those boxes that one of them mostly fills."""
     for piece, claim in list(claims.items()):
         filled = {index: float(solid.occupied(claim.grid_points).mean()) for index, solid in solids.items()}
         whole = max(filled, key=lambda index: filled[index], default=piece)
-        if filled.get(whole, 0.0) > config.filled:
+        if filled.get(whole, 0.0) > CONFIG.filled:
             pieces[piece] = whole
             del claims[piece]
 
 
-def supporting_segments(
-    fell: AbstractSet[int], agreed: Reconciled, config: Reconciliation = DEFAULT.settling.reconciliation
-) -> dict[int, int]:
+def supporting_segments(fell: AbstractSet[int], agreed: Reconciled) -> dict[int, int]:
     """Pieces of other objects: what falls by itself is carried by what it touches, so they are one.
 
     Args:
         fell: objects, by index, that fall in the twin.
         agreed: what became of them.
-        config: when they touch.
     """
     found: dict[int, int] = {}
     for piece in sorted(fell & agreed.claims.keys()):
         one = agreed.claims[piece]
         touching = {
-            index: int((Tree(other.points).nearest(one.points)[1] < config.touching**2).sum())
+            index: int((Tree(other.points).nearest(one.points)[1] < CONFIG.touching**2).sum())
             for index, other in agreed.claims.items()
             if index != piece and index not in found and not other.hollow
         }
         whole = max(touching, key=lambda index: touching[index], default=piece)
-        if touching.get(whole, 0) >= config.touched:
+        if touching.get(whole, 0) >= CONFIG.touched:
             found[piece] = whole
     return found
 
 
 def _join_contained(
-    claims: dict[int, EstimatedVolume],
-    masks: dict[int, Mask],
-    pieces: dict[int, int],
-    segments: Sequence[Segment],
-    config: Reconciliation,
+    claims: dict[int, EstimatedVolume], masks: dict[int, Mask], pieces: dict[int, int], segments: Sequence[Segment]
 ) -> None:
     """Solid objects are not inside each other: what still has most of its points in another's box belongs to it."""
     for piece in sorted(claims, key=lambda index: claims[index].volume):
         one = claims[piece]
-        fits = one.mean_distance < config.misshapen
+        fits = one.mean_distance < CONFIG.misshapen
         shares = {
             index: max(
-                other.share_inside(one.points) / config.inside,
-                fits * other.share_inside(one.grid_points) / config.overlapping,
+                other.share_inside(one.points) / CONFIG.inside,
+                fits * other.share_inside(one.grid_points) / CONFIG.overlapping,
             )
             for index, other in claims.items()
             if index != piece and not segments[index].hollow and other.volume > one.volume

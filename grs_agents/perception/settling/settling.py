@@ -11,16 +11,17 @@ from grs_agents.geometry.transforms import vec3
 from grs_agents.library import Library
 from grs_agents.library.shapes import rotation_matrix
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.configuration import Settling as Config
 from grs_agents.perception.settling.depenetration import Separation, deepest_overlap, separate
 from grs_agents.sim.instance.instance import InstanceObject
 from grs_agents.sim.world.compilation import World, build, place
+
+CONFIG = DEFAULT.settling
 
 CHUNK = 25
 """So many steps of the simulation are made between two looks at the speeds."""
 
 
-def prepare(world: World, config: Config = DEFAULT.settling) -> None:
+def prepare(world: World) -> None:
     """Take the robot out of the way, and let nothing roll."""
     model, owners = world.model, np.asarray(world.owners)
     # What is eased apart never moves by itself, falls asleep at once, and would sleep through gravity.
@@ -29,10 +30,10 @@ def prepare(world: World, config: Config = DEFAULT.settling) -> None:
     robot[model.geom("table").id] = False
     model.geom_contype[robot], model.geom_conaffinity[robot] = 0, 0
     model.geom_condim[owners >= 0] = 6
-    model.geom_friction[owners >= 0, 2] = config.rolling
+    model.geom_friction[owners >= 0, 2] = CONFIG.rolling
 
 
-def ease(world: World, config: Config = DEFAULT.settling) -> None:
+def ease(world: World) -> None:
     """Push overlaps apart, without gravity and without speed, so that nothing is thrown.
 
     And without friction: what sticks to what it is pushed out of goes farther.
@@ -40,23 +41,23 @@ def ease(world: World, config: Config = DEFAULT.settling) -> None:
     model, data = world.model, world.data
     gravity, dimensions = np.array(model.opt.gravity), np.array(model.geom_condim)
     model.opt.gravity[:], model.geom_condim[:] = 0, 1
-    for _ in range(config.easing_steps):
+    for _ in range(CONFIG.easing_steps):
         data.qvel[:] = 0
         mujoco.mj_step(model, data)
-        if deepest_overlap(world) < config.eased:
+        if deepest_overlap(world) < CONFIG.eased:
             break
     model.opt.gravity[:], model.geom_condim[:] = gravity, dimensions
     data.qvel[:] = 0
 
 
-def fall(world: World, config: Config = DEFAULT.settling) -> bool:
+def fall(world: World) -> bool:
     """Let gravity act until everything rests; whether it does in time."""
     model, data = world.model, world.data
     first, still = world.arm.dof, 0
-    for _ in range(int(config.longest / model.opt.timestep / CHUNK)):
+    for _ in range(int(CONFIG.longest / model.opt.timestep / CHUNK)):
         mujoco.mj_step(model, data, CHUNK)
         speed = np.abs(data.qvel[first:].reshape(-1, 6)) * (1, 1, 1, 0.1, 0.1, 0.1)
-        still = still + 1 if speed.max(initial=0.0) < config.still else 0
+        still = still + 1 if speed.max(initial=0.0) < CONFIG.still else 0
         if still == 3:
             return True
     return False
@@ -100,11 +101,11 @@ class RestState:
         return max((placed.drift for placed in self.placed if placed is not None), default=0.0)
 
 
-def on_table(placed: PlacedObject, config: Config = DEFAULT.settling) -> bool:
+def on_table(placed: PlacedObject) -> bool:
     """Whether the object is over the simulated table."""
     x, y, z = placed.pose[0]
-    away = float(np.hypot(x - config.table_center[0], y - config.table_center[1]))
-    return away < config.table_reach and abs(z) < config.table_reach
+    away = float(np.hypot(x - CONFIG.table_center[0], y - CONFIG.table_center[1]))
+    return away < CONFIG.table_reach and abs(z) < CONFIG.table_reach
 
 
 def instances(objects: Sequence[PlacedObject], library: Library) -> list[InstanceObject]:
@@ -115,20 +116,17 @@ def instances(objects: Sequence[PlacedObject], library: Library) -> list[Instanc
     ]
 
 
-def world_of(items: Sequence[InstanceObject], library: Library, config: Config = DEFAULT.settling) -> World:
+def world_of(items: Sequence[InstanceObject], library: Library) -> World:
     """A world of these objects without the robot, in which nothing rolls."""
     world = build(items, library)
     place(world, items)
-    prepare(world, config)
+    prepare(world)
     mujoco.mj_forward(world.model, world.data)
     return world
 
 
 def settle(
-    objects: Sequence[PlacedObject],
-    library: Library,
-    unseen: Callable[[PlacedObject], bool] | None = None,
-    config: Config = DEFAULT.settling,
+    objects: Sequence[PlacedObject], library: Library, unseen: Callable[[PlacedObject], bool] | None = None
 ) -> RestState:
     """Let objects come to rest, without the robot.
 
@@ -137,26 +135,25 @@ def settle(
         library: where their assets are looked up.
         unseen: whether an object may stand on something that is not described; of those that may and fall, the lowest
             are held in the air, one after the other, until no other falls.
-        config: how objects are moved apart, and when they are at rest.
 
     Raises:
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
-    bounds = config.depenetration
+    bounds = CONFIG.depenetration
     ways = [Separation(deep, lift, bounds.steps) for deep in bounds.depths for lift in (True, False)]
     ways.append(Separation(bounds.depths[0], lift=True, steps=(*bounds.steps, *bounds.last_steps)))
     rests: list[RestState] = []
     for way in ways:
-        rest = _Settler(objects, library, way, config).rest(unseen)
-        if rest.penetration < config.overlap and rest.farthest < config.fallen:
+        rest = _Settler(objects, library, way).rest(unseen)
+        if rest.penetration < CONFIG.overlap and rest.farthest < CONFIG.fallen:
             return rest
         rests.append(rest)
 
     def faults(rest: RestState) -> tuple[bool, int, float]:
         """What is wrong, the worst first: overlaps, objects that moved too far, how far all did."""
         drifts = [placed.drift for placed in rest.placed if placed is not None]
-        return rest.penetration >= config.overlap, sum(drift > config.fallen for drift in drifts), sum(drifts)
+        return rest.penetration >= CONFIG.overlap, sum(drift > CONFIG.fallen for drift in drifts), sum(drifts)
 
     return min(rests, key=faults)
 
@@ -176,9 +173,9 @@ class _Drop:
 class _Settler:
     """Lets objects come to rest, moved apart in one way."""
 
-    def __init__(self, objects: Sequence[PlacedObject], library: Library, way: Separation, config: Config) -> None:
-        self.objects, self.library, self.way, self.config = objects, library, way, config
-        self.here = [number for number, placed in enumerate(objects) if on_table(placed, config)]
+    def __init__(self, objects: Sequence[PlacedObject], library: Library, way: Separation) -> None:
+        self.objects, self.library, self.way = objects, library, way
+        self.here = [number for number, placed in enumerate(objects) if on_table(placed)]
         self.items = instances([objects[number] for number in self.here], library)
         self.guessed = {item.id for item, number in zip(self.items, self.here, strict=True) if objects[number].guessed}
 
@@ -196,7 +193,7 @@ class _Settler:
     def _held(self, first: _Drop, unseen: Callable[[PlacedObject], bool]) -> tuple[_Drop, set[int]]:
         """The scene dropped again, with what may stand on something unseen held in the air: the lowest first."""
         last, held, tried = first, set[int](), set[int]()
-        while len(held) < self.config.most_held and (fell := [number for number in last.fell if number not in tried]):
+        while len(held) < CONFIG.most_held and (fell := [number for number in last.fell if number not in tried]):
             lowest = min(fell, key=lambda number: _bottom(first.apart[number], self.library))
             tried.add(lowest)
             asset = self.items[lowest].asset
@@ -208,24 +205,24 @@ class _Settler:
     def _drop(self, items: Sequence[InstanceObject], held: Collection[int]) -> _Drop:
         """Move objects apart and let all fall but those that are held."""
         items = [item.model_copy(update={"category": "fixed"}) if item.id in held else item for item in items]
-        world = world_of(items, self.library, self.config)
+        world = world_of(items, self.library)
         found, still = deepest_overlap(world), False
         first: list[Pose] = []
         apart: list[Pose] = []
-        for attempt in range(self.config.tries):
-            separate(world, self.guessed, self._separation(attempt, deepest_overlap(world)), self.config.depenetration)
-            ease(world, self.config)
+        for attempt in range(CONFIG.tries):
+            separate(world, self.guessed, self._separation(attempt, deepest_overlap(world)))
+            ease(world)
             apart = _poses(world, items)
             first = first or apart
-            still = fall(world, self.config)
+            still = fall(world)
             mujoco.mj_forward(world.model, world.data)
-            if deepest_overlap(world) < self.config.overlap:
+            if deepest_overlap(world) < CONFIG.overlap:
                 break
         poses = _poses(world, items)
         fell = [
             item.id
             for item, before, after in zip(items, first, poses, strict=True)
-            if _distance(before, after) > self.config.fallen
+            if _distance(before, after) > CONFIG.fallen
         ]
         moved = [
             item.model_copy(update={"pose": before if item.id in fell else after})
@@ -235,11 +232,11 @@ class _Settler:
 
     def _separation(self, attempt: int, overlap: float) -> Separation:
         """How objects that overlap by ``overlap`` (m) are moved apart: what is wedged after a fall, by little first."""
-        if attempt == 0 or overlap >= self.config.wedged:
+        if attempt == 0 or overlap >= CONFIG.wedged:
             return self.way
-        last = attempt == self.config.tries - 1
-        steps = tuple(step for step in self.way.steps if step < self.config.fallen or last)
-        return replace(self.way, deep=self.config.overlap, steps=steps)
+        last = attempt == CONFIG.tries - 1
+        steps = tuple(step for step in self.way.steps if step < CONFIG.fallen or last)
+        return replace(self.way, deep=CONFIG.overlap, steps=steps)
 
 
 def _distance(one: Pose, other: Pose) -> float:

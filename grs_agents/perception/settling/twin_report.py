@@ -8,20 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from grs_agents.library import Library
-from grs_agents.perception.configuration import DEFAULT, Settling
+from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.settling.settling import PlacedObject, RestState, instances, on_table, settle
 from grs_agents.perception.settling.unseen_support import may_have_unseen_support
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, TwinReport
 from grs_agents.sim.world.rendering import VisibleScene, cast_rays
 
+CONFIG = DEFAULT.settling
+
 
 def fidelity(
-    objects: Sequence[PlacedObject],
-    library: Library,
-    frame: RGBDFrame,
-    table: TableFrame,
-    mask: Mask,
-    config: Settling = DEFAULT.settling,
+    objects: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> float | None:
     """The share of the measured pixels of ``mask`` (H, W) at which the objects, seen by the photo's camera, are right.
 
@@ -34,24 +31,19 @@ def fidelity(
     rows, columns = np.nonzero(mask & (frame.depth > 0))
     if not len(rows):
         return None
-    step = -(-len(rows) // config.rays)
+    step = -(-len(rows) // CONFIG.rays)
     rows, columns = rows[::step], columns[::step]
     camera, pose = frame.camera, np.asarray(table.T_robot_cam)
     local = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=-1)
     directions = np.asarray((local @ pose[:3, :3].T)[None], np.float64)
-    sight = VisibleScene(instances([placed for placed in objects if on_table(placed, config)], library), library)
-    picture = cast_rays(sight, pose[:3, 3].copy(), directions)
+    sight = Sight(instances([placed for placed in objects if on_table(placed)], library), library)
+    picture = cast(sight, pose[:3, 3].copy(), directions)
     off = np.abs(picture.depth[0] - frame.depth[rows, columns])
-    return float(((off <= config.near) & (picture.owner[0] >= 0)).mean())
+    return float(((off <= CONFIG.near) & (picture.owner[0] >= 0)).mean())
 
 
 def report_of(
-    objects: Sequence[PlacedObject],
-    library: Library,
-    frame: RGBDFrame,
-    table: TableFrame,
-    mask: Mask,
-    config: Settling = DEFAULT.settling,
+    objects: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> tuple[RestState, TwinReport]:
     """The scene at rest, and its figures; ``mask`` (H, W) are the pixels of all objects.
 
@@ -59,7 +51,7 @@ def report_of(
         UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
-    rest = settle(objects, library, lambda placed: may_have_unseen_support(placed, library, frame, table), config)
+    rest = settle(objects, library, lambda placed: may_have_unseen_support(placed, library, frame, table))
     resting = [
         described if placed is None else PlacedObject(described.asset, placed.pose)
         for described, placed in zip(objects, rest.placed, strict=True)
@@ -68,7 +60,7 @@ def report_of(
         found=rest.found,
         penetration=rest.penetration,
         drift=rest.farthest,
-        fidelity=fidelity(resting, library, frame, table, mask, config),
+        fidelity=fidelity(resting, library, frame, table, mask),
         still=rest.still,
         held=sum(placed.held for placed in rest.placed if placed is not None),
     )
