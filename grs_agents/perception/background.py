@@ -50,14 +50,7 @@ class Mesh:
 def surface_of(frame: RGBDFrame, table: TableFrame, left: Mask, voxel: float) -> Mesh:
     """The surface that the pixels ``left``, (H, W), show; it is open where something hides what is behind.
 
-    Args:
-        frame: the photo.
-        table: where its camera is.
-        left: pixels of the surface; at least one.
-        voxel: edge of the grid's cells, metres; larger where the grid would be too large.
-
-    Raises:
-        ConfigError: scikit-image is not installed.
+    The edge of the grid's cells is ``voxel`` metres, or larger where the grid would be too large.
     """
     measure = _measure()
     cloud = robot_points(frame, table)[left]
@@ -88,12 +81,8 @@ def signed_distance(
     """The signed distance in voxels, positive before the surface, and where it is known; both of the grid's shape.
 
     It is the distance to the plane of the surface in a voxel's pixel: along the ray alone, what is seen at a grazing
-    angle would be lost between two voxels.
-
-    Args:
-        frame, table, left: as of `surface_of`.
-        grid: (3,) of the first voxel's centre, metres, robot frame; the distance of two centres, metres; counts along
-            x, y, z.
+    angle would be lost between two voxels. ``grid`` is the centre of its first voxel (3,) in the robot frame, the
+    distance of two centres, both in metres, and the counts along x, y, z.
     """
     origin, voxel, shape = grid
     pose, camera = np.asarray(table.T_robot_cam), frame.camera
@@ -170,14 +159,11 @@ _Cells = npt.NDArray[np.int32]
 
 
 def boxes_around(points: Array, cell: float) -> Array:
-    """(B, 2, 3) lowest and highest corners (m) of a bounded number of boxes that hold all (N, 3) ``points``.
+    """(B, 2, 3) lowest and highest corners (m) of a bounded number of boxes that hold all (N, 3) ``points`` (m).
 
-    Space is cut into cells; cells with points are joined to the largest blocks that are full, and each block is shrunk
-    to its points, so that a wall along an axis is as thin as it was measured.
-
-    Args:
-        points: metres.
-        cell: edge of a cell, metres; larger where there would be too many boxes.
+    Space is cut into cells with an edge of ``cell`` metres, or more where there would be too many boxes; cells with
+    points are joined to the largest blocks that are full, and each block is shrunk to its points, so that a wall along
+    an axis is as thin as it was measured.
     """
     if not len(points):
         return np.zeros((0, 2, 3))
@@ -249,18 +235,13 @@ class Background:
 def reconstruct(
     frame: RGBDFrame, table: TableFrame, objects: Mask, boxes: Sequence[Aabb], arm: Array, voxel: float
 ) -> Background | None:
-    """Reconstruct what is left of a photo after its objects and its table are taken out.
+    """Reconstruct what is left of a photo after its objects and its table are taken out; ``None`` if nothing is.
 
     Args:
-        frame: the photo with depth.
-        table: where the table is.
         objects: (H, W) pixels of the objects.
         boxes: around the objects; the background keeps away from them.
         arm: (N, 4) centres and radii (m, robot frame) of spheres around the arm at home; it keeps away from them too.
         voxel: edge of the cells of the signed distance, metres.
-
-    Returns:
-        ``None`` if nothing is left.
 
     Raises:
         ConfigError: scikit-image is not installed.
@@ -288,14 +269,9 @@ def reconstruct(
 
 
 def background_pixels(frame: RGBDFrame, points: Array, objects: Mask, boxes: Array, arm: Array) -> Mask:
-    """(H, W) pixels of surfaces around the robot that are neither objects nor table.
+    """(H, W) pixels of surfaces around the robot that are neither objects nor table; arguments as of `reconstruct`.
 
-    Args:
-        frame: smoothed.
-        points: (H, W, 3) its points, robot frame.
-        objects: (H, W) pixels of objects.
-        boxes: (N, 2, 3) corners around the objects, metres.
-        arm: (N, 4) spheres around the arm at home.
+    The frame is smoothed, ``points`` are (H, W, 3) its points in the robot frame, ``boxes`` (N, 2, 3) corners.
     """
     size = 2 * max(2, frame.depth.shape[1] // CONFIG.edge) + 1
     near_objects = cv2.dilate(objects.astype(np.uint8), np.ones((size, size), np.uint8)) > 0

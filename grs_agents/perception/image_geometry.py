@@ -60,9 +60,7 @@ def outline_of(mask: Mask) -> npt.NDArray[np.int32]:
 def percentiles(values: Array, shares: Sequence[float]) -> Array:
     """(K,) or (K, D) as `np.percentile` along the first axis, several times as fast on some thousand values.
 
-    Args:
-        values: (N,) or (N, D), all finite, at least one.
-        shares: (K,) percent.
+    ``values`` are (N,) or (N, D), all finite, at least one; ``shares`` (K,) per cent.
     """
     ordered = np.sort(np.ascontiguousarray(values.T), axis=-1)
     place = np.asarray(shares) / 100 * (len(values) - 1)

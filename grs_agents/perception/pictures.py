@@ -16,11 +16,7 @@ COLORS = ((230, 60, 60), (60, 180, 75), (60, 110, 230), (245, 160, 40), (150, 60
 
 
 def save_frame(frame: RGBDFrame, run: Path) -> dict[str, str]:
-    """Write ``scene/rgb.png`` and ``scene/depth.png`` (uint16, in the camera's unit) below the run folder.
-
-    Returns:
-        The files' names relative to ``run``, as the trace wants them.
-    """
+    """Write ``scene/rgb.png`` and ``scene/depth.png`` (uint16, in the camera's unit); returns these names."""
     units = np.rint(frame.depth / frame.camera.depth_scale).astype(np.uint16)
     _write(run / "scene/rgb.png", cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
     _write(run / "scene/depth.png", units)
@@ -28,22 +24,14 @@ def save_frame(frame: RGBDFrame, run: Path) -> dict[str, str]:
 
 
 def load_frame(run: Path, camera: Camera, source: str) -> RGBDFrame:
-    """Read again what `save_frame` wrote.
-
-    Raises:
-        InputError: the pictures are gone.
-    """
+    """Read again what `save_frame` wrote; raises InputError if the pictures are gone."""
     color, depth = (read_picture(run / name, cv2.IMREAD_UNCHANGED) for name in ("scene/rgb.png", "scene/depth.png"))
     metres = np.asarray(depth * camera.depth_scale, np.float32)
     return RGBDFrame(np.asarray(cv2.cvtColor(color, cv2.COLOR_BGR2RGB), np.uint8), metres, camera, Path(source))
 
 
 def load_mask(file: Path) -> Mask:
-    """Read a mask that `save_candidates` wrote: (H, W) bool.
-
-    Raises:
-        InputError: it is gone.
-    """
+    """Read a mask that `save_candidates` wrote, (H, W) bool; raises InputError if it is gone."""
     return read_picture(file, cv2.IMREAD_UNCHANGED) > 0
 
 
@@ -55,11 +43,7 @@ def save_candidates(frame: RGBDFrame, candidates: Sequence[Candidate], run: Path
 def add_candidates(
     frame: RGBDFrame, candidates: Sequence[Candidate], earlier: Sequence[CandidateRecord], run: Path
 ) -> tuple[CandidateRecord, ...]:
-    """Write candidates like `save_candidates`; label image and annotated photo show the ``earlier`` ones beneath them.
-
-    Raises:
-        InputError: masks of the earlier ones are gone.
-    """
+    """Write candidates like `save_candidates`; label image and annotated photo show the ``earlier`` ones below them."""
     records = tuple(_saved(one, run) for one in candidates)
     masks = {one.id: load_mask(run / one.mask) for one in earlier} | {one.id: one.mask for one in candidates}
     labels = np.zeros(frame.depth.shape, np.uint8)

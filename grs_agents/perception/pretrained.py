@@ -12,15 +12,10 @@ LOCAL: Mapping[str, bool] = {"local_files_only": True}
 
 
 def config_of(setting: str, name: str | None, tool: str) -> tuple[Path, dict[str, Any]]:
-    """The folder of a model and its configuration.
-
-    Args:
-        setting: what of our configuration names it, as ``depth.model``.
-        name: what that says.
-        tool: whose model it is.
+    """The folder ``name`` of a tool's model and its configuration.
 
     Raises:
-        ConfigError: it names none, or no folder of a model.
+        ConfigError: the ``setting`` of our configuration, as ``depth.model``, names none, or no folder of a model.
     """
     if name is None:
         raise ConfigError(f"tool {tool} needs a model", f"name its folder: --set {setting}=FOLDER")
@@ -58,11 +53,7 @@ def weights_of(kind: Any, folder: Path, setting: str, transformers: Any, **optio
 
 @contextmanager
 def stumbling(what: str, folder: Path, photo: object, loader: str) -> Generator[None]:
-    """Whatever the libraries of a model think of a user's folder or photo becomes one line.
-
-    Raises:
-        InputError: with it.
-    """
+    """Whatever the libraries of a model think of a user's folder or photo becomes one line, an InputError."""
     try:
         yield
     except GrsError:

@@ -32,22 +32,14 @@ class Surface:
 
 
 def surface_of(name: str, library: Library) -> Surface:
-    """The visible surface of an asset; the same points each time.
-
-    Raises:
-        UnknownNameError: the library has no such asset.
-    """
+    """The visible surface of an asset; the same points each time."""
     corners = corners_of(name, library)
     return _surface(corners.tobytes(), len(corners))
 
 
 @lru_cache(maxsize=128)
 def corners_of(name: str, library: Library) -> Array:
-    """(T, 3, 3) corners of the triangles that are seen of an asset, m, its own frame; to be read only.
-
-    Raises:
-        UnknownNameError: the library has no such asset.
-    """
+    """(T, 3, 3) corners of the triangles that are seen of an asset, m, its own frame; to be read only."""
     corners = visible_corners(name, library).round(5)
     corners.setflags(write=False)
     return corners

@@ -54,7 +54,6 @@ def find_table(frame: RGBDFrame, rng: np.random.Generator, choice: TableChoice =
     `place_robot` moves it.
 
     Args:
-        frame: the photo with depth.
         rng: draws the sample and the hypotheses.
         choice: ``auto``: the plane at z = 0 of a calibrated frame; without calibration the plane with most pixels, or,
             if there is one well above that with a fair share of the pixels and objects on it, that one. ``largest``:
@@ -113,16 +112,9 @@ def doubts(table: TableFrame) -> list[str]:
 
 
 def level_planes(points: Array, pose: Array | None, rng: np.random.Generator) -> list[Plane]:
-    """The level planes with enough of the points, well above each other; the lowest is first.
+    """The level planes with enough of (N, 3) points (camera frame, m), well above each other; the lowest is first.
 
-    Args:
-        points: (N, 3) sampled points, camera frame, m.
-        pose: the calibrated 4x4 transform to the robot frame, which says what is level. Without it the plane with most
-            points does.
-        rng: draws the hypotheses.
-
-    Returns:
-        No plane if the one with most points holds too few.
+    The calibrated 4x4 ``pose`` to the robot frame says what is level; without it the plane with most points does.
     """
     up = None if pose is None else pose[:3, :3].T @ np.array([0.0, 0.0, 1.0])
     planes: list[Plane] = []
@@ -169,11 +161,7 @@ def _largest_plane(points: Array, up: Array | None, total: int, rng: np.random.G
 
 
 def _chosen(planes: Sequence[Plane], points: Array, pose: Array | None, choice: TableChoice, frame: RGBDFrame) -> int:
-    """Which of the planes is the table.
-
-    Raises:
-        InputError: there is no plane of the number ``choice``.
-    """
+    """Which of the planes is the table; raises InputError if there is no plane of the number ``choice``."""
     shares = [plane.share for plane in planes]
     largest = shares.index(max(shares))
     if isinstance(choice, int):
@@ -216,10 +204,7 @@ def _is_loaded(plane: Plane, points: Array) -> bool:
 def _unlikely(problem: str, remedy: str, seen: tuple[Array, Array | None, np.random.Generator]) -> InputError:
     """The error that there is no table where it should be; with the usual mistake in T_robot_cam that would explain it.
 
-    Args:
-        problem: what is wrong.
-        remedy: what to do where no mistake in T_robot_cam explains it.
-        seen: (N, 3) sampled points in the camera frame, m; T_robot_cam, 4x4, if given; and what draws hypotheses.
+    ``seen`` are (N, 3) sampled points in the camera frame, m; T_robot_cam, 4x4, if given; and what draws hypotheses.
     """
     points, given, rng = seen
     if given is None:

@@ -293,11 +293,7 @@ class SceneDescription(Frozen):
 
 
 def read_description(file: Path) -> SceneDescription:
-    """Read ``scene.json``.
-
-    Raises:
-        InputError: it cannot be read or does not fit the schema.
-    """
+    """Read ``scene.json``; raises InputError if it cannot be read or does not fit the schema."""
     try:
         return SceneDescription.model_validate(read_json(file, "make it with `grs scene`"))
     except ValidationError as error:

@@ -184,11 +184,7 @@ class ComparedAssets:
 
 
 def compared_assets(assets: Sequence[Asset], library: Library) -> ComparedAssets:
-    """Look at assets.
-
-    Raises:
-        InputError: the files of one are faulty.
-    """
+    """The assets with their looks; raises InputError if the files of one are faulty."""
     appearances = tuple(appearance_of(asset.name, library) for asset in assets)
     return ComparedAssets(
         assets=tuple(assets),

@@ -37,10 +37,9 @@ Vectors = npt.NDArray[np.float32]
 
 
 def embed(description: str = "", look: npt.NDArray[np.float32] | None = None, size: Vec3 | None = None) -> Vectors:
-    """The vector (DIMENSIONS,) of a thing; what is not known of it counts as unlike everything.
+    """The vector (DIMENSIONS,) of an object; what is not known of it counts as unlike everything.
 
     Args:
-        description: in words.
         look: (BINS,) square roots of shares of tones (`color_histogram`); of several views their mean.
         size: extents in m, in any order.
     """
@@ -82,10 +81,9 @@ def _projection() -> Array:
 
 
 def size_vectors(sizes: Array) -> Array:
-    """(..., SIZE) of length 1; a product of two is near a Gaussian of how much the logarithms of the sizes differ.
+    """(..., SIZE) of length 1 for extents (..., 3) in m in any order.
 
-    Args:
-        sizes: (..., 3) extents in m, in any order.
+    A product of two is near a Gaussian of how much the logarithms of the sizes differ.
     """
     phases = np.log(np.sort(np.maximum(sizes, 1e-4), axis=-1)) @ _waves()
     return np.concatenate([np.cos(phases), np.sin(phases)], axis=-1) / np.sqrt(SIZE / 2)
@@ -119,14 +117,7 @@ class _Meta(Frozen):
 
 
 class AssetIndex:
-    """Names and vectors in a folder.
-
-    Args:
-        folder: where they lie; made with the first `add` if it is not there.
-
-    Raises:
-        InputError: the folder holds something else, or a broken index.
-    """
+    """Names and vectors in a folder, made with the first `add`; InputError if it holds another or a broken index."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -246,11 +237,7 @@ class AssetIndex:
 
 
 def _faiss() -> Any:
-    """The bindings; they come without types.
-
-    Raises:
-        InputError: they are not installed.
-    """
+    """The bindings, which come without types."""
     try:
         return import_module("faiss")
     except ImportError as error:

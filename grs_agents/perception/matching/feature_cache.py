@@ -21,12 +21,7 @@ _VERSION = "3"
 
 
 def key_of(name: str, library: Library) -> str:
-    """A hash of the files an asset is drawn from.
-
-    Raises:
-        UnknownNameError: the library has no such asset.
-        InputError: its files are faulty.
-    """
+    """A hash of the files an asset is drawn from."""
     whole = hashlib.sha256(_VERSION.encode() + library.path(name).read_bytes())
     for shape in library.model(name).visuals:
         for file in (shape.mesh, shape.texture):

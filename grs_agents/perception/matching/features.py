@@ -79,13 +79,7 @@ class TriedAsset:
 
 
 def try_assets(compared: ComparedAssets, seen: Observation, view: View, sized: bool = True) -> list[TriedAsset]:
-    """Try the assets that are most like a candidate at first glance.
-
-    Args:
-        compared: the assets.
-        seen, view: the candidate and the photo.
-        sized: go by size as well as by colour.
-    """
+    """Try the assets that are most like a candidate at first glance, by colour, and by size where it is ``sized``."""
     large, small = _sizes(compared, seen)
     similarity = _color_similarity(compared, seen, DAYLIGHT, 0.02)
     glance = similarity - (0.06 * np.minimum(3 * large + small, 4) if sized else 0.0)
@@ -193,13 +187,9 @@ def rank(
     use: Use = "all",
     read: Callable[[Observation], Sequence[str]] | None = None,
 ) -> list[RankedAssets]:
-    """Rank the assets for each candidate of a photo.
+    """Rank the assets for each candidate of a photo; all candidates together, since they share their light.
 
-    Args:
-        compared: the assets.
-        observed, view: the candidates, all together, since they share their light; and the photo.
-        use: all that is known, or colours alone.
-        read: reads the words on a candidate; asked where the rest leaves a doubt, since reading takes longest.
+    ``read`` reads the words on a candidate: only where the rest leaves a doubt, since reading takes longest.
     """
     tried = [try_assets(compared, seen, view, use == "all") for seen in observed]
     light = estimate_light(tried)

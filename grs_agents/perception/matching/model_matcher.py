@@ -13,15 +13,7 @@ from grs_agents.perception.types import MatchEvidence, Shown
 def match_by_model(
     request: MatchRequest, library: Library, method: str, *, worded: bool, pictured: bool
 ) -> MatchResult:
-    """Ask the model about each candidate among all assets.
-
-    Args:
-        request: the candidates.
-        library: where the assets are.
-        method: the tool's name.
-        worded: give the candidate's description.
-        pictured: give its picture.
-    """
+    """Ask the model about each candidate among all assets, with its description (``worded``) or its picture or both."""
     assets = matchable_assets(library)
     matches = {
         one.id: request.ask(one, in_random_order(assets, request.seed, one.id), worded, pictured).model_copy(
@@ -33,11 +25,7 @@ def match_by_model(
 
 
 def match_by_features_and_model(request: MatchRequest, library: Library, method: str) -> MatchResult:
-    """Ask the model about each candidate among the likeliest assets; it may still answer that it is none of them.
-
-    Raises:
-        InputError: the files of an asset are faulty.
-    """
+    """Ask the model about each candidate among the likeliest assets; it may still answer that it is none of them."""
     matches: dict[int, MatchEvidence] = {}
     ranked = rank_candidates(request, library)
     for one in request.segments:

@@ -36,14 +36,11 @@ FLOOR, STEP = 0.7, 0.002
 
 @dataclass(frozen=True)
 class EstimatedVolume:
-    """The space that a thing of unknown shape is thought to fill, and its measured (N, 3) points, m, robot frame.
-
-    What is ``hollow`` fills walls and a floor; others may stand in it.
-    """
+    """The space that an object of unknown shape is thought to fill; a hollow one fills its walls and floor alone."""
 
     box: UprightBox
     shape: Solid
-    points: Array
+    points: Array  # (N, 3) measured, m, robot frame
     hollow: bool = False
 
     @property
@@ -65,10 +62,7 @@ class EstimatedVolume:
         return float(self.contains(points).mean()) if len(points) else 0.0
 
     def raised_onto(self, occupied: Callable[[Array], Mask]) -> "EstimatedVolume":
-        """It on what known things fill of the lowest part of its box: that is what it stands on.
-
-        ``occupied`` tells which of (N, 3) points are in known things.
-        """
+        """It on what known objects fill of the lowest part of its box: ``occupied`` says which points they do."""
         if self.hollow or not len(self.points):
             return self
         space, bottom = self.grid_points, self.box.center[2] - self.box.size[2] / 2
@@ -201,10 +195,7 @@ def _cut(claim: EstimatedVolume, others: Array, certain: bool = False) -> _Cut |
 
 
 def _kept(axis: int, place: float, side: int, own: Array, half: Array) -> bool:
-    """Whether a cut leaves what is `KEPT` at least of the extent of a thing's ``own`` points (N, 3) along an axis.
-
-    ``place`` is that of the cut along ``side`` times the axis, m.
-    """
+    """Whether a cut at ``place`` (m, along ``side`` times the axis) keeps most of the extent of ``own`` points."""
     low, high = np.percentile(side * own[:, axis], (1, 99))
     lost = max(high - place, 0.0) + max(-half[axis] - low, 0.0)
     return bool(lost <= min(SLACK + (1 - KEPT) * (high - low), LONGEST_LOSS))

@@ -41,16 +41,10 @@ CLEAR = 0.01
 def free_space_map(
     frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
 ) -> FreeColumns:
-    """What a candidate may fill of its box.
+    """What a candidate, (H, W) pixels, may fill of its box, from the bottom of that or from what stands below it.
 
-    Up to where the air is shown to be free or another thing stands, at least as high as the candidate was measured,
-    and 0 where only other things were. It begins at the bottom of its box, or on what stands below it.
-
-    Args:
-        frame, table: the photo and its pose.
-        mask: (H, W) pixels of the candidate.
-        box: measured of it.
-        around: what stands beside it.
+    It reaches up to where space is shown to be free or another object stands, at least as high as the candidate was
+    measured, and 0 where only other objects were.
     """
     grid = _Grid.over(box)
     middles = grid.middles() @ about_z(box.yaw).T + box.center

@@ -43,18 +43,14 @@ class FreeColumns:
 
 @dataclass(frozen=True)
 class _Patch:
-    """Cells of a grid, and the one floor and the one height (m) that stand for them.
-
-    ``off`` is what those are off them in sum, m, or more where others stand; ``uneven`` the sum of squares about their
-    means.
-    """
+    """Cells of a grid, and the one floor and the one height (m) that stand for them."""
 
     rows: range
     columns: range
     floor: float
     height: float
-    off: float
-    uneven: float
+    off: float  # what the cells are off these in sum, m; more where others stand
+    uneven: float  # sum of squares about the means
 
 
 def fit_height_blocks(fillable: FreeColumns, size: Vec3) -> list[Block]:

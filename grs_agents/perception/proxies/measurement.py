@@ -23,14 +23,7 @@ _LARGEST = 512
 def measured_shape(
     frame: RGBDFrame, table: TableFrame, mask: Mask, box: UprightBox, around: Surroundings | None = None
 ) -> MeasuredShape:
-    """The measured points of a candidate, and how high it may be where the photo does not show otherwise.
-
-    Args:
-        frame, table: the photo and its pose.
-        mask: (H, W) pixels of the candidate.
-        box: measured of it.
-        around: what stands beside it, if that is known already.
-    """
+    """The measured points of a candidate, (H, W) pixels, and how high it may be where the photo shows nothing else."""
     if around is not None:
         mask = _own_pixels(frame, table, mask, around)
     points = local_points(frame, table, mask & (frame.depth > 0), box)

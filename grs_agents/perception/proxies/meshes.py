@@ -92,13 +92,7 @@ Bools = npt.NDArray[np.bool_]
 
 
 def inside_colliders(model: ObjectModel, library: Library, points: Floats, margin: float = 0.0) -> Bools:
-    """Which of points (N, 3), m, in the asset's frame, lie in one of its colliders, or not ``margin`` m from it, (N,).
-
-    A mesh is taken for about its hull.
-
-    Raises:
-        InputError: a mesh file is not readable.
-    """
+    """(N,) which of points (N, 3), m, asset's frame, are in or ``margin`` m from a collider; meshes as hulls."""
     found = np.zeros(len(points), np.bool_)
     for shape in model.colliders:
         found |= (

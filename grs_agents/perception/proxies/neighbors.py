@@ -23,11 +23,7 @@ class Surroundings:
     library: Library  # where the assets are looked up
 
     def occupied(self, points: Array, margin: float = 0.0) -> Mask:
-        """Which of points (N, 3), m, robot frame, are taken, or less than ``margin`` m from a known thing, (N,).
-
-        Raises:
-            UnknownNameError: an asset is not in the library.
-        """
+        """(N,) which of points (N, 3), m, robot frame, are taken, or less than ``margin`` m from a known object."""
         taken = np.zeros(len(points), np.bool_)
         for asset, (position, orientation) in self.known:
             model = self.library.model(asset)

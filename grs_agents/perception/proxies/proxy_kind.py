@@ -101,14 +101,7 @@ class MeasuredShape:
 
 
 def choose_kind(measured: MeasuredShape, size: Vec3, around: bool, hollow: bool) -> ProxyKind:
-    """Which solid fits best.
-
-    Args:
-        measured: of the object.
-        size: of the measured box, m.
-        around: its footprint is round.
-        hollow: it is open at the top.
-    """
+    """Which solid fits best an object with a box of ``size`` (m), a round footprint or not, hollow or not."""
     plain: ProxyKind = "cylinder" if around else "box"
     if hollow and min(size) > 4 * WALL:
         plain = "bowl" if around else "open box"

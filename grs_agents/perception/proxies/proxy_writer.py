@@ -62,18 +62,15 @@ def write_proxy(
 ) -> Asset:
     """Write ``root/proxy/<slug>.urdf`` with its meshes and texture, and its entry in ``root/manifest.json``.
 
+    A cylinder and a bowl have the mean of the horizontal extents as their diameter; the mass is that of 300 kg/m^3,
+    within 0.02 to 2 kg.
+
     Args:
         root: the library folder to write into; `Library.overlay` then knows ``"proxy/<slug>.urdf"``.
         slug: letters, digits, ``_`` and ``-``; a proxy of that name is replaced.
-        kind: as `choose_kind` found. A cylinder and a bowl have the mean of the horizontal extents as their diameter.
         size: extents along x, y, z in m.
-        color: red, green, blue in 0..1, where there is no look.
-        description: one sentence.
+        color: red, green, blue in 0..1, where there is no texture.
         measured: needed for hull and height blocks.
-        texture: what the photo shows of it.
-
-    Returns:
-        The new asset; its mass is its volume times 300 kg/m^3, within 0.02 to 2 kg.
 
     Raises:
         InputError: the slug, size or colour is out of range, or the folder cannot be written.

@@ -1,4 +1,4 @@
-"""Read a scene from a folder, a data set, an archive or a photo; what is wrong with it is refused by name."""
+"""Read a scene from a folder, a data set, an archive or a photo; what is wrong with it is refused by InputError."""
 
 from grs_agents.perception.reading.camera import CameraFile, read_camera
 from grs_agents.perception.reading.masks import read_masks

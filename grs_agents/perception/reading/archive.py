@@ -22,11 +22,7 @@ OPTIONAL = {"depth_scale": "metres per unit of depth", "T_robot_cam": "4x4, came
 
 
 def read_archive(file: Path) -> Recording:
-    """Read the arrays rgb, depth and K, and depth_scale and T_robot_cam where they are there.
-
-    Raises:
-        InputError: the file cannot be read, an array is missing, or has another shape or type.
-    """
+    """Read the arrays rgb, depth and K, and depth_scale and T_robot_cam where they are there."""
     arrays = read_npz(file, WANTED, OPTIONAL)
     rgb = _colors(arrays["rgb"], file)
     depth, matrix = arrays["depth"], arrays["K"]

@@ -44,11 +44,7 @@ def is_bop(source: Path) -> bool:
 
 
 def bop_image(source: Path) -> BopImage:
-    """The image that ``bop:ROOT/SPLIT/SCENE/IMAGE`` names; leading zeros of SCENE and IMAGE may be left out.
-
-    Raises:
-        InputError: it has another form, or there is no such scene.
-    """
+    """The image that ``bop:ROOT/SPLIT/SCENE/IMAGE`` names; leading zeros of SCENE and IMAGE may be left out."""
     path = Path(str(source).removeprefix(PREFIX))
     if len(path.parts) < 2 or not (path.name.isascii() and path.name.isdigit()) or len(path.name) > 9:
         raise InputError(f"{source} is not {FORM.split(',', maxsplit=1)[0]}", f"write {FORM}")
@@ -67,11 +63,7 @@ def _other_scenes(split: Path) -> str:
 
 
 def read_bop(source: Path) -> Recording:
-    """Read an image with its camera and, if it has one, its depth.
-
-    Raises:
-        InputError: a file or the image is missing or unreadable, or the camera is not complete.
-    """
+    """Read an image with its camera and, if it has one, its depth."""
     image = bop_image(source)
     file = image.scene / "scene_camera.json"
     entry = image_entry(read_json(file, "name a scene folder of a data set in the BOP format"), image.number, file)
@@ -95,11 +87,7 @@ def read_bop(source: Path) -> Recording:
 
 
 def image_entry(entries: Mapping[str, Any], number: int, file: Path) -> dict[str, Any]:
-    """What a file of a BOP scene says of an image.
-
-    Raises:
-        InputError: nothing, or no object.
-    """
+    """What a file of a BOP scene says of an image."""
     entry = entries.get(str(number))
     if entry is None:
         numbers = sorted(int(key) for key in entries if key.isascii() and key.isdigit() and len(key) < 10)

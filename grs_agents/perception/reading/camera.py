@@ -63,14 +63,10 @@ class CameraFile:
 
 
 def read_camera(file: Path, unit: DepthUnit | None = None) -> CameraFile:
-    """Read ``camera.json``.
+    """Read ``camera.json``; ``unit`` is that of the depth where the file says nothing of it.
 
-    ``K`` may stand for ``fx fy cx cy``. Keys that are not known are told in the notes, unless they seem to mean a key
+    ``K`` may stand for ``fx fy cx cy``. Keys that are not known go into the notes, unless they seem to mean a key
     that is missing, or something that would change the result: those are refused.
-
-    Args:
-        file: its path.
-        unit: of the depth, where the file says nothing of it; without it the file must.
 
     Raises:
         InputError: it cannot be read, is not JSON, or a value is missing, not finite or absurd; the lens is distorted;
@@ -87,11 +83,7 @@ def read_camera(file: Path, unit: DepthUnit | None = None) -> CameraFile:
 
 
 def _known_values(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
-    """The values under the keys of `Camera`, and notes on the keys that say nothing to it.
-
-    Raises:
-        InputError: a key means something that would change the result.
-    """
+    """The values under the keys of `Camera`, and notes on the keys that say nothing to it."""
     known = {key: value for key, value in values.items() if key in Camera.model_fields}
     unused: list[str] = []
     for key, value in values.items():
@@ -150,11 +142,7 @@ def _is_zero(value: object) -> bool:
 
 
 def _of_matrix(matrix: object, values: Mapping[str, Any], where: str) -> dict[str, float]:
-    """``fx fy cx cy`` of the intrinsic matrix; what ``values`` say of them must agree.
-
-    Raises:
-        InputError: it is no intrinsic matrix, or ``values`` say something else.
-    """
+    """``fx fy cx cy`` of the intrinsic matrix; what ``values`` say of them must agree."""
     intrinsics = intrinsics_from_matrix(matrix, where)
     other = [key for key in intrinsics if key in values and values[key] != intrinsics[key]]
     if other:
@@ -166,11 +154,7 @@ def _of_matrix(matrix: object, values: Mapping[str, Any], where: str) -> dict[st
 
 
 def check_camera(values: Mapping[str, Any], where: str) -> Camera:
-    """The camera with these values; ``where`` is named in errors.
-
-    Raises:
-        InputError: a value is missing, unknown, not finite or absurd.
-    """
+    """The camera with these values; ``where`` is named in errors."""
     try:
         return Camera.model_validate(dict(values))
     except ValidationError as error:
@@ -183,27 +167,13 @@ def check_camera(values: Mapping[str, Any], where: str) -> Camera:
 
 
 def camera_from_matrix(matrix: object, size: tuple[int, int], where: str, **more: Any) -> Camera:
-    """The camera with intrinsic matrix K: three rows of three numbers, or nine numbers row by row.
-
-    Args:
-        matrix: K as lists.
-        size: width and height in pixels.
-        where: what errors call it.
-        more: ``depth_scale`` and ``T_robot_cam``.
-
-    Raises:
-        InputError: it is no such matrix, or a value is not finite or absurd.
-    """
+    """The camera with intrinsic matrix K of a picture of ``size`` (width, height); ``more`` are other fields of it."""
     values = {**intrinsics_from_matrix(matrix, where), "width": size[0], "height": size[1], **more}
     return check_camera(values, where)
 
 
 def intrinsics_from_matrix(matrix: object, where: str) -> dict[str, float]:
-    """``fx fy cx cy`` of the intrinsic matrix K, three rows of three numbers or nine numbers row by row.
-
-    Raises:
-        InputError: it is no such matrix.
-    """
+    """``fx fy cx cy`` of the intrinsic matrix K, three rows of three numbers or nine numbers row by row."""
     rows = f"{where} = {str(matrix)[:80]} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
     remedy = "give the 3x3 intrinsic matrix of a pinhole camera, in pixels"
     flat = [float(one) for one in _flat(matrix) if isinstance(one, int | float) and abs(one) < LARGEST]

@@ -22,11 +22,7 @@ IN_METRES = DepthUnit(1.0)
 
 
 def read_folder(folder: Path) -> Recording:
-    """Read ``rgb.*``, ``camera.json``, and ``depth.*`` or a point cloud.
-
-    Raises:
-        InputError: a file is missing or twice there, or cannot be read.
-    """
+    """Read ``rgb.*``, ``camera.json``, and ``depth.*`` or a point cloud."""
     names = names_in(folder)
     photos = [name for name in names if _is(name, COLOR_STEMS, SUFFIXES)]
     photo = _single_name(photos, folder)
@@ -43,11 +39,7 @@ def read_folder(folder: Path) -> Recording:
 
 
 def with_camera(recording: Recording, camera_file: Path) -> Recording:
-    """A recording without depth, with the camera of its photo if there is such a file.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """A recording without depth, with the camera of its photo if there is such a file."""
     if not exists(camera_file):
         return recording
     found = read_camera(camera_file, IN_METRES)
@@ -55,11 +47,7 @@ def with_camera(recording: Recording, camera_file: Path) -> Recording:
 
 
 def with_depth(recording: Recording, file: Path, camera_file: Path) -> Recording:
-    """The recording with the depth in ``file`` and the camera of both.
-
-    Raises:
-        InputError: one of the files cannot be read.
-    """
+    """The recording with the depth in ``file`` and the camera of both."""
     depth = read_depth(file)
     if isinstance(depth, Cloud):
         found = read_camera(camera_file, IN_METRES)
@@ -73,11 +61,7 @@ def with_depth(recording: Recording, file: Path, camera_file: Path) -> Recording
 
 
 def read_depth(file: Path) -> Cloud | Units:
-    """Depth in the file's own unit, (H, W), or points.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """Depth in the file's own unit, (H, W), or points."""
     if file.suffix.lower() in clouds.SUFFIXES and file.stem.lower() != "depth":
         return read_cloud(file)
     if file.suffix.lower() != ".npy":
@@ -114,11 +98,7 @@ def _is_cloud(name: str) -> bool:
 
 
 def _single_name(names: list[str], folder: Path) -> str | None:
-    """The one name there is.
-
-    Raises:
-        InputError: there are several.
-    """
+    """The one name there is, ``None`` without any; raises InputError if there are several."""
     if len(names) > 1:
         raise InputError(
             f"{folder} holds {' and '.join(names[:4])}: which of them is meant cannot be told", "leave one of them"

@@ -52,11 +52,7 @@ class RecordedDepth:
 
 
 def depth_in_metres(measured: RecordedDepth) -> Depth:
-    """(H, W) float32 metres, 0 where nothing was measured.
-
-    Raises:
-        InputError: too little was measured, or the depths are those of another unit than ``scale``.
-    """
+    """(H, W) float32 metres, 0 where nothing was measured."""
     units, scale, where = measured.units, measured.scale, measured.where
     with np.errstate(over="ignore", invalid="ignore"):  # a forged file's numbers may leave the range
         depth = (units * np.float64(scale)).astype(np.float32)
@@ -167,11 +163,7 @@ class Recording:
 
 
 def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth) -> RGBDFrame:
-    """Put colour, depth and camera on the colour picture's grid.
-
-    Raises:
-        InputError: the sizes belong to different views, the camera to neither picture, or the depth is of no use.
-    """
+    """Put colour, depth and camera on the colour picture's grid."""
     height, width = measured.units.shape
     if min(*recording.size, width, height) < SMALLEST:
         raise InputError(
@@ -208,12 +200,7 @@ def assemble_frame(recording: Recording, camera: Camera, measured: RecordedDepth
 def apply_orientation(recording: Recording, sizes: Sequence[tuple[int, int]]) -> Recording:
     """Turn a photo as its EXIF orientation says, where camera and depth show that they belong to the turned photo.
 
-    Args:
-        recording: what was found.
-        sizes: width and height of what belongs to the photo; nothing for a photo alone, which is turned.
-
-    Raises:
-        InputError: it cannot be told whether they belong to the stored or to the turned photo.
+    ``sizes`` are width and height of what belongs to the photo; without any it is turned.
     """
     picture = recording.picture
     if picture.orientation == 1:

@@ -22,14 +22,11 @@ FORMS = (
 
 
 def read_masks(source: Path, shape: tuple[int, int]) -> Labels:
-    """The masks of a scene as one picture of numbers.
+    """The masks of a scene as one picture (H, W): 0 for the background, objects from 1, the smaller on top.
 
     Args:
         source: what was read: a folder, an ``.npz``, or ``bop:`` and an image.
         shape: rows and columns of its frame; masks of another size are brought to it.
-
-    Returns:
-        (H, W): 0 where there is no object, and the objects' numbers from 1; where masks overlap, the smaller is on top.
 
     Raises:
         InputError: there are no masks, too many, or they are of another shape than the frame.

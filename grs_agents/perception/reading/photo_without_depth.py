@@ -23,21 +23,16 @@ from grs_agents.perception.types import Image, RGBDFrame
 
 
 class DepthEstimate(Protocol):
-    """What a depth tool answers.
-
-    Attributes:
-        depth: (H, W) metres along the optical axis, 0 or NaN where it cannot tell.
-        focal: the focal length in pixels of the given picture, if it estimates that too.
-    """
+    """What a depth tool answers."""
 
     @property
     def depth(self) -> "npt.NDArray[np.floating[Any]]":
-        """(H, W) metres."""
+        """(H, W) metres along the optical axis, 0 or NaN where it cannot tell."""
         ...
 
     @property
     def focal(self) -> float | None:
-        """Pixels."""
+        """The focal length in pixels of the given picture, if it estimates that too."""
         ...
 
 
@@ -50,9 +45,6 @@ def assemble_frame_of_photo(recording: Recording, estimate: Estimator, field_of_
 
     The focal length is that of ``camera.json``, else of ``field_of_view`` (degrees, of the width), else of the photo's
     EXIF, else the model's own.
-
-    Raises:
-        InputError: no depth tool is configured, none of these tells the focal length, or the estimate is of no use.
     """
     camera = recording.camera
     recording = apply_orientation(recording, [] if camera is None else [(camera.width, camera.height)])

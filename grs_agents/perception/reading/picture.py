@@ -33,11 +33,7 @@ class Picture:
 
 
 def read_color(file: Path) -> Picture:
-    """Read a picture as 8-bit RGB: grey, palette, 16-bit and CMYK are converted, an alpha channel is dropped.
-
-    Raises:
-        InputError: it cannot be read or decoded, is too large, or its pixels are no colours.
-    """
+    """Read a picture as 8-bit RGB: grey, palette, 16-bit and CMYK are converted, an alpha channel is dropped."""
     with _decoded(file) as image:
         if image.mode in GREY[3:]:
             grey = (np.asarray(image) // 257).astype(np.uint8)
@@ -51,11 +47,7 @@ def read_color(file: Path) -> Picture:
 
 
 def read_depth_picture(file: Path) -> "npt.NDArray[np.number[Any]]":
-    """Read a depth picture: (H, W) of 16- or 32-bit integers or floats, in the file's own unit.
-
-    Raises:
-        InputError: it cannot be read or decoded, is too large, or has another kind of pixels.
-    """
+    """Read a depth picture: (H, W) of 16- or 32-bit integers or floats, in the file's own unit."""
     with _decoded(file) as image:
         units = np.array(image)
     if units.ndim != 2 or image.mode in ("P", "1") or units.dtype.itemsize < 2:
@@ -66,11 +58,7 @@ def read_depth_picture(file: Path) -> "npt.NDArray[np.number[Any]]":
 
 
 def read_label_picture(file: Path) -> npt.NDArray[np.int32]:
-    """Read a picture of numbers, such as labels: (H, W); the index of a palette's colour counts, not the colour.
-
-    Raises:
-        InputError: it cannot be read or decoded, is too large, or has several channels or floats.
-    """
+    """Read a picture of numbers, such as labels: (H, W); the index of a palette's colour counts, not the colour."""
     with _decoded(file) as image:
         numbers = np.array(image)
     if numbers.ndim == 3 and (numbers[..., :1] == numbers[..., :3]).all():  # grey written as RGB

@@ -34,11 +34,7 @@ class Cloud:
 
 
 def read_cloud(file: Path) -> Cloud | npt.NDArray[np.number]:
-    """Read a cloud; a ``.npy`` of two dimensions with another width than 3 to 8 is a depth picture and comes back so.
-
-    Raises:
-        InputError: it cannot be read or is neither.
-    """
+    """Read a cloud; a ``.npy`` of two dimensions with another width than 3 to 8 is a depth picture, and returned so."""
     if file.suffix.lower() == ".ply":
         return Cloud(*read_ply(file), str(file))
     if file.suffix.lower() == ".pcd":
@@ -58,13 +54,9 @@ def read_cloud(file: Path) -> Cloud | npt.NDArray[np.number]:
 
 
 def depth_from_cloud(cloud: Cloud, camera: Camera) -> tuple[Depth, str]:
-    """The cloud as depth at the camera's pixels: by its own grid if it has one, else by projection.
+    """(H, W) depth at the camera's pixels in the cloud's unit, 0 where there is no point; and how it was made.
 
-    Returns:
-        (H, W) float32 in the cloud's unit, 0 where there is no point; and how it was made.
-
-    Raises:
-        InputError: too few points lie in the camera's view, or they are too sparse for its picture.
+    It is made by the cloud's own grid if that has one, else by projection.
     """
     grid = _organised(cloud, camera)
     if grid is not None:

@@ -40,11 +40,7 @@ class Records:
     shape: tuple[int, int]  # (rows, columns) of an organised cloud, else (1, count)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be points, or are too many, before anything is read.
-
-        Raises:
-            InputError: x, y or z is missing or twice there, or the counts are out of bounds or do not agree.
-        """
+        """Refuse what cannot be points, or are too many, before anything is read."""
         if not 0 < self.count <= MOST_POINTS:
             raise InputError(f"{self.where} promises {self.count} points", f"give 1 to {MOST_POINTS}")
         if len(self.names) > MOST_FIELDS:
@@ -67,11 +63,7 @@ class Records:
         return [list(self.names).index(axis) for axis in "xyz"]
 
     def points_of_text(self, text: bytes) -> Points:
-        """The (N, 3) points of lines of numbers.
-
-        Raises:
-            InputError: a row is missing or has another number of fields, or something is no number.
-        """
+        """The (N, 3) points of lines of numbers."""
         try:
             with warnings.catch_warnings(action="ignore", category=UserWarning):  # no rows at all: said below
                 lines, axes, most = BytesIO(text), self.axes, self.count
@@ -83,11 +75,7 @@ class Records:
         return rows
 
     def points_of_bytes(self, data: bytes, by_field: bool = False) -> Points:
-        """The (N, 3) points of binary records, or of data that hold each field of all points in turn.
-
-        Raises:
-            InputError: the data end too early.
-        """
+        """The (N, 3) points of binary records, or of data that hold each field of all points in turn."""
         needed = self.count * self.record.itemsize
         if len(data) < needed:
             raise _faulty(f"{self.where} ends after {len(data)} of {needed} bytes of points")
@@ -102,11 +90,7 @@ class Records:
 
 
 def split_header(data: bytes, end: bytes, where: str) -> tuple[list[list[str]], bytes]:
-    """The words of each header line, and what follows the line that begins with ``end``.
-
-    Raises:
-        InputError: there is no such line within `MOST_HEADER_BYTES`, or the header is no text.
-    """
+    """The words of each header line, and what follows the line that begins with ``end``."""
     lines: list[list[str]] = []
     start = 0
     while (stop := data.find(b"\n", start, MOST_HEADER_BYTES)) >= 0:
@@ -143,14 +127,7 @@ PLY_TYPES = {name: kind for kind, names in _PLY_TYPE_NAMES.items() for name in n
 
 
 def read_ply(file: Path) -> tuple[Points, tuple[int, int]]:
-    """The points of a PLY file.
-
-    Returns:
-        (N, 3) points, and (1, N), since PLY knows no rows.
-
-    Raises:
-        InputError: it cannot be read, or its header and body are not those of a cloud.
-    """
+    """The (N, 3) points of a PLY file, and (1, N), since PLY knows no rows."""
     data, where = read_bytes(file), str(file)
     if not data.startswith(b"ply"):
         raise InputError(f"{where} does not begin with 'ply'", "give a PLY file")
@@ -191,18 +168,10 @@ def _ply_layout(lines: list[list[str]], where: str) -> tuple[str, dict[str, tupl
 
 
 def lzf_unpacked(data: bytes, size: int, where: str) -> bytes:
-    """LZF: a control byte below 32 is followed by so many bytes, and one more, as they are.
+    """LZF-packed data as ``size`` bytes; ``where`` is what errors call the file.
 
-    Any other holds a length in its upper three bits (7: the next byte is added) and, with the byte after it, how far
-    back to copy from.
-
-    Args:
-        data: the packed bytes.
-        size: how many come out.
-        where: what errors call the file.
-
-    Raises:
-        InputError: other than ``size`` bytes come out, or it refers to what is not there.
+    A control byte below 32 is followed by so many bytes, and one more, as they are. Any other holds a length in its
+    upper three bits (7: the next byte is added) and, with the byte after it, how far back to copy from.
     """
     out = bytearray()
     at, end = 0, len(data)
@@ -235,14 +204,7 @@ PCD_TYPES = {"F": ("4", "8"), "I": ("1", "2", "4", "8"), "U": ("1", "2", "4", "8
 
 
 def read_pcd(file: Path) -> tuple[Points, tuple[int, int]]:
-    """The points of a PCD file.
-
-    Returns:
-        (N, 3) points, and the cloud's rows and columns: (1, N) where it is not organised.
-
-    Raises:
-        InputError: it cannot be read, or its header and body are not those of a cloud.
-    """
+    """The (N, 3) points of a PCD file, and the cloud's rows and columns: (1, N) where it is not organised."""
     data, where = read_bytes(file), str(file)
     lines, body = split_header(data, b"DATA", where)
     header = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}

@@ -21,11 +21,7 @@ REMEDY = (
 
 
 def check_source(source: Path) -> None:
-    """See that there is something of a known kind under this name, without reading it.
-
-    Raises:
-        InputError: there is nothing, or nothing that a scene could be read from.
-    """
+    """See that there is something of a known kind under this name, without reading it; raises InputError if not."""
     try:
         str(source).encode()
     except UnicodeEncodeError as error:  # neither the run's record nor its trace could name it
@@ -54,12 +50,7 @@ def scene_name(source: Path) -> str:
 
 
 def read_scene(source: Path, estimate: Estimator | None = None, field_of_view: float | None = None) -> RGBDFrame:
-    """Read and check a scene.
-
-    Args:
-        source: a folder, ``bop:ROOT/SPLIT/SCENE/IMAGE``, an ``.npz`` or a photo.
-        estimate: makes the depth of a photo that has none.
-        field_of_view: of such a photo, across its width, in degrees.
+    """Read and check a scene; ``estimate`` makes the depth of a photo without, ``field_of_view`` degrees wide.
 
     Raises:
         InputError: a file is missing or unreadable, sizes differ in shape, the camera is incomplete or not finite,

@@ -19,12 +19,7 @@ def pose_hypotheses(
 ) -> Array:
     """(K, 4, 4) poses worth a try, each look of the asset once for each frame that it may be in.
 
-    Args:
-        half: (3,) half the asset's extents, m.
-        symmetry: the asset's.
-        upright: the box measured of the object.
-        seen: what the camera saw of it.
-        normals: (N, 3) unit, at the points of ``seen``.
+    ``half`` are half the asset's extents (3,), m; ``normals`` (N, 3) are unit, at the points of ``seen``.
     """
     turns = _distinct_turns(symmetry.turns.tobytes(), symmetry.axes.tobytes())
     bottom, top = (upright.center[2] + side * upright.size[2] / 2 for side in (-1, 1))

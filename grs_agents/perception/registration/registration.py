@@ -95,11 +95,7 @@ def register(
     """Lay an asset into the points of a mask (H, W).
 
     Args:
-        asset: a library name.
-        library: where it is looked up.
         upright: the box measured of the object, where the search begins.
-        frame, table: the photo and its pose.
-        mask: the object's pixels.
         entered: how deep the asset is in what is known to stand around, which it is not to be.
 
     Raises:
@@ -130,11 +126,7 @@ def register(
 def cost_of(
     asset: str, pose: Pose, library: Library, upright: UprightBox, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> float:
-    """What `Registered` calls its cost, m, of an asset whose bounding box has its centre and rotation at ``pose``.
-
-    Raises:
-        UnknownNameError: the library has no such asset.
-    """
+    """What `Registered` calls its cost, m, of an asset whose bounding box has its centre and rotation at ``pose``."""
     search = _Search.of(asset, library, upright, observed_points(frame, table, mask))
     return float(search.seen_costs(pose_of(rotation_matrix(pose[1]), np.array(pose[0]))[None])[0])
 

@@ -56,13 +56,7 @@ def residual_candidates(
 def residual_labels(
     masks: Sequence[Mask], surfaces: Sequence[AssetSurface | None], frame: RGBDFrame, table: TableFrame
 ) -> tuple[Labels, tuple[int, ...]]:
-    """(H, W) labels from 1 of what is left over of segments once their assets stand, 0 elsewhere; and which it divides.
-
-    Args:
-        masks: (H, W) of each segment.
-        surfaces: the surface of each segment's asset, where that is known.
-        frame, table: the photo and its pose.
-    """
+    """(H, W) labels from 1 of what segments leave over once their assets stand, 0 elsewhere; and which it divides."""
     known = [surface for surface in surfaces if surface is not None]
     labels, divided = np.zeros(frame.depth.shape, np.int32), list[int]()
     for index, (mask, surface) in enumerate(zip(masks, surfaces, strict=True)):

@@ -21,13 +21,7 @@ def register_objects(
 ) -> tuple[SceneObject, ...]:
     """The objects, those with a matched asset at the pose in which it explains the points of their segments.
 
-    Args:
-        objects: placed by their boxes; proxies stay there.
-        records: the candidates that they come from.
-        frame: the photo with depth.
-        table: the table in it, with the robot placed.
-        library: 3D assets.
-        folder: the run folder, which holds the masks.
+    Proxies stay where their boxes put them. ``folder`` is the run folder, which holds the masks.
     """
     by_number = {record.id: record for record in records}
     placed: list[SceneObject] = []
@@ -63,8 +57,7 @@ def add_residual_candidates(
 ) -> tuple[tuple[CandidateRecord, ...], tuple[DroppedCandidate, ...]]:
     """Residual candidates, which no placed asset explains, and the objects whose segments they were part of.
 
-    The masks and crops of the new candidates are written into ``folder``; the arguments are those of
-    ``register_objects``, with the objects registered.
+    Their masks and crops are written into ``folder``; the objects are registered.
     """
     if not objects:
         return (), ()

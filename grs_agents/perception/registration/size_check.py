@@ -30,17 +30,7 @@ class Deviation:
 
 
 def size_deviation(asset: str, pose: Pose, library: Library, measured: UprightBox) -> Deviation:
-    """How far an asset is off what was measured, along the axes of the measured box.
-
-    Args:
-        asset: a library name.
-        pose: where the centre of its bounding box is (m) with its rotation (xyzw), robot frame.
-        library: where it is looked up.
-        measured: the box.
-
-    Raises:
-        UnknownNameError: the library has no such asset.
-    """
+    """How far an asset whose bounding box has its centre (m) and rotation (xyzw) at ``pose`` is off a measured box."""
     corners = corners_of(asset, library).reshape(-1, 3)
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     placed = (corners - middle) @ rotation_matrix(pose[1]).T + pose[0]

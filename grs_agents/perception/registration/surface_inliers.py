@@ -41,22 +41,13 @@ class AssetSurface:
 
 
 def asset_surface_at(asset: str, pose: Pose, library: Library) -> AssetSurface:
-    """The surface of an asset whose bounding box has its centre (m) and rotation (xyzw) at ``pose``.
-
-    Raises:
-        UnknownNameError: the library has no such asset.
-    """
+    """The surface of an asset whose bounding box has its centre (m) and rotation (xyzw) at ``pose``."""
     surface, turn = surface_of(asset, library), rotation_matrix(pose[1])
     return AssetSurface(surface.points @ turn.T + pose[0], surface.normals @ turn.T, surface.spacing)
 
 
 def surface_inliers(clouds: Sequence[Array], surfaces: Sequence[AssetSurface | None]) -> dict[int, int]:
-    """Which objects are pieces of which, by index.
-
-    Args:
-        clouds: (N, 3) measured points of each object, m, robot frame.
-        surfaces: the surface of each object's asset, where that is known.
-    """
+    """Which objects are pieces of which, by index: their (N, 3) points (m, robot frame) are on that one's surface."""
     pieces: dict[int, int] = {}
     for piece, cloud in enumerate(clouds):
         for whole, surface in enumerate(surfaces):

@@ -83,11 +83,9 @@ def ellipse_of(cloud: Array, view: View) -> Ellipse | None:
 
 
 def _half_ellipse(side: Array, view: View, heights: tuple[float, float]) -> Array | None:
-    """Fit the near half of an ellipse to a slice, (N, 2) along and across the view.
+    """The near half of an ellipse fitted to a slice, (N, 2) along and across the view; ``None`` where it is none.
 
-    Returns:
-        Its middle along and across the view, slope, half depth and half width, metres; ``None`` where the outline is
-        not seen or the slice is no half ellipse.
+    It is the middle along and across the view, slope, half depth and half width, metres.
     """
     fit = _fitted(side, _edges(view, float(np.median(side[:, 0])), heights))
     # the outline's width depends on how far the axis is

@@ -13,12 +13,9 @@ LEAST_AREA = 5e-4
 
 
 def is_open(cloud: Array, table: Array, config: HollowShape = HOLLOW) -> bool:
-    """Whether an object is hollow: its highest points surround an inside that lies deeper.
+    """Whether an object is hollow: its highest points (N, 3), m above the table, surround an inside that lies deeper.
 
-    Args:
-        cloud: (N, 3) points of the object, z up, metres above the table.
-        table: (M, 3) points of the table, of which some may be seen through or taken for its floor.
-        config: what is open.
+    Some of the table's points (M, 3) may be seen through it or taken for its floor.
     """
     top = float(percentiles(cloud[:, 2], [98])[0])
     if top < 2 * config.deep:

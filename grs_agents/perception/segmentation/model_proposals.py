@@ -49,15 +49,10 @@ def segment_proposed(
 
 
 def on_table(proposals: Iterable[Proposal], above: Mask, points: Array, config: Segmentation) -> list[Proposal]:
-    """The proposals of which most stands on the table, without islands, holes, and the table around them.
+    """The proposals of which most stands on the table (``above``), without islands, holes, and the table around them.
 
-    What is longer than an object may be is a group, or all that is in the picture.
-
-    Args:
-        proposals: masks of (H, W).
-        above: (H, W) pixels that stand on the table.
-        points: (H, W, 3) in the robot frame, NaN where unknown.
-        config: how much of a mask stands on the table.
+    What is longer than an object may be is a group, or all that is in the picture. ``points`` are (H, W, 3) in the
+    robot frame, NaN where unknown.
     """
     bounds = config.proposals
     unknown = np.isnan(points[..., 2])

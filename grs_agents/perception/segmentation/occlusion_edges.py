@@ -13,13 +13,7 @@ NOWHERE: Index = np.zeros(0, np.intp)
 
 
 class OcclusionEdges:
-    """The upper edges of the parts of an (H, W) label image, and how deep lies the next part that is seen over them.
-
-    Args:
-        labels: (H, W), 0 where no part is.
-        points: (H, W, 3) in the robot frame, metres.
-        config: what is the rim of a hollow object.
-    """
+    """The upper edges of the parts of an (H, W) label image, and how deep lies the next part that is seen over them."""
 
     def __init__(self, labels: Labels, points: Array, config: Segmentation = DEFAULT.segmentation) -> None:
         self.config, self.deep = config.rim, config.hollow.deep

@@ -58,11 +58,7 @@ def jump_edges(depth: Depth) -> Mask:
 def foreground(points: Array, depth: Depth, eye: Array, config: Foreground = DEFAULT.segmentation.foreground) -> Mask:
     """(H, W) pixels that are above the table and over it, or stand on it.
 
-    Args:
-        points: (H, W, 3) in the robot frame, NaN where unknown.
-        depth: (H, W) metres.
-        eye: (3,) where the camera is, robot frame.
-        config: how high objects are, and how far the table may reach.
+    ``points`` are (H, W, 3) in the robot frame, NaN where unknown; ``eye`` (3,) is where the camera is, robot frame.
     """
     height = points[..., 2]
     bound = tolerance(depth.astype(np.float64))
@@ -220,7 +216,6 @@ def joined(labels: Labels, length: Array, total: Array, allowed: Mask, config: P
         length: (N+1, N+1) of the border of every two labels, pixels; see `borders`.
         total: (N+1, N+1) their summed strength.
         allowed: (N+1, N+1) which may be joined at all; what one may be joined with, what it is joined with may too.
-        config: which borders are creases.
     """
     length, total, allowed = length.copy(), total.copy(), allowed.copy()
     owner = np.arange(len(length))
@@ -242,10 +237,9 @@ def joined(labels: Labels, length: Array, total: Array, allowed: Mask, config: P
 
 
 def borders(labels: Labels, strength: Array, below: Mask, right: Mask, jump: float) -> tuple[Array, Array]:
-    """Length (pixels) and summed strength of the border of every two labels, as (N+1, N+1) symmetric tables.
+    """Length (pixels) and summed strength of the border of every two labels 0..N, as (N+1, N+1) symmetric tables.
 
     Args:
-        labels: (H, W), 0..N.
         strength: (H, W) of a border that runs through each pixel.
         below, right: (H, W) where a pixel and its lower, and its right, neighbour lie on different surfaces.
         jump: the strength there.

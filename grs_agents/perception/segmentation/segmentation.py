@@ -41,12 +41,7 @@ def objects_of(
 ) -> Labels:
     """(H, W) labels without what is no object, numbered anew; occluded pieces are joined, floors of hollow ones added.
 
-    Args:
-        labels: (H, W) merged segments, 0 for table and background.
-        smooth: the frame that they were found in.
-        points: (H, W, 3) in the robot frame, NaN where unknown.
-        table: the table in it.
-        config: the rules that are on, and their bounds.
+    ``smooth`` is the frame that the merged segments were found in; ``points`` are (H, W, 3) as in `foreground`.
     """
     smallest = int(config.filter.smallest * labels.size)
     flattest = float(np.clip(config.filter.deviations * table.residual, *config.filter.flattest))
@@ -65,13 +60,7 @@ def objects_of(
 
 
 def enters_from_outside(mask: Mask, points: Array, config: Segmentation) -> bool:
-    """Whether a segment, (H, W), comes in from above or from beyond the picture.
-
-    Args:
-        mask: (H, W) its pixels.
-        points: (H, W, 3) in the robot frame, NaN where unknown.
-        config: what is at the border, and what reaches far in.
-    """
+    """Whether a segment, (H, W), comes in from above or from beyond the picture; ``points`` are as in `foreground`."""
     bounds = config.filter
     whole = _known(points[mask][::5])
     if len(whole) < bounds.fewest:

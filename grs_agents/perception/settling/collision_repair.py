@@ -48,19 +48,10 @@ class CollisionRepairs:
 def repair_collisions(
     objects: Sequence[KnownObject], frame: RGBDFrame, table: TableFrame, library: Library
 ) -> CollisionRepairs:
-    """Which are not to stay in others.
+    """Which known objects are not to stay in others, as they were registered one by one.
 
     Of two that are in each other, that one is registered again of which this contradicts less of what was seen. Where
     it contradicts too much of either, both stay; but if they are deep in each other, the one that fits worse is wrong.
-
-    Args:
-        objects: as they were registered one by one.
-        frame, table: the photo and its pose.
-        library: where their assets are looked up.
-
-    Raises:
-        UnknownNameError: an asset is not in the library.
-        SimulationError: MuJoCo takes the scene for impossible.
     """
     on = [index for index, known in enumerate(objects) if on_table(known.placed)]
     scene = _CollisionScene.of([objects[index] for index in on], (frame, table), library)

@@ -22,10 +22,7 @@ CONFIG = DEFAULT.settling.reconciliation
 
 @dataclass(frozen=True)
 class Segment:
-    """A segment (H, W), what was measured of it, and the asset that stands for it with its pose, if it is known.
-
-    Others may stand in what is ``hollow``.
-    """
+    """A segment (H, W), its measured box, and its asset, if that is known; others may stand in what is hollow."""
 
     mask: Mask
     box: UprightBox
@@ -65,14 +62,7 @@ def reconcile_segments(
 ) -> Reconciled:
     """Find the pieces of known objects, and clip the boxes of what is not known by those and by each other.
 
-    Args:
-        segments: all of them.
-        frame, table: the photo and its pose.
-        library: where assets are looked up.
-        united: pieces of others, by index, as `supporting_segments` finds them.
-
-    Raises:
-        UnknownNameError: an asset is not in the library.
+    ``united`` are pieces of others, by index, as `supporting_segments` finds them.
     """
     clouds = [robot_points_at(frame, table, *np.nonzero(segment.mask & (frame.depth > 0))) for segment in segments]
     surfaces = [segment.surface(library) for segment in segments]
@@ -130,12 +120,7 @@ def _drop_filled(
 
 
 def supporting_segments(fell: AbstractSet[int], agreed: Reconciled) -> dict[int, int]:
-    """Pieces of other objects: what falls by itself is carried by what it touches, so they are one.
-
-    Args:
-        fell: objects, by index, that fall in the twin.
-        agreed: what became of them.
-    """
+    """Which objects are pieces of others: what falls by itself in the twin is carried by what it touches."""
     found: dict[int, int] = {}
     for piece in sorted(fell & agreed.claims.keys()):
         one = agreed.claims[piece]

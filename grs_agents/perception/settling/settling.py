@@ -131,13 +131,10 @@ def settle(
     """Let objects come to rest, without the robot.
 
     Args:
-        objects: as described.
-        library: where their assets are looked up.
         unseen: whether an object may stand on something that is not described; of those that may and fall, the lowest
             are held in the air, one after the other, until no other falls.
 
     Raises:
-        UnknownNameError: an asset is not in the library.
         SimulationError: MuJoCo takes the scene for impossible.
     """
     bounds = CONFIG.depenetration

@@ -29,11 +29,7 @@ class Body:
 
 
 def body_of(name: str, asset: str, pose: Pose, library: Library) -> Body:
-    """The body of an asset whose bounding box has its centre (m) and rotation (xyzw) at ``pose``.
-
-    Raises:
-        UnknownNameError: the library has no such asset.
-    """
+    """The body of an asset whose bounding box has its centre (m) and rotation (xyzw) at ``pose``."""
     surface = surface_of(asset, library)
     points = surface.points @ rotation_matrix(pose[1]).T + pose[0]
     return Body(name, points, surface.spacing, library.asset(asset).hollow)

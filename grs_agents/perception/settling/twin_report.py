@@ -20,14 +20,7 @@ CONFIG = DEFAULT.settling
 def fidelity(
     objects: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> float | None:
-    """The share of the measured pixels of ``mask`` (H, W) at which the objects, seen by the photo's camera, are right.
-
-    ``None`` if nothing is measured there.
-
-    Raises:
-        UnknownNameError: an asset is not in the library.
-        SimulationError: MuJoCo takes the scene for impossible.
-    """
+    """The share of the measured pixels of ``mask`` (H, W) at which the objects have the photo's depth, if any are."""
     rows, columns = np.nonzero(mask & (frame.depth > 0))
     if not len(rows):
         return None
@@ -45,12 +38,7 @@ def fidelity(
 def report_of(
     objects: Sequence[PlacedObject], library: Library, frame: RGBDFrame, table: TableFrame, mask: Mask
 ) -> tuple[RestState, TwinReport]:
-    """The scene at rest, and its figures; ``mask`` (H, W) are the pixels of all objects.
-
-    Raises:
-        UnknownNameError: an asset is not in the library.
-        SimulationError: MuJoCo takes the scene for impossible.
-    """
+    """The scene at rest, and its figures; ``mask`` (H, W) are the pixels of all objects."""
     rest = settle(objects, library, lambda placed: may_have_unseen_support(placed, library, frame, table))
     resting = [
         described if placed is None else PlacedObject(described.asset, placed.pose)

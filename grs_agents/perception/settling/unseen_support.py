@@ -15,11 +15,7 @@ CONFIG = DEFAULT.support
 
 
 def may_have_unseen_support(placed: PlacedObject, library: Library, frame: RGBDFrame, table: TableFrame) -> bool:
-    """Whether columns from the table to its underside, of which the photo shows none to be free, could carry it.
-
-    Raises:
-        UnknownNameError: the asset is not in the library.
-    """
+    """Whether columns from the table to its underside, of which the photo shows none to be free, could carry it."""
     surface = asset_surface_at(placed.asset, placed.pose, library)
     under = surface.points[surface.normals[:, 2] < CONFIG.downward]
     if not len(under):
