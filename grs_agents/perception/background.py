@@ -27,10 +27,8 @@ CONFIG = DEFAULT.background
 
 Faces = npt.NDArray[np.int64]
 Grid = npt.NDArray[np.float32]
-REACH: Final = 2
-"""The slope of a surface at a pixel is taken between the pixels this far to both sides."""
-SLAB: Final = 16
-"""So many layers of voxels are looked up at a time."""
+REACH: Final = 2  # the slope of a surface at a pixel is taken between the pixels this far to both sides
+SLAB: Final = 16  # so many layers of voxels are looked up at a time
 
 
 @dataclass(frozen=True)

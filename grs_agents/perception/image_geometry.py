@@ -13,10 +13,8 @@ from grs_agents.perception.types import Array, Mask
 Labels = npt.NDArray[np.int32]
 Index = npt.NDArray[np.intp]
 Value = TypeVar("Value", bound=np.generic)
-THINNEST = 0.012
-"""A footprint is at least this wide (m): thinner ones are seen edge on."""
-ALIKE = 1.08
-"""Rectangles of which the areas differ by less than this factor fit alike."""
+THINNEST = 0.012  # a footprint is at least this wide (m): thinner ones are seen edge on
+ALIKE = 1.08  # rectangles of which the areas differ by less than this factor fit alike
 
 
 def components(mask: cv2.typing.MatLike, smallest: int) -> Labels:

@@ -53,8 +53,7 @@ def _surface(data: bytes, count: int) -> Surface:
     return Surface(points - (low + high) / 2, normals, (high - low) / 2, float(np.sqrt(area / SAMPLES)))
 
 
-_NEIGHBOURS = 12
-"""A surface's normal is found from so many points."""
+_NEIGHBOURS = 12  # a surface's normal is found from so many points
 
 
 def _library() -> Any:

@@ -15,10 +15,8 @@ from grs_agents.perception.types import Array, Camera, LevelPlane, RGBDFrame, Ta
 CONFIG = DEFAULT.table
 
 Index = npt.NDArray[np.intp]
-BEHIND = 0.001
-"""What is not at least so far in front of the camera (m) is taken to be so far."""
-OPENGL: Array = np.diag((1.0, -1.0, -1.0, 1.0))
-"""From OpenGL's camera axes (x right, y up, z backward) to OpenCV's."""
+BEHIND = 0.001  # what is not at least so far in front of the camera (m) is taken to be so far
+OPENGL: Array = np.diag((1.0, -1.0, -1.0, 1.0))  # from OpenGL's camera axes (x right, y up, z backward) to OpenCV's
 
 
 @dataclass(frozen=True)

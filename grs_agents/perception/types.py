@@ -16,8 +16,7 @@ from grs_agents.errors import InputError
 from grs_agents.files import write_json
 from grs_agents.foreign import is_inside, read_json
 
-FARTHEST_CAMERA = 10.0
-"""A camera that sees the robot's table is at most this far from the robot, in metres."""
+FARTHEST_CAMERA = 10.0  # a camera that sees the robot's table is at most this far from the robot, in metres
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Matrix = tuple[tuple[float, ...], ...]
@@ -158,8 +157,7 @@ def _inside(name: str) -> str:
     return name
 
 
-InsideName = Annotated[str, AfterValidator(_inside)]
-"""A file relative to the run folder, and in it."""
+InsideName = Annotated[str, AfterValidator(_inside)]  # a file relative to the run folder, and in it
 
 
 @dataclass(frozen=True)
@@ -301,8 +299,7 @@ def read_description(file: Path) -> SceneDescription:
 
 
 X = (0.25, 0.75)
-Y = (-0.5, 0.5)
-"""The table's part that tasks use (CLIPort's workspace), metres in the robot frame."""
+Y = (-0.5, 0.5)  # the table's part that tasks use (CLIPort's workspace), metres in the robot frame
 NEAREST, FARTHEST = 0.22, 0.85
 """Distance from the base axis, metres: closer the arm would fold into itself, farther a UR5e does not reach."""
 

@@ -7,20 +7,16 @@ import numpy as np
 from grs_agents.perception.matching.asset_appearance import Appearance, Floats
 from grs_agents.perception.matching.observation import Observation, View
 
-FAR = np.float32(0.02)
-"""What is farther off than this (m) counts as this far."""
-AIR = 0.008
-"""A surface so far (m) before what was measured there stands in the air."""
-KEPT = 4
-"""So many of the poses are told of colours."""
+FAR = np.float32(0.02)  # what is farther off than this (m) counts as this far
+AIR = 0.008  # a surface so far (m) before what was measured there stands in the air
+KEPT = 4  # so many of the poses are told of colours
 _ROUNDS = 4
 _TRIED = 10
 _PROBES = 250
 _NEAR = np.float32(0.008)
 _TRIMMED = 0.92
 _RIDGE = np.diag([2e-3, 2e-3, 2e-3, 0.05, 0.05, 0.05]).astype(np.float32)
-_ARM = np.float32(0.05)
-"""A turn by one rad counts as a shift by this, m."""
+_ARM = np.float32(0.05)  # a turn by one rad counts as a shift by this, m
 
 
 @dataclass(frozen=True)

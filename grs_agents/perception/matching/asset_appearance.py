@@ -21,17 +21,13 @@ from grs_agents.perception.types import Array
 Floats = npt.NDArray[np.floating[Any]]
 """In single precision, which is as fine as what a camera measures and half as slow."""
 Indices = npt.NDArray[np.int64]
-SAMPLES = 1800
-"""So many points stand for a surface."""
-VIEWS = 26
-"""An asset is looked at from so many sides: those of a cube, its edges and its corners."""
+SAMPLES = 1800  # so many points stand for a surface
+VIEWS = 26  # an asset is looked at from so many sides: those of a cube, its edges and its corners
 _KEPT = 256
 _AROUND = 9
 _CELLS = 48_000
-_MARGIN = 0.02
-"""The grid of nearest points reaches so far beyond the asset, m."""
-_ANGLES = 24
-"""What is round is turned so often."""
+_MARGIN = 0.02  # the grid of nearest points reaches so far beyond the asset, m
+_ANGLES = 24  # what is round is turned so often
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,8 @@ from grs_agents.perception.types import Array
 
 WORDS, LOOK, SIZE = 192, 96, 96
 DIMENSIONS = WORDS + LOOK + SIZE
-WEIGHTS = (0.45, 0.3, 0.25)
-"""Of words, look and size; they add up to 1."""
-_WIDTH = 0.25
-"""Sizes whose logarithms differ by so much are about as alike as not."""
+WEIGHTS = (0.45, 0.3, 0.25)  # of words, look and size; they add up to 1
+_WIDTH = 0.25  # sizes whose logarithms differ by so much are about as alike as not
 Vectors = npt.NDArray[np.float32]
 
 
@@ -95,14 +93,10 @@ def _waves() -> Array:
 
 
 _META, _VERSION = "index.json", 1
-_FEW: Final = 2000
-"""So few vectors are compared one by one."""
-_SORTED_AGAIN: Final = 0.1
-"""Share of all that may lie beside the inverted file."""
-_PROBED: Final = 0.12
-"""Share of the lists that is looked into."""
-_TRAINED: Final = 64
-"""Vectors for each list from which the lists are learnt."""
+_FEW: Final = 2000  # so few vectors are compared one by one
+_SORTED_AGAIN: Final = 0.1  # share of all that may lie beside the inverted file
+_PROBED: Final = 0.12  # share of the lists that is looked into
+_TRAINED: Final = 64  # vectors for each list from which the lists are learnt
 
 
 class _Meta(Frozen):

@@ -15,8 +15,7 @@ from grs_agents.perception.matching.feature_matcher import TOLD, matchable_asset
 from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
 from grs_agents.perception.types import Array, MatchEvidence, RGBDFrame
 
-LEAST = 0.5
-"""What is less similar than this to every asset is no object (paper, Table 1)."""
+LEAST = 0.5  # what is less similar than this to every asset is no object (paper, Table 1)
 VIEWS = 3
 _MARGIN = 0.1
 Picture = npt.NDArray[np.uint8]

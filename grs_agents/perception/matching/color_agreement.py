@@ -10,18 +10,13 @@ from grs_agents.perception.matching.observation import Observation
 from grs_agents.perception.types import Array
 
 _FEWEST = 8
-_SPREAD = (0.30, 0.14, 0.14)
-"""Logarithms by which brightness and the two ratios may differ."""
+_SPREAD = (0.30, 0.14, 0.14)  # logarithms by which brightness and the two ratios may differ
 _HUES = np.array(_SPREAD[1:], np.float32)
-_WORSE = 0.0025
-"""A pose that fits worse by more than this (m) is not looked at."""
-_COARSE = 120
-"""So many pixels tell which turn is best."""
+_WORSE = 0.0025  # a pose that fits worse by more than this (m) is not looked at
+_COARSE = 120  # so many pixels tell which turn is best
 _RIDGE = np.diag([0.002, 0.03, 0.03, 0.03]).astype(np.float32)
-_MOST = np.float32(4.0)
-"""A misfit of one pixel counts as this at most, so that a highlight does not decide."""
-_LEAST = 0.05
-"""No mean misfit is taken for less."""
+_MOST = np.float32(4.0)  # a misfit of one pixel counts as this at most, so that a highlight does not decide
+_LEAST = 0.05  # no mean misfit is taken for less
 
 
 @dataclass(frozen=True)
@@ -33,8 +28,7 @@ class Light:
     slack: float  # how much more or less of a tint one object may have
 
 
-DAYLIGHT = Light(-0.35, np.zeros(2), 0.25)
-"""What is taken for the light of a scene of which nothing is known."""
+DAYLIGHT = Light(-0.35, np.zeros(2), 0.25)  # what is taken for the light of a scene of which nothing is known
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,10 @@ from grs_agents.perception.types import Array
 
 LEVELS, HUES = 12, 10
 BINS = LEVELS * HUES * HUES
-_DARK = 0.03
-"""Added to each channel, so that noise in the dark is no hue."""
-_LOW, _STEP = -3.3, 0.3
-"""Natural logarithm of the brightness where the levels begin, and the width of one."""
-_REACH = 1.3
-"""Logarithms of the ratios beyond this count as this."""
-_SHARP = (1.2, 0.7)
-"""How far a colour spills over, in bins: of brightness, of hue."""
+_DARK = 0.03  # added to each channel, so that noise in the dark is no hue
+_LOW, _STEP = -3.3, 0.3  # natural logarithm of the brightness where the levels begin, and the width of one
+_REACH = 1.3  # logarithms of the ratios beyond this count as this
+_SHARP = (1.2, 0.7)  # how far a colour spills over, in bins: of brightness, of hue
 
 
 def opponent_colors(colors: Array) -> Array:

@@ -16,8 +16,7 @@ from grs_agents.files import write_bytes
 from grs_agents.library import Library
 
 Arrays = dict[str, npt.NDArray[Any]]
-_VERSION = "3"
-"""Of what is kept; another one makes all anew."""
+_VERSION = "3"  # of what is kept; another one makes all anew
 
 
 def key_of(name: str, library: Library) -> str:

@@ -14,10 +14,8 @@ from grs_agents.perception.matching.printed_text import read_words, text_reader
 from grs_agents.perception.matching.types import MatchRequest, MatchResult
 from grs_agents.perception.types import MatchEvidence
 
-_LOOKED_UP = 40
-"""So many assets of an index are compared with each candidate."""
-TOLD = 5
-"""So many assets are told of each candidate."""
+_LOOKED_UP = 40  # so many assets of an index are compared with each candidate
+TOLD = 5  # so many assets are told of each candidate
 
 
 def matchable_assets(library: Library) -> tuple[Asset, ...]:

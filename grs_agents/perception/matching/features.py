@@ -42,23 +42,16 @@ WEIGHTS: dict[Use, tuple[float, ...]] = {
     "all": tuple(full for full, _ in _WEIGHTS_OF.values()),
     "no size": tuple(colors for _, colors in _WEIGHTS_OF.values()),
 }
-SHORTLIST = 16
-"""So many assets are aligned with a candidate's points."""
-PAINTED = 10
-"""So many of them are compared in colour."""
-SHIFTS = (-4, -3, -2, -1, 0, 1)
-"""Light may move brightness by so many levels of a histogram."""
+SHORTLIST = 16  # so many assets are aligned with a candidate's points
+PAINTED = 10  # so many of them are compared in colour
+SHIFTS = (-4, -3, -2, -1, 0, 1)  # light may move brightness by so many levels of a histogram
 _LEVEL = 0.3
-_SLACK = 0.004
-"""Every extent may be wrong by this much, m."""
+_SLACK = 0.004  # every extent may be wrong by this much, m
 _SURE = 0.6
-_FEWEST, _USUAL = 30, 500
-"""A candidate has at least so many pixels, and often so many."""
+_FEWEST, _USUAL = 30, 500  # a candidate has at least so many pixels, and often so many
 _THINNEST, _NARROWEST, _LONGEST, _SLENDER = 0.006, 0.012, 0.6, 25
-_LETTERS = 3.0
-"""What a word that is spelt as the asset's counts, in natural logarithms of odds; chosen, not fitted."""
-_CERTAIN = 0.95
-"""What is likelier than this without letters is not read."""
+_LETTERS = 3.0  # what a word that is spelt as the asset's counts, in natural logarithms of odds; chosen, not fitted
+_CERTAIN = 0.95  # what is likelier than this without letters is not read
 
 
 @dataclass(frozen=True)

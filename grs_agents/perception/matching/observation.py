@@ -11,15 +11,11 @@ from grs_agents.perception.matching.color_histogram import color_histograms, opp
 from grs_agents.perception.table import robot_points_at
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
 
-POINTS = 160
-"""So many points are laid on an asset's surface."""
-PIXELS = 300
-"""So many pixels are compared in colour."""
+POINTS = 160  # so many points are laid on an asset's surface
+PIXELS = 300  # so many pixels are compared in colour
 _COLORS = 400
-_STRAY = 3
-"""So many per cent of the pixels on either side may be stray."""
-_RIM = 3
-"""Pixels at the outline are a mixture with what is behind; they are left out where enough others remain."""
+_STRAY = 3  # so many per cent of the pixels on either side may be stray
+_RIM = 3  # pixels at the outline are a mixture with what is behind; they are left out where enough others remain
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,10 @@ import numpy.typing as npt
 from grs_agents.library import Asset
 from grs_agents.perception.types import Mask, RGBDFrame
 
-_SHORTEST = 4
-"""Words of fewer letters are too often misread."""
+_SHORTEST = 4  # words of fewer letters are too often misread
 _ALIKE = 0.74
 _SURE = 0.6
-_EDGE, _LARGEST = 320, 4.0
-"""A crop is enlarged until its longer side has so many pixels, at most so many times."""
+_EDGE, _LARGEST = 320, 4.0  # a crop is enlarged until its longer side has so many pixels, at most so many times
 _COMMON = (
     "with from small large white black green blue brown yellow orange purple pink dark light "
     "bottle carton canister container"

@@ -11,24 +11,17 @@ from grs_agents.perception.image_geometry import THINNEST
 from grs_agents.perception.proxies.proxy_kind import distance_from_solid, in_walls
 from grs_agents.perception.types import Array, Mask, Solid, UprightBox
 
-SLACK = 0.003
-"""Overlaps up to this (m) are left to physics: boxes are measured no better."""
-STRAY = 0.03
-"""Of what intrudes this share may stay: a rim, a handle."""
-LOST = 0.7
-"""A cut may cut off at most this share of a thing's own points."""
-KEPT = 0.8
-"""And must leave at least this share of the extent over which they were measured: less has not its size."""
+SLACK = 0.003  # overlaps up to this (m) are left to physics: boxes are measured no better
+STRAY = 0.03  # of what intrudes this share may stay: a rim, a handle
+LOST = 0.7  # a cut may cut off at most this share of a thing's own points
+KEPT = 0.8  # and must leave at least this share of the extent over which they were measured: less has not its size
 LONGEST_LOSS = 0.035
 """And may leave out at most this length of it, m: half of it shifts the centre, which is to stay within 2 cm."""
 SHIFT = 0.015
 """What reaches in no farther than this (m) can be moved out; a cut that loses more than those bounds is worse."""
-VOLUME = 0.2
-"""A cut that takes all of a box off counts as much as one that takes this share of its points off."""
-CELL = 0.008
-"""A box is taken for points on a grid of at most so many m."""
-MOST = 14
-"""At most so many of them along an edge."""
+VOLUME = 0.2  # a cut that takes all of a box off counts as much as one that takes this share of its points off
+CELL = 0.008  # a box is taken for points on a grid of at most so many m
+MOST = 14  # at most so many of them along an edge
 ROUNDS = 3
 FLOOR, STEP = 0.7, 0.002
 """Known things that fill more than this share of the lowest part of a box carry it; looked at in such steps, m."""

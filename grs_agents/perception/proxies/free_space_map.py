@@ -10,8 +10,7 @@ from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.table import BEHIND, projected, robot_points_at
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame, UprightBox
 
-FREE = 0.01
-"""Where the photo shows something more than this (m) behind a point, it shows the point to be free."""
+FREE = 0.01  # where the photo shows something more than this (m) behind a point, it shows the point to be free
 
 
 def observed_free(points: Array, frame: RGBDFrame, table: TableFrame) -> Mask:
@@ -26,16 +25,11 @@ def observed_free(points: Array, frame: RGBDFrame, table: TableFrame) -> Mask:
     return free
 
 
-CELL = 0.008
-"""Heights are told of cells of at least this size, m."""
-MOST = 16
-"""There are at most so many along an edge."""
-FEWEST = 3
-"""Fewer points in a cell say nothing."""
-DEEP = 0.005
-"""What reaches deeper than this (m) into a box stands in it."""
-CLEAR = 0.01
-"""What is lower than this (m) above the bottom of a box may be what the box stands on."""
+CELL = 0.008  # heights are told of cells of at least this size, m
+MOST = 16  # there are at most so many along an edge
+FEWEST = 3  # fewer points in a cell say nothing
+DEEP = 0.005  # what reaches deeper than this (m) into a box stands in it
+CLEAR = 0.01  # what is lower than this (m) above the bottom of a box may be what the box stands on
 
 
 def free_space_map(

@@ -11,18 +11,12 @@ from grs_agents.base import Vec3
 from grs_agents.geometry.transforms import vec3
 
 Floats = npt.NDArray[np.float64]
-Block = tuple[Vec3, Vec3]
-"""Size and centre of a box, m."""
-MOST = (24, 14)
-"""At most so many boxes; fewer where those leave out too much."""
-KEPT = 0.7
-"""Together they have at least this share of the measured extents."""
-LEVEL = 0.006
-"""Heights that differ by less than this (m) on average are one."""
-THINNEST = 0.003
-"""What is lower than this (m) is nothing."""
-STEADY = 0.005
-"""What stands has the centre of its mass at least so far (m) within its foot."""
+Block = tuple[Vec3, Vec3]  # size and centre of a box, m
+MOST = (24, 14)  # at most so many boxes; fewer where those leave out too much
+KEPT = 0.7  # together they have at least this share of the measured extents
+LEVEL = 0.006  # heights that differ by less than this (m) on average are one
+THINNEST = 0.003  # what is lower than this (m) is nothing
+STEADY = 0.005  # what stands has the centre of its mass at least so far (m) within its foot
 DIRECTIONS = 32
 
 

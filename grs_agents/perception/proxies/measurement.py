@@ -12,12 +12,9 @@ from grs_agents.perception.table import projected, robot_points_at
 from grs_agents.perception.types import Array, Image, Mask, RGBDFrame, TableFrame, UprightBox
 
 _POINTS = 1500
-ON = 0.004
-"""What is nearer than this (m) to a known thing is its surface."""
-FEWEST = 50
-"""Fewer points tell of no shape."""
-_LARGEST = 512
-"""The longer side of a texture has at most so many pixels."""
+ON = 0.004  # what is nearer than this (m) to a known thing is its surface
+FEWEST = 50  # fewer points tell of no shape
+_LARGEST = 512  # the longer side of a texture has at most so many pixels
 
 
 def measured_shape(

@@ -16,8 +16,7 @@ from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
-Faceted = tuple[Floats, Ints]
-"""Vertices (V, 3) in m and faces (F, 3), counterclockwise from outside."""
+Faceted = tuple[Floats, Ints]  # vertices (V, 3) in m and faces (F, 3), counterclockwise from outside
 _GRID, _AROUND = 6, 32
 
 

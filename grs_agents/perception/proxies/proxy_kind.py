@@ -21,8 +21,7 @@ from grs_agents.perception.proxies.height_blocks import (
 from grs_agents.perception.proxies.meshes import support
 
 Floats = npt.NDArray[np.float64]
-WALL = 0.005
-"""How thick walls and floors are, m."""
+WALL = 0.005  # how thick walls and floors are, m
 _SEGMENTS = 12
 
 

@@ -40,8 +40,7 @@ ALIASES = {name: key for key, names in _OTHER_NAMES.items() for name in names.sp
 DISTORTION_KEYS = ("d", "distortion", "distortion_coefficients", "dist_coeffs", "coeffs", "k1", "k2", "k3", "p1", "p2")
 CONVENTION_KEYS = ("convention", "axes", "coordinate_system", "camera_convention")
 OPENCV_NAMES = ("opencv", "cv", "ros_optical", "optical")
-LARGEST = 1e9
-"""No value of an intrinsic matrix is larger."""
+LARGEST = 1e9  # no value of an intrinsic matrix is larger
 FULL_FRAME_DIAGONAL = 43.267
 """Of 35 mm film, in millimetres: focal lengths "in 35 mm" are told for this diagonal (CIPA DC-008)."""
 

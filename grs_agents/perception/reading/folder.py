@@ -17,8 +17,7 @@ from grs_agents.perception.reading.point_cloud import Cloud, depth_from_cloud, r
 
 COLOR_STEMS = ("rgb", "color")
 NO_CLOUDS = ("masks", "labels")
-IN_METRES = DepthUnit(1.0)
-"""Points, and depths that a model estimates."""
+IN_METRES = DepthUnit(1.0)  # points, and depths that a model estimates
 
 
 def read_folder(folder: Path) -> Recording:

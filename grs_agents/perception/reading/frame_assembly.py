@@ -22,18 +22,14 @@ Units = npt.NDArray[np.number[Any]]
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-NEAREST, FARTHEST = 0.1, 10.0
-"""The median depth of a table-top photo lies between these, in metres."""
-LEAST_MEASURED = 0.02
-"""At least this share of the pixels must have a depth."""
+NEAREST, FARTHEST = 0.1, 10.0  # the median depth of a table-top photo lies between these, in metres
+LEAST_MEASURED = 0.02  # at least this share of the pixels must have a depth
 MILLIMETRE = 0.001
 TABLE_NEAREST, TABLE_FARTHEST = 0.3, 2.0
 """An unnamed unit is inferred only if it puts the median depth between these, in metres: photos of tables are taken
 from 0.4 to 1.5 m."""
-BEYOND = 65.0
-"""Nothing of a table is farther than this, in metres; it also keeps depth within 16 bits of millimetres."""
-JUMP = 0.03
-"""Neighbours whose depths differ by more than this share belong to different surfaces."""
+BEYOND = 65.0  # nothing of a table is farther than this, in metres; it also keeps depth within 16 bits of millimetres
+JUMP = 0.03  # neighbours whose depths differ by more than this share belong to different surfaces
 
 
 @dataclass(frozen=True)
@@ -137,8 +133,7 @@ def _below(old: int, new: int) -> npt.NDArray[np.int64]:
 
 MOST_FRAME_PIXELS = 9_000_000
 """A frame of more pixels (4K has 8.8 million) is made smaller: nothing of 2 cm is lost by it."""
-SMALLEST = 8
-"""A frame has at least this many pixels a side."""
+SMALLEST = 8  # a frame has at least this many pixels a side
 
 
 @dataclass(frozen=True)

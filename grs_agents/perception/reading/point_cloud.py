@@ -16,12 +16,9 @@ from grs_agents.perception.types import Camera
 SUFFIXES = (".ply", ".pcd", ".npy")
 ASTRAY = 1.5
 """An organised cloud's points project this near (pixels, median) to their own pixels, or it is taken as unorganised."""
-WIDEST = 7
-"""A point of a sparse cloud covers at most so many pixels a side."""
-LEAST_SEEN = 0.2
-"""At least this share of the points lie in the camera's view."""
-CELL = 16
-"""Pixels a side of the cells by which the area that a cloud covers is measured."""
+WIDEST = 7  # a point of a sparse cloud covers at most so many pixels a side
+LEAST_SEEN = 0.2  # at least this share of the points lie in the camera's view
+CELL = 16  # pixels a side of the cells by which the area that a cloud covers is measured
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ Points = npt.NDArray[np.float32]
 MOST_POINTS = 20_000_000
 MOST_FIELDS = 64
 MOST_HEADER_BYTES = 65_536
-MOST_UNPACKED = 1 << 28
-"""No compressed cloud is larger unpacked, in bytes: enough for 16 million points with a colour."""
+MOST_UNPACKED = 1 << 28  # no compressed cloud is larger unpacked, in bytes: enough for 16 million points with a colour
 LONGEST_LITERAL = 32
 
 

@@ -31,8 +31,7 @@ from grs_agents.perception.types import Aabb, Array, Candidate, Mask, RGBDFrame,
 
 CONFIG = DEFAULT.measuring
 
-DIMMED = (np.arange(256) * 0.35).astype(np.uint8)
-"""What each brightness is outside of a segment's crop."""
+DIMMED = (np.arange(256) * 0.35).astype(np.uint8)  # what each brightness is outside of a segment's crop
 
 
 def candidates_of(frame: RGBDFrame, table: TableFrame, labels: Labels) -> tuple[Candidate, ...]:

@@ -8,8 +8,7 @@ from grs_agents.perception.image_geometry import hull_of, inside_hull, percentil
 from grs_agents.perception.types import Array
 
 HOLLOW = DEFAULT.segmentation.hollow
-LEAST_AREA = 5e-4
-"""Of a footprint, m^2: a smaller one is too small to have an inside or a middle."""
+LEAST_AREA = 5e-4  # of a footprint, m^2: a smaller one is too small to have an inside or a middle
 
 
 def is_open(cloud: Array, table: Array, config: HollowShape = HOLLOW) -> bool:

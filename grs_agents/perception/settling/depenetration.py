@@ -13,8 +13,7 @@ from grs_agents.sim.world.compilation import World
 CONFIG = DEFAULT.settling.depenetration
 
 Floats = npt.NDArray[np.float64]
-TABLE = -1
-"""The number of the table, which cannot be moved."""
+TABLE = -1  # the number of the table, which cannot be moved
 DIRECTIONS: Floats = np.array(
     [(0.0, 0.0, 1.0)]
     + [

@@ -17,8 +17,7 @@ from grs_agents.sim.world.compilation import World, build, place
 
 CONFIG = DEFAULT.settling
 
-CHUNK = 25
-"""So many steps of the simulation are made between two looks at the speeds."""
+CHUNK = 25  # so many steps of the simulation are made between two looks at the speeds
 
 
 def prepare(world: World) -> None:
