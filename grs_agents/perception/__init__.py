@@ -10,14 +10,18 @@ from grs_agents.perception.reading.masks import read_masks
 from grs_agents.perception.reading.photo_without_depth import DepthEstimate, Estimator
 from grs_agents.perception.reading.source import check_source, read_scene, resolve_scene, scene_name
 from grs_agents.perception.registration.registration import Registered, cost_of, register
-from grs_agents.perception.registration.residual_segments import ResidualCandidates, residual_candidates
+from grs_agents.perception.registration.residual_segments import (
+    ResidualCandidates,
+    residual_candidates,
+    surface_inliers,
+)
 from grs_agents.perception.registration.scene_registration import add_residual_candidates, pose_fields, register_objects
 from grs_agents.perception.registration.size_check import Deviation, aligned, is_certain, size_deviation, upright_of
-from grs_agents.perception.registration.surface_inliers import AssetSurface, asset_surface_at, surface_inliers
 from grs_agents.perception.segmentation.candidates import candidates_of, place_asset, place_robot
 from grs_agents.perception.segmentation.model_proposals import Proposal, segment_proposed
 from grs_agents.perception.segmentation.segmentation import segment
-from grs_agents.perception.settling.support_relations import Body, body_of, relations
+from grs_agents.perception.settling.support_relations import body_of, relations
+from grs_agents.perception.surfaces import asset_surface_at
 from grs_agents.perception.table import doubts, find_table
 from grs_agents.perception.types import (
     Aabb,
@@ -41,9 +45,7 @@ from grs_agents.perception.types import (
 
 __all__ = [
     "Aabb",
-    "AssetSurface",
     "Background",
-    "Body",
     "Camera",
     "CameraFile",
     "Candidate",

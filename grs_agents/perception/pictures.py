@@ -58,17 +58,7 @@ def _saved(one: Candidate, run: Path) -> CandidateRecord:
     mask, crop = f"scene/mask_{one.id:02d}.png", f"scene/crop_{one.id:02d}.png"
     _write(run / mask, one.mask.astype(np.uint8) * 255)
     _write(run / crop, cv2.cvtColor(one.crop, cv2.COLOR_RGB2BGR))
-    return CandidateRecord(
-        id=one.id,
-        mask=mask,
-        crop=crop,
-        box=one.box,
-        upright=one.upright,
-        color=one.color,
-        shape=one.shape,
-        points=one.points,
-        hollow=one.hollow,
-    )
+    return CandidateRecord.model_validate({**vars(one), "mask": mask, "crop": crop})
 
 
 def annotate(frame: RGBDFrame, masks: Mapping[int, Mask]) -> Image:

@@ -1,10 +1,10 @@
-"""The surface of an asset as points with normals, in the frame at the centre of its bounding box, and its symmetry.
+"""The surface of an asset as points with normals, about the centre of its bounding box or placed, and its symmetry.
 
 Nearest points and point-to-plane alignment come from small_gicp. Two rotations are compared up to those turns that
 leave the asset's shape as it is.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import import_module
 from itertools import permutations, product
@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents.base import Pose
 from grs_agents.geometry.transforms import about
 from grs_agents.library import Library
 from grs_agents.library.posed_meshes import visible_corners
+from grs_agents.library.shapes import rotation_matrix
 from grs_agents.perception.types import Array
 
 SAMPLES = 2000
@@ -25,16 +27,38 @@ SAMPLES = 2000
 class Surface:
     """Points spread evenly over a surface."""
 
-    points: Array  # (N, 3) m, about the centre of the bounding box
+    points: Array  # (N, 3) m, about the centre of the bounding box, or in the robot frame where it is placed
     normals: Array  # (N, 3) unit, outwards where the mesh is wound so
-    half: Array  # (3,) half the extents, m
+    half: Array  # (3,) half the asset's extents, m
     spacing: float  # about how far neighbours are apart, m
+
+    def near(self, cloud: Array, reach: float) -> Array:
+        """As `distances`, and infinite for points that are farther than ``reach`` m from the box around it."""
+        low, high = self.points.min(axis=0) - reach, self.points.max(axis=0) + reach
+        inside = np.flatnonzero(((cloud >= low) & (cloud <= high)).all(axis=1))
+        found = np.full(len(cloud), np.inf)
+        if len(inside):
+            found[inside] = self.distances(cloud[inside])
+        return found
+
+    def distances(self, cloud: Array) -> Array:
+        """How far (M, 3) points are from it, (M,) m: across it where they are before or behind it."""
+        nearest, squares = Tree(self.points).nearest(cloud)
+        across = np.abs(np.einsum("ni,ni->n", cloud - self.points[nearest], self.normals[nearest]))
+        beside = np.sqrt(np.maximum(squares - across**2, 0)) > 2 * self.spacing
+        return np.where(beside, np.sqrt(squares), across)
 
 
 def surface_of(name: str, library: Library) -> Surface:
     """The visible surface of an asset; the same points each time."""
     corners = corners_of(name, library)
     return _surface(corners.tobytes(), len(corners))
+
+
+def asset_surface_at(asset: str, pose: Pose, library: Library) -> Surface:
+    """The surface of an asset whose bounding box has its centre (m) and rotation (xyzw) at ``pose``, robot frame."""
+    surface, turn = surface_of(asset, library), rotation_matrix(pose[1])
+    return replace(surface, points=surface.points @ turn.T + pose[0], normals=surface.normals @ turn.T)
 
 
 @lru_cache(maxsize=128)
@@ -49,8 +73,9 @@ def corners_of(name: str, library: Library) -> Array:
 def _surface(data: bytes, count: int) -> Surface:
     corners = np.frombuffer(data).reshape(count, 3, 3)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    points, normals, area = _sampled(corners, SAMPLES, np.random.default_rng(0))
-    return Surface(points - (low + high) / 2, normals, (high - low) / 2, float(np.sqrt(area / SAMPLES)))
+    drawn = sampled(corners, SAMPLES, np.random.default_rng(0))
+    spacing = float(np.sqrt(drawn.area / SAMPLES))
+    return Surface(drawn.points - (low + high) / 2, drawn.normals, (high - low) / 2, spacing)
 
 
 _NEIGHBOURS = 12  # a surface's normal is found from so many points
@@ -142,7 +167,7 @@ def _symmetry(data: bytes, count: int) -> Symmetry:
     corners = np.frombuffer(data).reshape(count, 3, 3)
     middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
     rng = np.random.default_rng(0)
-    coarse, fine = (_sampled(corners, count, rng)[0] - middle for count in (_COARSE, _FINE))
+    coarse, fine = (sampled(corners, count, rng).points - middle for count in (_COARSE, _FINE))
     tree = Tree(fine)
     bound = _distance(coarse, tree) + _SLACK
     half = np.ptp(corners.reshape(-1, 3), axis=0) / 2
@@ -168,14 +193,25 @@ def quarter_turns() -> list[Floats]:
     return [matrix for matrix in found if np.linalg.det(matrix) > 0]
 
 
-def _sampled(corners: Floats, count: int, rng: np.random.Generator) -> tuple[Floats, Floats, float]:
-    """(count, 3) points spread evenly over triangles (T, 3, 3), their unit normals, and the area of the triangles."""
+@dataclass(frozen=True)
+class Sampled:
+    """Points spread evenly over triangles."""
+
+    points: Floats  # (N, 3)
+    normals: Floats  # (N, 3) unit, of their triangles
+    triangles: npt.NDArray[np.int64]  # (N,) the triangle of each
+    weights: Floats  # (N, 3) of its corners
+    area: float  # of all triangles
+
+
+def sampled(corners: Floats, count: int, rng: np.random.Generator) -> Sampled:
+    """So many points of triangles (T, 3, 3)."""
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     doubled = np.linalg.norm(crosses, axis=1)
     chosen = rng.choice(len(corners), size=count, p=doubled / doubled.sum())
     weights = rng.dirichlet((1.0, 1.0, 1.0), size=count)
     points = np.einsum("ni,nij->nj", weights, corners[chosen])
-    return points, crosses[chosen] / doubled[chosen, None], float(doubled.sum() / 2)
+    return Sampled(points, crosses[chosen] / doubled[chosen, None], chosen, weights, float(doubled.sum() / 2))
 
 
 def _distance(points: Floats, tree: Tree) -> float:

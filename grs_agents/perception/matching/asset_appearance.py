@@ -15,7 +15,7 @@ from grs_agents.library.posed_meshes import Triangles, posed_triangles
 from grs_agents.library.shapes import IDENTITY_PLACEMENT
 from grs_agents.perception.matching.color_histogram import histograms, opponent_colors
 from grs_agents.perception.matching.feature_cache import Arrays, cached, key_of, store
-from grs_agents.perception.surfaces import Symmetry, Tree, quarter_turns, symmetry_of
+from grs_agents.perception.surfaces import Symmetry, Tree, quarter_turns, sampled, symmetry_of
 from grs_agents.perception.types import Array
 
 Floats = npt.NDArray[np.floating[Any]]
@@ -90,14 +90,9 @@ def _worked_out(name: str, library: Library) -> Arrays:
     triangles = posed_triangles([(name, IDENTITY_PLACEMENT)], library)
     corners = triangles.corners
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    rng = np.random.default_rng(0)
-    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    doubled = np.linalg.norm(crosses, axis=1)
-    chosen = rng.choice(len(corners), size=SAMPLES, p=doubled / doubled.sum())
-    weights = rng.dirichlet((1.0, 1.0, 1.0), size=SAMPLES)
-    points = np.einsum("ni,nij->nj", weights, corners[chosen]) - (low + high) / 2
-    normals = crosses[chosen] / doubled[chosen, None]
-    colors = _colors(triangles, chosen, weights)
+    drawn = sampled(corners, SAMPLES, np.random.default_rng(0))
+    points, normals = drawn.points - (low + high) / 2, drawn.normals
+    colors = _colors(triangles, drawn.triangles, drawn.weights)
     half = (high - low) / 2
     facing = np.clip(directions() @ normals.T, 0, None)
     nearest, cell = _grid(points, half)

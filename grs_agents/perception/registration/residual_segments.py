@@ -10,8 +10,8 @@ import numpy.typing as npt
 from grs_agents.errors import InputError
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import Index, Labels, components
-from grs_agents.perception.registration.surface_inliers import AssetSurface
 from grs_agents.perception.segmentation.candidates import candidates_of
+from grs_agents.perception.surfaces import Surface
 from grs_agents.perception.table import measured_depth, robot_points_at
 from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame
 
@@ -21,7 +21,7 @@ Picture = npt.NDArray[np.uint8]
 KERNEL = np.ones((3, 3), np.uint8)
 
 
-def _is_shown(surface: AssetSurface, frame: RGBDFrame, table: TableFrame) -> bool:
+def _is_shown(surface: Surface, frame: RGBDFrame, table: TableFrame) -> bool:
     """Whether an asset is the right one, as far as can be seen: its surface is where the photo shows one."""
     facing = ((surface.points - np.asarray(table.T_robot_cam)[:3, 3]) * surface.normals).sum(axis=1) < 0
     measured, depth = measured_depth(surface.points[facing], frame, table)
@@ -42,7 +42,7 @@ class ResidualCandidates:
 
 
 def residual_candidates(
-    masks: Sequence[Mask], surfaces: Sequence[AssetSurface | None], frame: RGBDFrame, table: TableFrame, first: int
+    masks: Sequence[Mask], surfaces: Sequence[Surface | None], frame: RGBDFrame, table: TableFrame, first: int
 ) -> ResidualCandidates:
     """What `residual_labels` finds, measured and numbered from ``first``."""
     labels, divided = residual_labels(masks, surfaces, frame, table)
@@ -54,7 +54,7 @@ def residual_candidates(
 
 
 def residual_labels(
-    masks: Sequence[Mask], surfaces: Sequence[AssetSurface | None], frame: RGBDFrame, table: TableFrame
+    masks: Sequence[Mask], surfaces: Sequence[Surface | None], frame: RGBDFrame, table: TableFrame
 ) -> tuple[Labels, tuple[int, ...]]:
     """(H, W) labels from 1 of what segments leave over once their assets stand, 0 elsewhere; and which it divides."""
     known = [surface for surface in surfaces if surface is not None]
@@ -91,7 +91,7 @@ class _Cloud:
         return drawn
 
 
-def _unexplained(cloud: _Cloud, surface: AssetSurface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
+def _unexplained(cloud: _Cloud, surface: Surface, frame: RGBDFrame, table: TableFrame) -> Picture | None:
     """(H, W) what of a segment is not on the surface of its asset; ``None`` where that says nothing."""
     off = (surface.distances(cloud.points) > CONFIG.off) & (cloud.points[:, 2] > CONFIG.off)  # the table is no object
     if not len(off) or off.mean() > 1 - CONFIG.explained or not _is_shown(surface, frame, table):
@@ -99,10 +99,24 @@ def _unexplained(cloud: _Cloud, surface: AssetSurface, frame: RGBDFrame, table: 
     return cloud.picture(off)
 
 
-def _without(cloud: _Cloud, surfaces: Sequence[AssetSurface]) -> Picture | None:
+def _without(cloud: _Cloud, surfaces: Sequence[Surface]) -> Picture | None:
     """(H, W) what of a segment is not on the surfaces of other objects; ``None`` where little of it is."""
     near = np.full(len(cloud.points), np.inf)
     for surface in surfaces:
         near = np.minimum(near, surface.near(cloud.points, CONFIG.off))
     theirs = cv2.morphologyEx(cloud.picture(near < CONFIG.on), cv2.MORPH_OPEN, KERNEL)  # a thin strip touches them
     return cloud.picture(near > CONFIG.off) if theirs.sum() > CONFIG.joined * len(near) else None
+
+
+def surface_inliers(clouds: Sequence[Array], surfaces: Sequence[Surface | None]) -> dict[int, int]:
+    """Which objects are pieces of which, by index: their (N, 3) points (m, robot frame) are on that one's surface."""
+    pieces: dict[int, int] = {}
+    for piece, cloud in enumerate(clouds):
+        for whole, surface in enumerate(surfaces):
+            larger = whole != piece and len(clouds[whole]) > len(cloud) and whole not in pieces
+            if surface is None or not larger or not len(cloud):
+                continue
+            if (surface.near(cloud, CONFIG.on) < CONFIG.on).mean() >= CONFIG.piece:
+                pieces[piece] = whole
+                break
+    return pieces

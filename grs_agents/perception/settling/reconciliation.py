@@ -11,9 +11,9 @@ from grs_agents.library import Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.proxies.box_clipping import EstimatedVolume, clip_boxes
 from grs_agents.perception.proxies.neighbors import Surroundings
-from grs_agents.perception.registration.surface_inliers import AssetSurface, asset_surface_at, surface_inliers
+from grs_agents.perception.registration.residual_segments import surface_inliers
 from grs_agents.perception.settling.settling import PlacedObject
-from grs_agents.perception.surfaces import Tree
+from grs_agents.perception.surfaces import Surface, Tree, asset_surface_at
 from grs_agents.perception.table import robot_points_at
 from grs_agents.perception.types import Array, Mask, RGBDFrame, Solid, TableFrame, UprightBox
 
@@ -30,7 +30,7 @@ class Segment:
     known: PlacedObject | None
     hollow: bool = False
 
-    def surface(self, library: Library) -> AssetSurface | None:
+    def surface(self, library: Library) -> Surface | None:
         """The surface of its asset."""
         return None if self.known is None else asset_surface_at(self.known.asset, self.known.pose, library)
 
@@ -99,9 +99,7 @@ def _estimated(
     }
 
 
-def _clipped(
-    boxes: Mapping[int, EstimatedVolume], surfaces: Sequence[AssetSurface | None]
-) -> dict[int, EstimatedVolume]:
+def _clipped(boxes: Mapping[int, EstimatedVolume], surfaces: Sequence[Surface | None]) -> dict[int, EstimatedVolume]:
     """The boxes, clipped by the surfaces of known objects and by each other."""
     obstacles = np.concatenate([np.zeros((0, 3)), *(surface.points for surface in surfaces if surface is not None)])
     return dict(zip(boxes, clip_boxes(list(boxes.values()), obstacles), strict=True))

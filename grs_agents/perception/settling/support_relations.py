@@ -9,10 +9,9 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.library import Library
-from grs_agents.library.shapes import rotation_matrix
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import hull_of, inside_hull
-from grs_agents.perception.surfaces import Tree, surface_of
+from grs_agents.perception.surfaces import Surface, Tree, asset_surface_at
 from grs_agents.perception.types import Array, Relation
 
 CONFIG = DEFAULT.relations
@@ -23,16 +22,18 @@ class Body:
     """What stands for an object."""
 
     name: str  # the object's
-    points: Array  # (N, 3) of the surface, m, robot frame
-    spacing: float  # about how far they are apart, m
+    surface: Surface  # robot frame
     hollow: bool  # open at the top
+
+    @property
+    def points(self) -> Array:
+        """(N, 3) of its surface, m, robot frame."""
+        return self.surface.points
 
 
 def body_of(name: str, asset: str, pose: Pose, library: Library) -> Body:
     """The body of an asset whose bounding box has its centre (m) and rotation (xyzw) at ``pose``."""
-    surface = surface_of(asset, library)
-    points = surface.points @ rotation_matrix(pose[1]).T + pose[0]
-    return Body(name, points, surface.spacing, library.asset(asset).hollow)
+    return Body(name, asset_surface_at(asset, pose, library), library.asset(asset).hollow)
 
 
 def relations(bodies: Sequence[Body]) -> tuple[Relation, ...]:
@@ -43,7 +44,7 @@ def relations(bodies: Sequence[Body]) -> tuple[Relation, ...]:
 
 def _relation(one: Body, other: Body) -> Relation | None:
     """How two bodies lie to each other."""
-    reach = CONFIG.gap + max(one.spacing, other.spacing)
+    reach = CONFIG.gap + max(one.surface.spacing, other.surface.spacing)
     low, high = one.points.min(axis=0) - reach, one.points.max(axis=0) + reach
     if (low >= other.points.max(axis=0)).any() or (high <= other.points.min(axis=0)).any():
         return None

@@ -5,16 +5,19 @@ The comparison counts how much of what the photo shows the twin shows at the sam
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception.image_geometry import hull_of
+from grs_agents.perception.proxies.free_space_map import observed_free
 from grs_agents.perception.settling.settling import PlacedObject, RestState, instances, on_table, settle
-from grs_agents.perception.settling.unseen_support import may_have_unseen_support
+from grs_agents.perception.surfaces import asset_surface_at
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, TwinReport
 from grs_agents.sim.world.rendering import VisibleScene, cast_rays
 
-CONFIG = DEFAULT.settling
+CONFIG, SUPPORT = DEFAULT.settling, DEFAULT.support
 
 
 def fidelity(
@@ -52,3 +55,17 @@ def report_of(
         still=rest.still,
         held=sum(placed.held for placed in rest.placed if placed is not None),
     )
+
+
+def may_have_unseen_support(placed: PlacedObject, library: Library, frame: RGBDFrame, table: TableFrame) -> bool:
+    """Whether columns from the table to its underside, of which the photo shows none to be free, could carry it."""
+    surface = asset_surface_at(placed.asset, placed.pose, library)
+    under = surface.points[surface.normals[:, 2] < SUPPORT.downward]
+    if not len(under):
+        return False
+    columns = under[:, None] * (1, 1, 0) + under[:, None, 2:] * np.reshape(SUPPORT.levels, (-1, 1)) * (0, 0, 1)
+    shown = observed_free(columns.reshape(-1, 3), frame, table).reshape(len(under), len(SUPPORT.levels)).mean(axis=1)
+    carried = under[(shown <= SUPPORT.shown) | (under[:, 2] < SUPPORT.on_table)]
+    hull = hull_of(carried).astype(np.float32)
+    x, y, _ = placed.pose[0]
+    return len(hull) > 2 and cv2.pointPolygonTest(hull, (x, y), measureDist=False) >= 0
