@@ -10,21 +10,13 @@ from grs_agents.base import Frozen
 
 
 class Figure(Frozen):
-    """One measured quantity.
-
-    Attributes:
-        name: what was measured.
-        value: None where nothing was.
-        target: the bound it should keep; None for what only explains another.
-        unit: of both.
-        smaller_is_better: which side of the target is good.
-    """
+    """One measured quantity."""
 
     name: str
-    value: float | None
-    target: float | None = None
+    value: float | None  # None where nothing was
+    target: float | None = None  # the bound it should keep; None for what only explains another
     unit: str = ""
-    smaller_is_better: bool = True
+    smaller_is_better: bool = True  # which side of the target is good
 
     @property
     def reached(self) -> bool | None:

@@ -17,38 +17,23 @@ from grs_agents.sandbox import TestCase, TestReport
 
 
 class Routed(Frozen):
-    """An earlier decision: the report that it was made on, and the verdict.
+    """An earlier decision: the report that it was made on, and the verdict."""
 
-    Attributes:
-        failures: ``failures`` of that report.
-        verdict: which program was to be fixed.
-    """
-
-    failures: tuple[str, ...]
-    verdict: Verdict
+    failures: tuple[str, ...]  # `failures` of that report
+    verdict: Verdict  # which program was to be fixed
 
 
 @dataclass(frozen=True)
 class RoutingContext:
-    """The evidence.
-
-    Attributes:
-        task: the task definition.
-        report: the latest test report.
-        results: the report (and the audit's findings, if it was the audit that failed) as text.
-        audit_failed: the tests passed but the audit did not.
-        history: one line for each earlier decision and fix.
-        agents: the models, for policies that ask one.
-        earlier: the earlier decisions, oldest first.
-    """
+    """The evidence."""
 
     task: TaskDefinition
     report: TestReport
-    results: str
-    audit_failed: bool
-    history: tuple[str, ...]
-    agents: Agents
-    earlier: tuple[Routed, ...] = ()
+    results: str  # the report (and the audit's findings, if it was the audit that failed) as text
+    audit_failed: bool  # the tests passed but the audit did not
+    history: tuple[str, ...]  # one line for each earlier decision and fix
+    agents: Agents  # the models, for policies that ask one
+    earlier: tuple[Routed, ...] = ()  # the earlier decisions, oldest first
 
 
 class RoutingDecision(Frozen):

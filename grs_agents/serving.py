@@ -19,13 +19,9 @@ from grs_agents.state import RunState
 
 
 class Answer(RunState):
-    """The state that a run ended in, and where the rest of it lies.
+    """The state that a run ended in, and where the rest of it lies."""
 
-    Attributes:
-        folder: the run folder, for ``grs show``, ``grs report`` and ``grs replay``.
-    """
-
-    folder: str
+    folder: str  # the run folder, for `grs show`, `grs report` and `grs replay`
 
 
 def serve(name: str) -> StateGraph[Answer, None, RunState, Answer]:

@@ -21,17 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ToolContext:
-    """The host-side services a tool may use.
-
-    Attributes:
-        sandbox: where generated code and MuJoCo run.
-        library: the 3D assets, with the run's own proxies laid over.
-        limits: what one sandbox call may cost.
-    """
+    """The host-side services a tool may use."""
 
     sandbox: Sandbox
-    library: Library
-    limits: Limits
+    library: Library  # the 3D assets, with the run's own proxies laid over
+    limits: Limits  # what one sandbox call may cost
 
 
 class Tool(Protocol):

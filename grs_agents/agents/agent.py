@@ -67,18 +67,12 @@ class EarlierReplies:
 
 @dataclass
 class Agents:
-    """The models by role, what they may cost, and the log of all they were asked.
+    """The models by role, what they may cost, and the log of all they were asked."""
 
-    Attributes:
-        config: names the model, the prompt and the retries of each role.
-        log: where each prompt and reply is recorded.
-        folder: the run folder; images are given relative to it.
-        earlier: replies that were paid for before the run was interrupted.
-    """
-
-    config: Config
+    config: Config  # names the model, the prompt and the retries of each role
     log: EventLog
-    folder: Path
+    folder: Path  # the run folder; images are given relative to it
+    # replies that were paid for before the run was interrupted
     earlier: EarlierReplies = field(default_factory=EarlierReplies)
     _models: dict[str, BaseChatModel] = field(default_factory=dict[str, BaseChatModel])
 

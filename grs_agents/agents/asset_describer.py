@@ -45,41 +45,25 @@ class AssetWords(Frozen):
 
 
 class DescribedAsset(Frozen):
-    """A description with where it comes from, as it is kept beside the asset.
-
-    Attributes:
-        asset: its name.
-        words: what the model said.
-        model: who said it.
-        prompt: SHA-256 of the prompt's template.
-        content: SHA-256 of what was described; another makes the description out of date.
-        date: ISO 8601, UTC.
-        input_tokens, output_tokens: as the provider counted them.
-    """
+    """A description with where it comes from, as it is kept beside the asset."""
 
     asset: str
-    words: AssetWords
-    model: str
-    prompt: str
-    content: str
-    date: str
-    input_tokens: int = 0
+    words: AssetWords  # what the model said
+    model: str  # who said it
+    prompt: str  # SHA-256 of the prompt's template
+    content: str  # SHA-256 of what was described; another makes the description out of date
+    date: str  # ISO 8601, UTC
+    input_tokens: int = 0  # as the provider counted them
     output_tokens: int = 0
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a description of assets comes to before it starts.
-
-    Attributes:
-        todo: the assets that are to be described.
-        done: those that were described before by the same model with the same prompt.
-        input_tokens, output_tokens: about, for all of ``todo``.
-    """
+    """What a description of assets comes to before it starts."""
 
     todo: tuple[Asset, ...]
-    done: tuple[DescribedAsset, ...]
-    input_tokens: int
+    done: tuple[DescribedAsset, ...]  # those that were described before by the same model with the same prompt
+    input_tokens: int  # about, for all of `todo`
     output_tokens: int
 
 

@@ -23,18 +23,11 @@ _SHORTEST = 3
 
 
 class Example(Frozen):
-    """One example program.
+    """One example program."""
 
-    Attributes:
-        name: of its file, without the suffix.
-        family: the kind of task, e.g. ``"Stacking"``.
-        shows: what is to be learnt from it.
-        source: the whole program.
-    """
-
-    name: str
-    family: str
-    shows: str
+    name: str  # of its file, without the suffix
+    family: str  # the kind of task, e.g. `"Stacking"`
+    shows: str  # what is to be learnt from it
     source: str
 
     @property

@@ -68,17 +68,11 @@ class RouterReply(Frozen):
 
 
 class NoReply(Frozen):
-    """A role whose model gave no usable reply: an outcome, not an exception.
-
-    Attributes:
-        role: who was asked.
-        tries: how many replies were refused.
-        problem: what was wrong with the last one.
-    """
+    """A role whose model gave no usable reply: an outcome, not an exception."""
 
     role: str
-    tries: int
-    problem: str
+    tries: int  # how many replies were refused
+    problem: str  # what was wrong with the last one
 
     def __str__(self) -> str:
         return f"the {self.role} model gave no usable reply in {self.tries} tries: {self.problem}"

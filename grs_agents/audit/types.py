@@ -5,13 +5,7 @@ from grs_agents.sim import Rollout
 
 
 class Finding(Frozen):
-    """One check of the audit.
-
-    Attributes:
-        check: its name.
-        passed: whether it holds.
-        detail: what was measured, with the bound.
-    """
+    """One check of the audit."""
 
     check: str
     passed: bool
@@ -19,41 +13,24 @@ class Finding(Frozen):
 
 
 class Change(Frozen):
-    """An object that does not stand where the photo shows it.
+    """An object that does not stand where the photo shows it."""
 
-    Attributes:
-        seed: the task instance it was seen in.
-        asset: which object.
-        position: where the program put it (m, robot frame).
-        photo: where the photo shows that asset nearest by, if it does.
-        distance: metres between the two in the table plane, if the photo shows the asset.
-    """
-
-    seed: int
+    seed: int  # the task instance it was seen in
     asset: str
-    position: Vec3
-    photo: Vec3 | None
-    distance: float | None
+    position: Vec3  # where the program put it (m, robot frame)
+    photo: Vec3 | None  # where the photo shows that asset nearest by, if it does
+    distance: float | None  # metres between the two in the table plane, if the photo shows the asset
 
 
 class AuditReport(Frozen):
-    """Why a run is accepted or not; measured on task instances by trusted code alone.
-
-    Attributes:
-        accepted: every finding passed.
-        findings: one for each check.
-        changes: every position not taken from the photo.
-        rollouts: the trusted oracle's episode for each seed.
-        rewards: the reward of each rollout.
-        about: what the verdict is about, one sentence or two.
-    """
+    """Why a run is accepted or not; measured on task instances by trusted code alone."""
 
     accepted: bool
-    findings: tuple[Finding, ...]
-    changes: tuple[Change, ...]
-    rollouts: tuple[Rollout, ...]
-    rewards: tuple[float, ...]
-    about: str = ""
+    findings: tuple[Finding, ...]  # one for each check
+    changes: tuple[Change, ...]  # every position not taken from the photo
+    rollouts: tuple[Rollout, ...]  # the trusted oracle's episode for each seed
+    rewards: tuple[float, ...]  # the reward of each rollout
+    about: str = ""  # what the verdict is about, one sentence or two
 
     def text(self) -> str:
         """What the router and the code fixer read."""

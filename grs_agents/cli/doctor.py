@@ -29,19 +29,13 @@ GL_BACKENDS = {"egl": "libegl1", "osmesa": "libosmesa6"}
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """One thing that was looked at.
-
-    Attributes:
-        subject: what.
-        state: ``works``; ``absent``, ``not installed`` or ``no key`` (all optional); ``broken`` (needed).
-        detail: what was found.
-        remedy: how to get it.
-    """
+    """One thing that was looked at."""
 
     subject: str
+    # `works`; `absent`, `not installed` or `no key` (all optional); `broken` (needed)
     state: Literal["works", "absent", "not installed", "no key", "broken"]
-    detail: str
-    remedy: str = ""
+    detail: str  # what was found
+    remedy: str = ""  # how to get it
 
 
 def diagnose(as_json: bool) -> int:

@@ -137,17 +137,11 @@ def _without_errors(progress: Callable[[Event], None]) -> Callable[[Event], None
 
 @dataclass(frozen=True)
 class Program:
-    """What is checked.
-
-    Attributes:
-        simulation: the program.
-        tests: its tests, if there are any.
-        run: the run whose own assets it may use.
-    """
+    """What is checked."""
 
     simulation: Path
     tests: Path | None
-    run: Path | None
+    run: Path | None  # the run whose own assets it may use
 
     @classmethod
     def of(cls, named: Path, tests: Path | None, run: Path | None) -> "Program":

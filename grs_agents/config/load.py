@@ -23,15 +23,10 @@ SECRET = ("key_variable", "base_url")
 
 @dataclass(frozen=True)
 class Effective:
-    """A configuration with the source of each value.
-
-    Attributes:
-        config: the validated values.
-        sources: dotted key -> ``default``, ``environment NAME``, ``file PATH`` or ``--set``.
-    """
+    """A configuration with the source of each value."""
 
     config: Config
-    sources: Mapping[str, str]
+    sources: Mapping[str, str]  # dotted key -> `default`, `environment NAME`, `file PATH` or `--set`
 
 
 def load_config(

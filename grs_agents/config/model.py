@@ -17,27 +17,20 @@ class Limits(Frozen):
     A call is all tests of a file, or all seeds of an instantiation. The sandbox keeps the first six, whatever the code
     in it does. The simulation keeps the last three: they end a program that asks for too much with an error that says
     so, long before the others would.
-
-    Attributes:
-        wall_seconds: from the moment the worker takes the request, kept by the host.
-        cpu_seconds: processor time of the worker process, kept by the kernel (whole seconds, rounded up).
-        memory_mib: address space on top of what a fresh worker holds.
-        scratch_mib: everything in the worker's scratch folder.
-        output_mib: everything the worker writes: standard output, progress and result together.
-        threads: of the worker process, all together.
-        simulated_steps: time steps of all simulated worlds together.
-        objects: on the table at once.
-        mesh_vertices: of all meshes of the objects on the table at once.
     """
 
+    # from the moment the worker takes the request, kept by the host
     wall_seconds: float = Field(default=60, gt=0, le=3600)
+    # processor time of the worker process, kept by the kernel (whole seconds, rounded up)
     cpu_seconds: float = Field(default=50, gt=0, le=3600)
-    memory_mib: int = Field(default=1024, ge=64, le=65536)
-    scratch_mib: int = Field(default=64, ge=1, le=4096)
+    memory_mib: int = Field(default=1024, ge=64, le=65536)  # address space on top of what a fresh worker holds
+    scratch_mib: int = Field(default=64, ge=1, le=4096)  # everything in the worker's scratch folder
+    # everything the worker writes: standard output, progress and result together
     output_mib: int = Field(default=8, ge=1, le=256)
-    threads: int = Field(default=64, ge=1, le=1024)
-    simulated_steps: int = Field(default=500_000, ge=1, le=1_000_000_000)
-    objects: int = Field(default=200, ge=1, le=200)
+    threads: int = Field(default=64, ge=1, le=1024)  # of the worker process, all together
+    simulated_steps: int = Field(default=500_000, ge=1, le=1_000_000_000)  # time steps of all simulated worlds together
+    objects: int = Field(default=200, ge=1, le=200)  # on the table at once
+    # of all meshes of the objects on the table at once
     mesh_vertices: int = Field(default=200_000, ge=1, le=100_000_000)
 
 
@@ -47,23 +40,14 @@ ROLE_ALIASES = {"router": "route", "describer": "describe", "matcher": "match", 
 
 
 class ModelConfig(Frozen):
-    """Which chat model serves a role.
+    """Which chat model serves a role."""
 
-    Attributes:
-        model: ``offline`` or ``provider:name`` (providers: openai, anthropic, google, ollama).
-        base_url: another endpoint that speaks the provider's protocol.
-        key_variable: the NAME of the environment variable that holds the key, never the key.
-        temperature: passed on where given.
-        timeout: seconds for one call, from the request to the last byte of the reply.
-        max_tokens: the longest reply.
-    """
-
-    model: str
-    base_url: str | None = None
-    key_variable: str | None = None
-    temperature: float | None = Field(default=None, ge=0, le=2)
-    timeout: float = Field(default=120.0, gt=0)
-    max_tokens: int | None = Field(default=None, gt=0)
+    model: str  # `offline` or `provider:name` (providers: openai, anthropic, google, ollama)
+    base_url: str | None = None  # another endpoint that speaks the provider's protocol
+    key_variable: str | None = None  # the NAME of the environment variable that holds the key, never the key
+    temperature: float | None = Field(default=None, ge=0, le=2)  # passed on where given
+    timeout: float = Field(default=120.0, gt=0)  # seconds for one call, from the request to the last byte of the reply
+    max_tokens: int | None = Field(default=None, gt=0)  # the longest reply
 
     @field_validator("key_variable")
     @classmethod
@@ -94,63 +78,42 @@ TableChoice = Literal["auto", "largest", "highest"] | Annotated[int, Field(ge=1,
 
 
 class SceneConfig(Frozen):
-    """How a photo is read.
+    """How a photo is read."""
 
-    Attributes:
-        table: ``auto``; ``largest``, the level plane with most pixels; ``highest``; or the number of one of
-            ``frame.planes`` in ``scene.json``.
-    """
-
+    # `auto`; `largest`, the level plane with most pixels; `highest`; or the number of one of `frame.planes` in
+    # `scene.json`
     table: TableChoice = "auto"
 
 
 class SegmentConfig(Frozen):
-    """What a segmentation tool is told besides the photo.
+    """What a segmentation tool is told besides the photo."""
 
-    Attributes:
-        model: the folder of a model of the user's own.
-    """
-
-    model: str | None = Field(default=None, max_length=4096)
+    model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own
 
 
 class DepthConfig(Frozen):
-    """What a depth tool is told of a photo without depth.
+    """What a depth tool is told of a photo without depth."""
 
-    Attributes:
-        model: the folder of a model of the user's own.
-        field_of_view: of the photo's width, in degrees, where neither ``camera.json`` nor the photo tells its lens.
-    """
-
-    model: str | None = Field(default=None, max_length=4096)
+    model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own
+    # of the photo's width, in degrees, where neither `camera.json` nor the photo tells its lens
     field_of_view: float | None = Field(default=None, ge=5, le=150)
 
 
 class MatchConfig(Frozen):
-    """What a match tool is told besides the candidates, and what becomes of objects that nothing matches.
+    """What a match tool is told besides the candidates, and what becomes of objects that nothing matches."""
 
-    Attributes:
-        model: the folder of a model of the user's own (``match_clip``).
-        ocr: read what is printed on objects; needs the extra ``ocr`` and is passed over without it.
-        index: the folder of an index of the library (``grs assets index``).
-        proxies: a solid of its own size and look stands for what nothing matches; if false, that is left out.
-    """
-
-    model: str | None = Field(default=None, max_length=4096)
-    ocr: bool = True
+    model: str | None = Field(default=None, max_length=4096)  # the folder of a model of the user's own (`match_clip`)
+    ocr: bool = True  # read what is printed on objects; needs the extra `ocr` and is passed over without it
+    # the folder of an index of the library (`grs assets index`)
     index: str | None = Field(default=None, max_length=4096)
-    proxies: bool = True
+    proxies: bool = True  # a solid of its own size and look stands for what nothing matches; if false, that is left out
 
 
 class BackgroundConfig(Frozen):
-    """Whether what is around the table stands in the simulation too.
+    """Whether what is around the table stands in the simulation too."""
 
-    Attributes:
-        on: reconstruct it; needs the extra ``background``.
-        voxel: edge of the cells of its signed distance, metres; what is solid has cells of twice that.
-    """
-
-    on: bool = False
+    on: bool = False  # reconstruct it; needs the extra `background`
+    # edge of the cells of its signed distance, metres; what is solid has cells of twice that
     voxel: float = Field(default=0.015, ge=0.005, le=0.1)
 
 
@@ -168,41 +131,29 @@ class PromptsConfig(Frozen):
 
 
 class AuditConfig(Frozen):
-    """What a task must show to be accepted.
+    """What a task must show to be accepted."""
 
-    Attributes:
-        seeds: how many task instances are solved.
-        reward: the least strict score, and the least published reward, that the oracle must reach on each.
-    """
-
-    seeds: int = Field(default=3, ge=1, le=100)
+    seeds: int = Field(default=3, ge=1, le=100)  # how many task instances are solved
+    # the least strict score, and the least published reward, that the oracle must reach on each
     reward: float = Field(default=0.99, gt=0, le=1)
 
 
 class Config(Frozen):
-    """Everything a run can be told.
+    """Everything a run can be told."""
 
-    Attributes:
-        graph: the topology to run, by its name in ``graphs/``.
-        policy: who decides between fixing code and tests: ``llm``, ``rules``, ``always_code``, a dotted path
-            (``package.module:Policy``) or an entry point in the group ``grs_agents.policies``.
-        seed: the seed of everything random, the offline model's choices included.
-        robot: the arm behind the table: ``ur5e``, ``panda`` or the path of an MJCF file (``.xml``) of one's own.
-        max_fixes: code and test fixes together.
-        sandbox: what separates generated code from the machine: ``bubblewrap``, ``landlock``, ``sandbox-exec`` (macOS),
-            or ``auto`` for the strongest that holds. ``none`` can only be asked for with ``--unsafe-no-sandbox``.
-        workers: how many sandbox calls may run at once.
-        reply_retries: how often a reply that does not parse is asked for again, with the error.
-        models: chat model by role.
-    """
-
-    graph: str = "grs"
+    graph: str = "grs"  # the topology to run, by its name in `graphs/`
+    # who decides between fixing code and tests: `llm`, `rules`, `always_code`, a dotted path (`package.module:Policy`)
+    # or an entry point in the group `grs_agents.policies`
     policy: str = "llm"
-    seed: int = Field(default=0, ge=0, lt=2**31)
+    seed: int = Field(default=0, ge=0, lt=2**31)  # the seed of everything random, the offline model's choices included
+    # the arm behind the table: `ur5e`, `panda` or the path of an MJCF file (`.xml`) of one's own
     robot: str = Field(default="ur5e", max_length=4096)
-    max_fixes: int = Field(default=10, ge=0, le=1000)
+    max_fixes: int = Field(default=10, ge=0, le=1000)  # code and test fixes together
+    # what separates generated code from the machine: `bubblewrap`, `landlock`, `sandbox-exec` (macOS), or `auto` for
+    # the strongest that holds. `none` can only be asked for with `--unsafe-no-sandbox`
     sandbox: Literal["auto", "bubblewrap", "landlock", "sandbox-exec", "none"] = "auto"
-    workers: int = Field(default=2, ge=1, le=64)
+    workers: int = Field(default=2, ge=1, le=64)  # how many sandbox calls may run at once
+    # how often a reply that does not parse is asked for again, with the error
     reply_retries: int = Field(default=2, ge=0, le=20)
     models: dict[str, ModelConfig] = Field(default_factory=lambda: {"default": ModelConfig(model="offline")})
     tools: ToolsConfig = ToolsConfig()

@@ -13,15 +13,9 @@ from grs_agents.trace import Rollout as RolloutEvent
 
 @dataclass(frozen=True)
 class SolvedInstances:
-    """What trusted code measured of a program.
+    """What trusted code measured of a program."""
 
-    Attributes:
-        instances: one validated task instance for each seed that gave one.
-        failures: one line for each seed that did not, or whose rollout failed.
-        rollouts: the oracle's run of each instance.
-    """
-
-    instances: tuple[TaskInstance, ...]
+    instances: tuple[TaskInstance, ...]  # one validated task instance for each seed that gave one
     failures: tuple[str, ...]
     rollouts: tuple[Rollout, ...]
 

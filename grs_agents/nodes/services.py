@@ -43,27 +43,16 @@ class Node(Protocol):
 
 @dataclass(frozen=True)
 class Services:
-    """The services of one run.
-
-    Attributes:
-        config: the effective configuration.
-        log: the event log.
-        agents: the models.
-        policy: the routing policy.
-        sandbox: where generated code runs.
-        folder: the run folder.
-        visits: how often each node was entered.
-        assets: the folder of the run's own assets; ``assets`` in ``folder`` by default.
-    """
+    """The services of one run."""
 
     config: Config
     log: EventLog
     agents: Agents
     policy: Policy
-    sandbox: Sandbox
+    sandbox: Sandbox  # where generated code runs
     folder: Path
-    visits: Counter[str] = field(default_factory=Counter[str])
-    assets: Path | None = None
+    visits: Counter[str] = field(default_factory=Counter[str])  # how often each node was entered
+    assets: Path | None = None  # the folder of the run's own assets; `assets` in `folder` by default
     _overlaid: dict[frozenset[Stamp], Library] = field(
         default_factory=dict[frozenset[Stamp], Library], init=False, repr=False, compare=False
     )

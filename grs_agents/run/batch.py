@@ -15,36 +15,22 @@ from grs_agents.run.record import RunRecord, read_record
 
 @dataclass(frozen=True)
 class Job:
-    """One run to make.
+    """One run to make."""
 
-    Attributes:
-        name: how it is called in tables.
-        scene: the scene: a folder, a file, or ``bop:`` and an image of a data set.
-        out: the run folder.
-        options: further options of ``grs run``.
-    """
-
-    name: str
+    name: str  # how it is called in tables
     scene: Path
     out: Path
-    options: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()  # further options of `grs run`
 
 
 @dataclass(frozen=True)
 class Done:
-    """A finished job.
-
-    Attributes:
-        job: what was asked.
-        exit_status: of the command; ``None`` if it had to be killed.
-        record: its ``run.json``, if it wrote one.
-        error: the last line it wrote on stderr, if it failed.
-    """
+    """A finished job."""
 
     job: Job
-    exit_status: int | None
-    record: RunRecord | None
-    error: str
+    exit_status: int | None  # of the command; `None` if it had to be killed
+    record: RunRecord | None  # its `run.json`, if it wrote one
+    error: str  # the last line it wrote on stderr, if it failed
 
 
 def run_jobs(

@@ -20,21 +20,13 @@ REMEDY = "name an existing Python file"
 
 @dataclass(frozen=True)
 class CheckOrder:
-    """What to check.
-
-    Attributes:
-        simulation: the program.
-        tests: its tests, if there are any.
-        config: bounds, seeds and limits.
-        folder: where instances and recordings are written.
-        run: a run whose own assets the program may use, and whose background is put around it.
-    """
+    """What to check."""
 
     simulation: Path
     tests: Path | None
-    config: Config
-    folder: Path
-    run: Path | None = None
+    config: Config  # bounds, seeds and limits
+    folder: Path  # where instances and recordings are written
+    run: Path | None = None  # a run whose own assets the program may use, and whose background is put around it
 
 
 def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:

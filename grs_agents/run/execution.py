@@ -38,19 +38,12 @@ class UnexpectedError(GrsError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended.
-
-    Attributes:
-        folder: the run folder.
-        record: its final record.
-        problem: the error that ended the run if there was one; the record then says ``failed``.
-        state: what the graph reached; empty where an ended run was resumed.
-    """
+    """How a run ended."""
 
     folder: Path
     record: RunRecord
-    problem: GrsError | None = None
-    state: State = field(default_factory=dict[str, Any])
+    problem: GrsError | None = None  # the error that ended the run if there was one; the record then says `failed`
+    state: State = field(default_factory=dict[str, Any])  # what the graph reached; empty where an ended run was resumed
 
 
 def execute(order: Order, views: Views) -> Outcome:

@@ -135,25 +135,16 @@ GIVEN = frozenset({"scene_path", "max_fixes", "fixes", "history"})
 
 @dataclass(frozen=True)
 class Order:
-    """What the user asked for.
+    """What the user asked for."""
 
-    Attributes:
-        command: ``run`` or ``scene``.
-        source: the scene: a folder, a file, or ``bop:`` and an image of a data set.
-        config: the effective configuration.
-        out: the run folder, if named.
-        resume: go on with the run in ``out``.
-        given: fields of the state beside those that every run begins with.
-        nested: the graph runs in a node of another, which is told of its steps and keeps the checkpoints.
-    """
-
-    command: str
-    source: Path
+    command: str  # `run` or `scene`
+    source: Path  # the scene: a folder, a file, or `bop:` and an image of a data set
     config: Config
     out: Path | None = None
-    resume: bool = False
+    resume: bool = False  # go on with the run in `out`
+    # fields of the state beside those that every run begins with
     given: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    nested: bool = False
+    nested: bool = False  # the graph runs in a node of another, which is told of its steps and keeps the checkpoints
 
 
 @contextmanager

@@ -37,41 +37,23 @@ REMEDY = "name a folder that `grs run` wrote"
 
 
 class RunRecord(Frozen):
-    """The record of one run.
-
-    Attributes:
-        id: the run's name.
-        status: where it stands.
-        reason: why, in one line.
-        exit_status: what the command returned; ``None`` while running.
-        command: ``run``, ``scene`` or ``check``.
-        source: the scene folder or the program.
-        graph: the topology.
-        config: the effective configuration.
-        versions: of GRS, Python and the packages that matter.
-        seeds: the seeds of the audit.
-        sandbox: the backend that isolated generated code.
-        counts: objects, fixes, model calls, tokens.
-        rewards: the trusted oracle's reward for each seed.
-        seconds: wall seconds by stage, and ``total``.
-        attempts: how often the run was started or resumed.
-    """
+    """The record of one run."""
 
     id: str
     status: Status
-    reason: str = ""
-    exit_status: int | None = None
-    command: str
-    source: str
-    graph: str
-    config: dict[str, Any]
-    versions: dict[str, str]
-    seeds: tuple[int, ...]
-    sandbox: str = ""
-    counts: dict[str, int] = Field(default_factory=dict)
-    rewards: tuple[float, ...] = ()
-    seconds: dict[str, float] = Field(default_factory=dict)
-    attempts: int = 1
+    reason: str = ""  # why, in one line
+    exit_status: int | None = None  # what the command returned; `None` while running
+    command: str  # `run`, `scene` or `check`
+    source: str  # the scene folder or the program
+    graph: str  # the topology
+    config: dict[str, Any]  # the effective configuration
+    versions: dict[str, str]  # of GRS, Python and the packages that matter
+    seeds: tuple[int, ...]  # the seeds of the audit
+    sandbox: str = ""  # the backend that isolated generated code
+    counts: dict[str, int] = Field(default_factory=dict)  # objects, fixes, model calls, tokens
+    rewards: tuple[float, ...] = ()  # the trusted oracle's reward for each seed
+    seconds: dict[str, float] = Field(default_factory=dict)  # wall seconds by stage, and `total`
+    attempts: int = 1  # how often the run was started or resumed
 
     def write(self, folder: Path) -> "RunRecord":
         """Write ``run.json`` whole; on a full disk over the old record, which must not go on saying ``running``."""

@@ -39,15 +39,10 @@ _PICTURE_CHUNKS = {b"IHDR", b"PLTE", b"IDAT", b"IEND", b"tRNS", b"gAMA", b"sRGB"
 
 @dataclass(frozen=True)
 class Scrubber:
-    """Replaces what must not leave.
+    """Replaces what must not leave."""
 
-    Attributes:
-        secrets: values that are replaced wherever they are.
-        paths: prefixes of paths and what replaces each, longest first.
-    """
-
-    secrets: tuple[str, ...]
-    paths: tuple[tuple[str, str], ...]
+    secrets: tuple[str, ...]  # values that are replaced wherever they are
+    paths: tuple[tuple[str, str], ...]  # prefixes of paths and what replaces each, longest first
 
     def clean(self, text: str) -> str:
         """``text`` without keys and home folders."""
@@ -125,21 +120,13 @@ _STAMP = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Shared:
-    """What was packed.
-
-    Attributes:
-        path: the zip file.
-        files: how many files it holds.
-        size: of the zip file, bytes.
-        changed: files from which something was removed.
-        left_out: files that were not packed.
-    """
+    """What was packed."""
 
     path: Path
     files: int
-    size: int
-    changed: tuple[str, ...]
-    left_out: tuple[str, ...]
+    size: int  # of the zip file, bytes
+    changed: tuple[str, ...]  # files from which something was removed
+    left_out: tuple[str, ...]  # files that were not packed
 
 
 def share(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Sequence[Path]]) -> Shared:

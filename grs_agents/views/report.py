@@ -174,19 +174,12 @@ FRAMES = 6
 
 @dataclass(frozen=True)
 class Sources:
-    """Where pictures come from.
-
-    Attributes:
-        folder: the run.
-        library: 3D assets, the run's own laid over.
-        robot: name of the arm, or its file.
-        show: is told what is drawn next.
-    """
+    """Where pictures come from."""
 
     folder: Path
-    library: Library
-    robot: str = "ur5e"
-    show: Callable[[str], None] | None = None
+    library: Library  # 3D assets, the run's own laid over
+    robot: str = "ur5e"  # name of the arm, or its file
+    show: Callable[[str], None] | None = None  # is told what is drawn next
 
     def drawing(self, what: str) -> None:
         """Say what is drawn next."""

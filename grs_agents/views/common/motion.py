@@ -33,21 +33,13 @@ _GRASP_RADIUS = 0.25
 
 @dataclass(frozen=True)
 class Motion:
-    """The motion of N frames of B bodies in the robot frame.
+    """The motion of N frames of B bodies in the robot frame."""
 
-    Attributes:
-        times: (N,) simulated seconds from the start, rising.
-        names: of the bodies: ``object_<id>``, or a link of the arm.
-        positions: (N, B, 3) metres.
-        quaternions: (N, B, 4) xyzw.
-        tool: (N, 3) metres, the tip of the tool.
-    """
-
-    times: npt.NDArray[np.float64]
-    names: tuple[str, ...]
-    positions: Array
-    quaternions: Array
-    tool: Array
+    times: npt.NDArray[np.float64]  # (N,) simulated seconds from the start, rising
+    names: tuple[str, ...]  # of the bodies: `object_<id>`, or a link of the arm
+    positions: Array  # (N, B, 3) metres
+    quaternions: Array  # (N, B, 4) xyzw
+    tool: Array  # (N, 3) metres, the tip of the tool
 
     @property
     def seconds(self) -> float:

@@ -27,33 +27,20 @@ Status = Literal["running", "done", "failed", "interrupted"]
 
 @dataclass
 class Step:
-    """One visit of a node.
+    """One visit of a node."""
 
-    Attributes:
-        number: from 1, in order.
-        node, visit: which node, and for the how-manieth time.
-        attempt: fixes made before it.
-        started: seconds since 1970.
-        status: how it stands; ``interrupted`` if the run died in it.
-        seconds: wall time once it is done.
-        input_tokens, output_tokens: of its model calls.
-        cost: of its model calls in US dollars; None where no provider told it.
-        details: what came of it, one phrase each.
-        events: all that happened in it, its start and end included.
-    """
-
-    number: int
+    number: int  # from 1, in order
     node: str
     visit: int
     attempt: int
-    started: float
-    status: Status = "running"
-    seconds: float = 0.0
-    input_tokens: int = 0
+    started: float  # seconds since 1970
+    status: Status = "running"  # how it stands; `interrupted` if the run died in it
+    seconds: float = 0.0  # wall time once it is done
+    input_tokens: int = 0  # of its model calls
     output_tokens: int = 0
-    cost: float | None = None
-    details: list[str] = field(default_factory=list[str])
-    events: list[Event] = field(default_factory=list[Event])
+    cost: float | None = None  # of its model calls in US dollars; None where no provider told it
+    details: list[str] = field(default_factory=list[str])  # what came of it, one phrase each
+    events: list[Event] = field(default_factory=list[Event])  # all that happened in it, its start and end included
 
     @property
     def tokens(self) -> int:

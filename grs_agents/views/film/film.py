@@ -29,28 +29,17 @@ _RAYS = "rays"
 
 @dataclass(frozen=True)
 class Shot:
-    """A rollout and how to look at it.
+    """A rollout and how to look at it."""
 
-    Attributes:
-        folder: the run.
-        event: the rollout; it has a recording.
-        library: 3D assets, the run's own laid over.
-        robot: name of the arm, or its file.
-        width, height: pixels.
-        target: what the camera looks at, m.
-        distance: of the camera from it, m.
-        azimuth, elevation: of the direction in which the camera looks, degrees.
-    """
-
-    folder: Path
+    folder: Path  # the run
     event: Rollout
-    library: Library = field(default_factory=Library)
-    robot: str = "ur5e"
-    width: int = 640
+    library: Library = field(default_factory=Library)  # 3D assets, the run's own laid over
+    robot: str = "ur5e"  # name of the arm, or its file
+    width: int = 640  # pixels
     height: int = 480
-    target: Vec3 = (0.42, 0.0, 0.16)
-    distance: float = 1.6
-    azimuth: float = 150.0
+    target: Vec3 = (0.42, 0.0, 0.16)  # what the camera looks at, m
+    distance: float = 1.6  # of the camera from it, m
+    azimuth: float = 150.0  # of the direction in which the camera looks, degrees
     elevation: float = -30.0
 
     @property

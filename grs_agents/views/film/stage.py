@@ -31,23 +31,14 @@ _SHADOWS = 1024
 
 @dataclass(frozen=True)
 class Props:
-    """What a stage shows.
-
-    Attributes:
-        objects: what stands on the table.
-        arm: the robot; None leaves it out.
-        push: the robot has a spatula.
-        background: library name of what stands fixed around it.
-        textures: False paints textured things in their one named colour, for pictures made of rays.
-        samples: taken of each pixel of an off-screen picture; 0 is quick and leaves edges rough.
-    """
+    """What a stage shows."""
 
     objects: Sequence[InstanceObject]
-    arm: Arm | None = None
-    push: bool = False
-    background: str | None = None
-    textures: bool = True
-    samples: int = 4
+    arm: Arm | None = None  # the robot; None leaves it out
+    push: bool = False  # the robot has a spatula
+    background: str | None = None  # library name of what stands fixed around it
+    textures: bool = True  # False paints textured things in their one named colour, for pictures made of rays
+    samples: int = 4  # taken of each pixel of an off-screen picture; 0 is quick and leaves edges rough
 
 
 def props_of(instance: TaskInstance, arm: Arm) -> Props:

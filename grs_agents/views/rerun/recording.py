@@ -28,19 +28,12 @@ EVENT_SECONDS = 0.1
 
 @dataclass(frozen=True)
 class Moment:
-    """One instant on every timeline.
+    """One instant on every timeline."""
 
-    Attributes:
-        replay: seconds into the film of the run: a second a node, real seconds inside rollouts.
-        event: sequence number of the event.
-        attempt: fixes made so far.
-        simulated: simulated seconds of all rollouts so far.
-    """
-
-    replay: float = 0.0
-    event: int = 0
+    replay: float = 0.0  # seconds into the film of the run: a second a node, real seconds inside rollouts
+    event: int = 0  # sequence number of the event
     attempt: int = 0
-    simulated: float = 0.0
+    simulated: float = 0.0  # simulated seconds of all rollouts so far
 
 
 class Clock:
