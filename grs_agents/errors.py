@@ -34,13 +34,7 @@ class ConfigError(InputError):
 
 
 class UnknownNameError(ConfigError):
-    """A name that nothing has; the message lists the names that exist, nearest first.
-
-    Args:
-        kind: what was looked for, e.g. ``"tool"``.
-        name: the name that was asked for.
-        valid: the names there are.
-    """
+    """A name that nothing has; the message lists the names that exist, nearest first."""
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         names = sorted(set(valid))

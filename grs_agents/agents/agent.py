@@ -41,9 +41,6 @@ class EarlierReplies:
 
     Replies to nodes before it are not among them: a prompt that comes again in a later visit, such as that of a fix
     which changed nothing, is meant to be answered anew.
-
-    Args:
-        events: of the run so far.
     """
 
     def __init__(self, events: Sequence[Event] = ()) -> None:
@@ -98,9 +95,6 @@ class Agents:
             values: the prompt's variables.
             parse: raises ``ReplyError`` on a reply of the wrong form.
             images: picture files relative to the run folder, sent before the text in this order.
-
-        Raises:
-            GrsError: the model cannot be reached, or refuses the request for good.
         """
         file = content.path("prompts", getattr(self.config.prompts, role))
         text = render(file, values)
@@ -171,11 +165,7 @@ def deadline(spec: ModelConfig) -> float | None:
 
 
 def image_block(path: Path) -> dict[str, str]:
-    """A picture file as a standard LangChain image block (JPEG, longest side ``IMAGE_SIDE``).
-
-    Raises:
-        InputError: the file is not a picture.
-    """
+    """A picture file as a standard LangChain image block (JPEG, longest side ``IMAGE_SIDE``)."""
     image = read_picture(path, cv2.IMREAD_COLOR)
     scale = IMAGE_SIDE / max(image.shape[:2])
     if scale < 1:

@@ -89,19 +89,8 @@ def describe_assets(
 ) -> Iterator[tuple[Asset, DescribedAsset | None]]:
     """Describe assets one after another; each description is on disk before the next is asked for.
 
-    Args:
-        root: the library in which the descriptions are kept.
-        library: where the assets are drawn from.
-        todo: what to describe.
-        model: who is asked.
-        name: of the model.
-        warn: called with what went wrong with a reply.
-
     Returns:
         Each asset with its description in it, and the description; None where the model gave no usable reply.
-
-    Raises:
-        GrsError: the model cannot be reached, or refuses the request for good.
     """
     for asset in todo:
         described = _described(library, asset, model, name, warn)

@@ -42,11 +42,7 @@ class Example(Frozen):
 
 
 def read_examples(folder: Path) -> tuple[Example, ...]:
-    """Every example of a folder, by name.
-
-    Raises:
-        InputError: there is none, or one is no Python program.
-    """
+    """Every example of a folder, by name."""
     examples: list[Example] = []
     for file in sorted(folder.glob("*.py")):
         source = file.read_text(encoding="utf-8").strip()
@@ -65,12 +61,6 @@ def nearest(examples: Sequence[Example], task: TaskDefinition, count: int, seed:
 
     A shared word counts the more, the fewer examples have it (cosine of tf-idf). At most two are of one family. Where
     examples are equally near, the seed decides.
-
-    Args:
-        examples: to choose from.
-        task: to be written.
-        count: how many.
-        seed: turns the order in which equals are taken.
     """
     bags = [example.words for example in examples]
     having = Counter(word for bag in bags for word in bag)

@@ -29,11 +29,7 @@ ROLE = "describe"
 def describe_library(
     library: Path | None, names: Sequence[str], config: Config, again: bool, yes: bool, as_json: bool
 ) -> int:
-    """Describe the user's own assets with the model of the role ``describe``; what it takes is said first.
-
-    Returns:
-        0, or 1 where the model gave no usable reply for one.
-    """
+    """Describe the user's own assets after saying what it takes; 1 where the model gave no usable reply."""
     root = library_root(library)
     known, chosen = chosen_assets(library, names, False)
     assets = _own_assets(chosen, root)
@@ -91,11 +87,7 @@ def _confirm() -> None:
 
 
 def index_assets(folder: Path, again: bool, as_json: bool) -> int:
-    """Bring an index in a folder up to date with the library: add what is new, forget what is gone.
-
-    Returns:
-        0; 1 if an asset could not be looked at.
-    """
+    """Bring an index in a folder up to date with the library; 1 if an asset could not be looked at."""
     from grs_agents.perception.matching.asset_index import AssetIndex
     from grs_agents.perception.matching.feature_matcher import matchable_assets
 

@@ -44,11 +44,7 @@ def import_source(
     again: bool,
     as_json: bool,
 ) -> int:
-    """Import a source, telling each outcome as it comes.
-
-    Returns:
-        0, or 1 where something was refused.
-    """
+    """Import a source, telling each outcome as it comes; 1 where something was refused."""
     with open_source(source, options) as source_items:
         collection = slug_of(name) if name is not None else source_items.collection
         if not source_items.items and not source_items.refused:

@@ -38,11 +38,7 @@ def send_spans(folder: Path) -> None:
 
 
 def play_run(folder: Path, out: Path | None, seed: int | None) -> int:
-    """Play a rollout of a run in MuJoCo's window, or into the file ``out``.
-
-    Returns:
-        The exit status.
-    """
+    """Play a rollout of a run in MuJoCo's window, or into the file ``out``."""
     from grs_agents.views import working
     from grs_agents.views.common.scene_objects import run_library
     from grs_agents.views.film.film import Shot, rollout_of, watch, write_film

@@ -42,11 +42,7 @@ def run_graph(
     as_json: bool,
     watching: Watching | None = None,
 ) -> int:
-    """Run the configured graph with its recording and live progress, and print the end.
-
-    Returns:
-        The exit status.
-    """
+    """Run the configured graph with its recording and live progress, and print the end."""
     order = Order(command, resolve_scene(scene), config, out, resume)
     ended = execute(order, partial(follow, watching=watching or Watching()))
     if as_json:
@@ -153,11 +149,7 @@ class Program:
 
 
 def check_program(program: Program, chosen: Effective, as_json: bool) -> int:
-    """Check a program and print what was found.
-
-    Returns:
-        0 if its tests pass and the audit accepts it, 1 if not.
-    """
+    """Check a program and print what was found; 0 if its tests pass and the audit accepts it, 1 if not."""
     config = _as_in(program.run, chosen) if program.run else chosen.config
     with tempfile.TemporaryDirectory(prefix="grs-check-") as folder:
         report, audit = check(CheckOrder(program.simulation, program.tests, config, Path(folder), program.run))

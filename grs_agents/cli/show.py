@@ -56,11 +56,7 @@ def rebuild_recording(folder: Path) -> Path:
 
 
 def replay_run(folder: Path, beside: Path | None, web: bool) -> int:
-    """Open the viewer on a run's recording, made from the events where it is not whole, or on two runs side by side.
-
-    Returns:
-        The viewer's exit status.
-    """
+    """Open the viewer on a run's recording, made from the events where it is not whole, or on two runs side by side."""
     read_record(folder)
     with tempfile.TemporaryDirectory() as temporary:
         if beside is None:

@@ -85,10 +85,6 @@ def _check_members(members: Collection[str], wanted: Mapping[str, str], file: Pa
 def words_in(data: bytes, where: str) -> list[str]:
     """All words that the arrays of an archive hold; arrays of numbers are not unpacked.
 
-    Args:
-        data: the content of an ``.npz`` file.
-        where: what errors call it.
-
     Raises:
         InputError: it is no such archive, is too large, or one member is no array of numbers or words.
     """

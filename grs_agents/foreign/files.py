@@ -54,11 +54,6 @@ def names_in(folder: Path) -> list[str]:
 def read_bytes(file: Path, remedy: str = "", most: int = MOST_BYTES) -> bytes:
     """The whole content of a regular file.
 
-    Args:
-        file: its path.
-        remedy: what to do if it is not there.
-        most: how many bytes it may have.
-
     Raises:
         InputError: it cannot be read, is no regular file, or is too large.
     """
@@ -134,11 +129,6 @@ def parse_json(data: bytes, where: object, remedy: str, values: int | None = MOS
 
 def read_json(file: Path, remedy: str, values: int | None = None) -> dict[str, Any]:
     """A JSON object.
-
-    Args:
-        file: its path.
-        remedy: what to do if it cannot be read.
-        values: how many values it may hold; None for any number.
 
     Raises:
         InputError: it cannot be read, is not JSON in UTF-8, or is no object.

@@ -61,10 +61,6 @@ def check_folder(folder: Path) -> None:
 def member(folder: Path, name: str) -> Path:
     """The file of a run folder that an event or another record calls ``name``.
 
-    Args:
-        folder: the run folder.
-        name: relative to it, with slashes.
-
     Raises:
         InputError: the name leads out of the folder, or there is no regular file of that name.
     """

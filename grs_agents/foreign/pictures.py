@@ -59,10 +59,6 @@ def opened_picture(
 def read_picture(file: Path, flags: int) -> npt.NDArray[Any]:
     """A PNG or JPEG picture of a run folder, as OpenCV decodes it.
 
-    Args:
-        file: its path.
-        flags: OpenCV's, such as ``cv2.IMREAD_COLOR``.
-
     Raises:
         InputError: the file is missing, no picture, or one of more than `MOST_PIXELS`.
     """

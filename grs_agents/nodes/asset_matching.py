@@ -27,16 +27,7 @@ def match_candidates(
     state: RunState,
     services: Services,
 ) -> MatchResult:
-    """What stands for each candidate; one that its describer calls no object is not asked about.
-
-    Args:
-        records: the candidates.
-        described: what was said of each.
-        state, services: of the run.
-
-    Raises:
-        GrsError: the tool cannot be used, or a model cannot be reached.
-    """
+    """What stands for each candidate; one that its describer calls no object is not asked about."""
     config = services.config
     asked = [record for record in records if described[record.id].is_object]
     segments = [
@@ -71,14 +62,7 @@ def model_matcher(
     image: str,
     silent: list[str],
 ) -> Ask:
-    """What asks the model of the role ``match``.
-
-    Args:
-        agents: the models.
-        records, described: the candidates and what was said of them.
-        image: picture file of the whole scene, relative to the run folder; empty to keep it back.
-        silent: where it is noted that a model gave no usable reply.
-    """
+    """What asks the model of the role ``match``."""
     by_number = {candidate.id: candidate for candidate in records}
 
     def ask(segment: Segment, assets: Sequence[Shown], worded: bool, pictured: bool) -> MatchEvidence:

@@ -48,17 +48,8 @@ def write_background_asset(
 ) -> tuple[str, list[str]]:
     """Reconstruct what is left of a photo, if the configuration says so, and write it beside the proxies of the run.
 
-    Args:
-        frame: the photo with depth.
-        table: the table in it, with the robot placed.
-        candidates: what is not left.
-        services: of the run.
-
     Returns:
         The library name of the background, empty without one, and what a reader of the scene should know.
-
-    Raises:
-        ConfigError: it is asked for, and scikit-image is not installed.
     """
     asked = services.config.background
     if not asked.on:

@@ -136,15 +136,7 @@ def check_sizes(
     photo: Photo,
     services: Services,
 ) -> tuple[tuple[SceneObject, ...], list[DroppedCandidate]]:
-    """The objects, each with an asset or a proxy of its size, and those that have neither.
-
-    Args:
-        objects: registered.
-        records: the candidates that they come from, by number.
-        taken: names that other objects have.
-        photo: the frame and its pose.
-        services: of the run.
-    """
+    """The objects, each with an asset or a proxy of its size, and those that have neither."""
     kept: list[SceneObject] = []
     dropped: list[DroppedCandidate] = []
     for item in objects:
@@ -176,16 +168,7 @@ def replace_by_proxy(
     photo: Photo,
     services: Services,
 ) -> SceneObject | DroppedCandidate:
-    """An object with a proxy instead of its asset; or, without proxies, why it is none.
-
-    Args:
-        item: the object.
-        why: what is wrong with its asset.
-        record: the candidate that it comes from.
-        taken: names that other objects have.
-        photo: the frame and its pose.
-        services: of the run.
-    """
+    """An object with a proxy instead of its asset; or, without proxies, why it is none."""
     reason = f"{item.asset} was matched ({item.evidence}), but {why}"
     update = {"match": "no_asset", "asset": None, "runner_up": item.asset, "reason": reason}
     reply = (item.match or MatchEvidence(match="no_asset")).model_copy(update=update)

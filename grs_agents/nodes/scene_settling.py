@@ -69,14 +69,7 @@ class _Scene:
 def settle_scene(
     objects: Sequence[SceneObject], records: Sequence[CandidateRecord], photo: Photo, services: Services
 ) -> SettledScene:
-    """Tell pieces of others and relations, fit the proxies, and settle the twin; what MuJoCo refuses has none.
-
-    Args:
-        objects: registered.
-        records: the candidates that they come from.
-        photo: the frame and its table.
-        services: of the run.
-    """
+    """Tell pieces of others and relations, fit the proxies, and settle the twin; what MuJoCo refuses has none."""
     if not objects:
         return SettledScene(())
     scene = _Scene(*photo, {record.id: record for record in records}, services)

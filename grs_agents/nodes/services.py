@@ -71,11 +71,7 @@ class Services:
         return self._overlaid[stamps]
 
     def photo(self, state: RunState) -> RGBDFrame:
-        """The photo that the node ``read`` wrote into the run folder; it is decoded once.
-
-        Raises:
-            InputError: the pictures are gone.
-        """
+        """The photo that the node ``read`` wrote into the run folder; it is decoded once."""
         if not self._photos:
             self._photos.append(load_frame(self.folder, Camera.model_validate(state["camera"]), state["scene_path"]))
         return self._photos[0]
@@ -91,21 +87,12 @@ class Services:
         return robot if robot in ROBOTS else str(Path(robot).resolve())
 
     def __post_init__(self) -> None:
-        """Refuse a robot that cannot be used before anything is spent on the run.
-
-        Raises:
-            InputError: its file cannot be read or holds no arm.
-        """
+        """Refuse a robot that cannot be used before anything is spent on the run."""
         if self.robot not in ROBOTS:
             get_arm(self.robot)
 
     def tool(self, name: str, **request: Any) -> Any:
-        """Run the tool called ``name`` with a request made of ``request``.
-
-        Raises:
-            UnknownNameError: nothing has that name.
-            ConfigError: the tool takes another request, so it is no tool for this job.
-        """
+        """Run the tool called ``name`` with a request made of ``request``."""
         tool = load_tool(name)
         try:
             asked = tool.Request(**request)

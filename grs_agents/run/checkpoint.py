@@ -26,11 +26,7 @@ _NESTED: dict[str, TypeAdapter[Any]] = {
 
 
 def check_checkpoints(folder: Path) -> None:
-    """See that the checkpoints of a run are a whole database with LangGraph's tables and nothing that runs by itself.
-
-    Raises:
-        InputError: they are not.
-    """
+    """Refuse checkpoints that are no whole database with LangGraph's tables and nothing that runs by itself."""
     if not (folder / FILE).exists():  # interrupted before the first step
         return
     file = member(folder, FILE)
@@ -50,11 +46,7 @@ def check_checkpoints(folder: Path) -> None:
 
 
 def check_state(values: Mapping[str, Any], folder: Path) -> None:
-    """See that a state that was read from the checkpoints is one that the nodes can go on with.
-
-    Raises:
-        InputError: it is not.
-    """
+    """See that a state that was read from the checkpoints is one that the nodes can go on with."""
     hints = get_type_hints(RunState)
     for name, value in values.items():
         try:

@@ -49,10 +49,6 @@ class Outcome:
 def execute(order: Order, views: Views) -> Outcome:
     """Run the configured graph on ``order.source``.
 
-    Args:
-        order: what to do.
-        views: what follows the log.
-
     Raises:
         InputError: the scene does not exist, the run folder cannot be made or resumed or is in use, or the
             configuration names what does not exist.

@@ -41,12 +41,7 @@ CHECKOUT_ONLY = ("correspondence", "perception", "retrieval_scale")
 
 
 def load_experiment(name: str) -> ModuleType:
-    """The experiment of that name. In a checkout its root comes first among the places to import from.
-
-    Raises:
-        InputError: only a checkout has it, and this is none.
-        UnknownNameError: there is no such experiment.
-    """
+    """The experiment of that name. In a checkout its root comes first among the places to import from."""
     root = content.content_root()
     if name in CHECKOUT_ONLY and name not in content.names("evals"):
         remedy = "pip install -e '.[eval]' in a checkout of GRS, and run it there"
@@ -127,10 +122,6 @@ def run_experiment(jobs: Sequence[Job], options: argparse.Namespace) -> int:
 
     Returns:
         0 if every run came to a verdict, 1 if not.
-
-    Raises:
-        InputError: ``options.out`` holds another experiment.
-        ConfigError: the settings are no configuration.
     """
     claim(options.out, jobs, options.settings)
 
@@ -150,12 +141,7 @@ def run_experiment(jobs: Sequence[Job], options: argparse.Namespace) -> int:
 
 
 def claim(out: Path, jobs: Sequence[Job], settings: Sequence[str]) -> None:
-    """Write into ``experiment.json`` what the figures depend on, so that runs of two experiments are never mixed.
-
-    Raises:
-        InputError: the file says that ``out`` belongs to another experiment, or cannot be read.
-        ConfigError: ``settings`` are no configuration.
-    """
+    """Write into ``experiment.json`` what the figures depend on, so that runs of two experiments are never mixed."""
     file = out / "experiment.json"
     ours: dict[str, Any] = {
         "scenes": sorted({str(job.scene.resolve()) for job in jobs}),

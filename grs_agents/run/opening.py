@@ -29,11 +29,7 @@ LOCK = ".lock"
 
 
 def new_folder(name: str, seed: int, out: Path | None) -> Path:
-    """Make the folder of a new run: ``out``, or ``runs/<time>-<name>-<seed>``.
-
-    Raises:
-        InputError: the folder already holds a run or other files, or cannot be written.
-    """
+    """Make the folder of a new run: ``out``, or ``runs/<time>-<name>-<seed>``."""
     if out is not None:
         require_unused(out)
         return _make_folder(out, exist_ok=True)
@@ -62,11 +58,7 @@ def _make_folder(folder: Path, exist_ok: bool) -> Path:
 
 
 def require_unused(folder: Path) -> None:
-    """See that a folder is new or empty.
-
-    Raises:
-        InputError: it holds a run or other files.
-    """
+    """See that a folder is new or empty."""
     if (folder / FILE).exists():
         raise InputError(f"{folder} already holds a run", "go on with it with --resume, or name another with --out")
     try:
@@ -81,9 +73,6 @@ def locked(folder: Path) -> Generator[None]:
     """Let no other process run in ``folder`` until the block ends. The kernel lets go of a process that is killed.
 
     Who only looks at a run does not need this.
-
-    Raises:
-        InputError: another process runs in it, or it cannot be written.
     """
     try:
         descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
@@ -110,11 +99,7 @@ def _lock(descriptor: int, folder: Path) -> None:
 
 
 def resumed_folder(out: Path | None, source: Path, command: str) -> tuple[Path, RunRecord]:
-    """Open the folder of an earlier run of the same scene by the same ``command``.
-
-    Raises:
-        InputError: no folder is named, it holds no run, or one of another scene or command.
-    """
+    """Open the folder of an earlier run of the same scene by the same ``command``."""
     if out is None:
         raise InputError("--resume needs the folder of the run", "name it with --out DIR")
     record = read_record(out)
@@ -153,10 +138,6 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
 
     Yields:
         The folder, the record to write into it (of an ended run: the one that is there), the configuration.
-
-    Raises:
-        InputError: there is no such scene, or the run folder cannot be made or resumed, or another process runs in it.
-        ConfigError: the configuration names what does not exist, or a graph that cannot do what was ordered.
     """
     if order.resume:
         folder, record = resumed_folder(order.out, order.source, order.command)
@@ -192,11 +173,7 @@ def open_run(order: Order) -> Generator[tuple[Path, RunRecord, Config]]:
 
 
 def check_names(config: Config, command: str, given: Mapping[str, Any]) -> None:
-    """See that every graph, policy, tool, prompt and model that ``config`` names can be had.
-
-    Raises:
-        ConfigError: one of them cannot, or the graph cannot do what ``command`` promises.
-    """
+    """See that every graph, policy, tool, prompt and model that ``config`` names can be had."""
     graph = load_graph(config.graph)
     needs: Sequence[str] = getattr(graph, "NEEDS", ())
     missing = [name for name in needs if name not in GIVEN and name not in given]

@@ -93,11 +93,7 @@ def _in_json(text: str) -> str:
 
 
 def picture_alone(data: bytes) -> bytes:
-    """A PNG file without all that is no picture: comments, places, cameras, dates.
-
-    Raises:
-        ValueError: it is no PNG file.
-    """
+    """A PNG file without all that is no picture: comments, places, cameras, dates; ``ValueError`` if it is none."""
     if not data.startswith(_PNG):
         raise ValueError("not a PNG file")
     kept, at = [_PNG], len(_PNG)
@@ -130,18 +126,7 @@ class Shared:
 
 
 def share(folder: Path, out: Path, scrubber: Scrubber, make: Callable[[Path], Sequence[Path]]) -> Shared:
-    """Pack a run.
-
-    Args:
-        folder: the run.
-        out: the zip file.
-        scrubber: removes what must not leave.
-        make: makes recording and report in a folder that holds the scrubbed run, and names them.
-
-    Raises:
-        InputError: a file cannot be read, or the zip file cannot be written.
-        GrsError: something that must not leave would still be in it; nothing is written then.
-    """
+    """Pack a run."""
     changed: list[str] = []
     left_out: list[str] = []
     with tempfile.TemporaryDirectory() as temporary:

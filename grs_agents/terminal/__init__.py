@@ -18,14 +18,7 @@ if TYPE_CHECKING:
 
 
 def say(*words: object, error: bool = False, end: str = "\n", flush: bool = False) -> None:
-    """Print ``words``, visible.
-
-    Args:
-        words: joined by spaces.
-        error: on standard error.
-        end: after them.
-        flush: at once.
-    """
+    """Print ``words``, visible."""
     file = sys.stderr if error else sys.stdout
     print(visible(" ".join(map(str, words))), end=end, file=file, flush=flush)
 

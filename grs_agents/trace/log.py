@@ -90,9 +90,6 @@ class EventLog:
 
     Opening an existing file repairs a torn last line and goes on counting where it ended.
 
-    Args:
-        path: the ``events.jsonl`` file, made where it does not exist.
-
     Raises:
         InputError: the file cannot be read or written, or holds something else.
     """
@@ -132,9 +129,6 @@ class EventLog:
         """Stamp ``event`` with sequence, time and attempt, write it, tell the subscribers, return the copy.
 
         A subscriber that fails is reported once as a warning; the run and the other subscribers go on.
-
-        Raises:
-            InputError: the line could not be written, e.g. the disk is full.
         """
         with self._lock:
             stamp = {"sequence": self.sequence, "time": round(time.time(), 6), "attempt": self.attempt}

@@ -290,13 +290,7 @@ def _stills(event: Rollout, sources: Sources, strip: bool) -> Iterator[str]:
 
 
 def report(record: dict[str, Any], events: Sequence[Event], sources: Sources) -> str:
-    """The page.
-
-    Args:
-        record: the content of ``run.json``.
-        events: of the run.
-        sources: where its pictures, assets and programs are.
-    """
+    """The page."""
     rows = steps(list(events))
     parts = [
         _head(record, events),

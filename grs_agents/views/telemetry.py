@@ -27,11 +27,7 @@ _SCOPE = "grs_agents"
 
 
 def otlp_provider() -> Any:
-    """A tracer provider that sends spans over OTLP/HTTP to where the standard ``OTEL_*`` variables say.
-
-    Raises:
-        ConfigError: the extra is not installed.
-    """
+    """A tracer provider that sends spans over OTLP/HTTP to where the standard ``OTEL_*`` variables say."""
     try:
         trace = importlib.import_module("opentelemetry.sdk.trace")
         export = importlib.import_module("opentelemetry.sdk.trace.export")

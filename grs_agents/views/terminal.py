@@ -53,9 +53,6 @@ class Progress:
     """Shows events as they come: a live table on a terminal, else one line for each finished node.
 
     Use as a context manager and subscribe it to the event log.
-
-    Args:
-        console: where to; standard error by default, so that ``--json`` has stdout to itself.
     """
 
     def __init__(self, console: Console | None = None) -> None:

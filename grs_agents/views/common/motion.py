@@ -69,11 +69,7 @@ class Grasp:
 
 
 def instance_of(file: Path) -> TaskInstance:
-    """The task instance of a rollout.
-
-    Raises:
-        InputError: the file is missing or no task instance.
-    """
+    """The task instance of a rollout."""
     try:
         return read_instance(read_bytes(file, _REMEDY, MAX_BYTES))
     except InstanceError as error:
@@ -81,11 +77,7 @@ def instance_of(file: Path) -> TaskInstance:
 
 
 def read_motion(file: Path) -> Motion:
-    """Read the recording of a rollout.
-
-    Raises:
-        InputError: the file is missing or no recording, or the motion in it is too long.
-    """
+    """Read the recording of a rollout."""
     arrays = read_npz(file, _ARRAYS, {}, _MOST_BYTES, ("names",))
     times, names = _since_start(arrays["times"], file), arrays["names"]
     frames, bodies = len(times), len(np.atleast_1d(names))
@@ -106,11 +98,7 @@ def read_motion(file: Path) -> Motion:
 
 
 def read_seconds(file: Path) -> float:
-    """How long the recording of a rollout is, without the rest of it.
-
-    Raises:
-        InputError: the file is missing or no recording.
-    """
+    """How long the recording of a rollout is, without the rest of it."""
     return _since_start(read_npz(file, {"times": "seconds"}, {}, _MOST_BYTES)["times"], file)[-1]
 
 

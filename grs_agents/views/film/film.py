@@ -49,11 +49,7 @@ class Shot:
 
 
 def rollout_of(events: Sequence[Event], folder: Path, seed: int | None = None) -> Rollout:
-    """The rollout of the run's last audit that used ``seed``, or its first one, of which the recording is there.
-
-    Raises:
-        InputError: there is none.
-    """
+    """The rollout of the run's last audit that used ``seed``, or its first one, of which the recording is there."""
     by_seed = {event.seed: event for event in events if isinstance(event, Rollout)}
     played = {
         number: event
@@ -70,11 +66,7 @@ def rollout_of(events: Sequence[Event], folder: Path, seed: int | None = None) -
 
 
 def pictures(shot: Shot, seconds: Sequence[float]) -> Iterator[Image]:
-    """The pictures (H, W, 3) of ``shot`` at these moments, drawn with EGL, OSMesa, or rays where neither is there.
-
-    Raises:
-        GrsError: the drawing process fails.
-    """
+    """The pictures (H, W, 3) of ``shot`` at these moments, drawn with EGL, OSMesa, or rays where neither is there."""
     for backend in _backends():
         drawn = False
         try:
@@ -138,18 +130,8 @@ def _order(shot: Shot, seconds: Sequence[float], rays: bool = False, window: boo
 def write_film(shot: Shot, path: Path, rate: float = 15.0, show: Callable[[str], None] | None = None) -> int:
     """Write the rollout in real time to an .mp4 or .gif file.
 
-    Args:
-        shot: what to film.
-        path: the file.
-        rate: pictures a second.
-        show: is told how far it is.
-
     Returns:
         The number of frames.
-
-    Raises:
-        InputError: another kind of file is asked for, or it cannot be written.
-        GrsError: the drawing process fails.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"cannot write a film to {path.name}", f"name a file that ends in {' or '.join(SUFFIXES)}")
@@ -200,15 +182,7 @@ def _write_gif(images: Iterator[Image], path: Path, rate: float, shot: Shot) -> 
 
 
 def watch(shot: Shot) -> int:
-    """Play the rollout in MuJoCo's window until it is closed.
-
-    Returns:
-        The exit status of the window's process.
-
-    Raises:
-        InputError: there is no display.
-        GrsError: the window cannot be opened.
-    """
+    """Play the rollout in MuJoCo's window until it is closed."""
     if not has_display():
         raise InputError("no display to open MuJoCo's window on", "write a film instead: --out film.mp4")
     with tempfile.TemporaryFile() as errors, _worker("", errors.fileno()) as process:

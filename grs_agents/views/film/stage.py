@@ -49,10 +49,6 @@ def props_of(instance: TaskInstance, arm: Arm) -> Props:
 class Stage:
     """A model that is only looked at: its objects have no weight and stand where they are put.
 
-    Args:
-        props: what it shows.
-        library: 3D assets.
-
     Attributes:
         model, data: MuJoCo's, in the state last shown.
     """

@@ -62,14 +62,7 @@ def _changed(event: ProgramVersion, source: str) -> list[str]:
 
 
 class EventView:
-    """Writes events to one ``.rrd`` file, which is made when the first one comes.
-
-    Args:
-        folder: the run, to which the paths in events are relative.
-        library: where the meshes of assets lie.
-        to: the file to write, or a recording to write into, which is then not closed here.
-        live: address of a viewer that shows it while it is written, or None.
-    """
+    """Writes events to the file ``to``, made with the first one, or into a recording, which is not closed here."""
 
     def __init__(self, folder: Path, library: Library, to: Path | Recording, live: str | None = None) -> None:
         self._folder, self._to, self._live = folder, to, live

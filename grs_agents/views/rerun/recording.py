@@ -89,14 +89,7 @@ class Rows:
         self._waiting: dict[tuple[str, type[Archetype]], list[tuple[Moment, Values]]] = {}
 
     def add(self, path: str, kind: type[Archetype], moment: Moment, values: Values) -> None:
-        """Send a row soon.
-
-        Args:
-            path: the entity.
-            kind: the archetype; the rows of one path name the same components.
-            moment: the time.
-            values: of its components.
-        """
+        """Send a row soon."""
         with self._lock:
             self._waiting.setdefault((path, kind), []).append((moment, values))
             if self._timer is None:
@@ -132,17 +125,7 @@ BETWEEN_CHECKS = 0.2
 
 
 class Recording:
-    """Writes archetypes to ``path`` at the moment last set.
-
-    Args:
-        path: the ``.rrd`` file; what it held is replaced.
-        run_id: two files of one run open as one recording.
-        blueprint: how the viewer lays the recording out.
-        live: address of a viewer that shows it while it is written, or None.
-
-    Raises:
-        InputError: less than ``LEAST_FREE`` bytes are free on the disk.
-    """
+    """Writes archetypes to ``path`` (and to the viewer at the address ``live``) at the moment last set."""
 
     def __init__(self, path: Path, run_id: str, blueprint: rrb.Blueprint, live: str | None = None) -> None:
         self.moment = Moment()
@@ -170,11 +153,7 @@ class Recording:
         return other
 
     def require_space(self) -> None:
-        """See that the disk has room for one more event: rerun may wait for ever for a file that it cannot write.
-
-        Raises:
-            InputError: less than ``LEAST_FREE`` bytes are free; the recording ends here.
-        """
+        """See that the disk has room for one more event: rerun may wait for ever for a file that it cannot write."""
         now = monotonic()
         if now < self._space_checked + BETWEEN_CHECKS:
             return

@@ -19,11 +19,6 @@ class RerunView:
 
     A run that is resumed goes on in ``trace.1.rrd`` and so on, with the same recording id, so that all parts
     open as one recording; :meth:`finish` leaves a single ``trace.rrd``.
-
-    Args:
-        run_folder: the run; its ``events.jsonl`` may hold earlier events.
-        library: where the meshes of assets lie, the run's own proxies laid over.
-        live: address of a viewer that shows the run as it goes on, or None.
     """
 
     def __init__(self, run_folder: Path, library: Library, live: str | None = None) -> None:
@@ -65,15 +60,7 @@ def _next_part(folder: Path) -> Path:
 
 
 def compare(runs: Sequence[tuple[Path, Library]], path: Path) -> Path:
-    """Write runs into one recording, side by side, on timelines that begin together.
-
-    Args:
-        runs: the folder and the assets of each; its entities lie below ``/run_1``, ``/run_2``, ...
-        path: the file to write.
-
-    Raises:
-        InputError: a folder has no readable event log.
-    """
+    """Write runs into one recording, below ``/run_1``, ``/run_2``, ..., on timelines that begin together."""
     logs = [read_events(folder / "events.jsonl") for folder, _ in runs]
     names = _distinct([folder.resolve().name for folder, _ in runs])
     columns: list[tuple[str, str, tuple[str, ...]]] = []
@@ -98,11 +85,7 @@ def _distinct(names: list[str]) -> list[str]:
 
 
 def record(run_folder: Path, library: Library, path: Path) -> bool:
-    """Write the recording of a run, as far as it has come, into the file ``path``; False if it has no event yet.
-
-    Raises:
-        InputError: the folder has no readable event log.
-    """
+    """Write the recording of a run, as far as it has come, into the file ``path``; False if it has no event yet."""
     events = read_events(run_folder / "events.jsonl")
     # A stream that is left open blocks the making of the next one in this process for ever (rerun 0.41).
     with closing(EventView(run_folder, library, path)) as view:
@@ -112,11 +95,7 @@ def record(run_folder: Path, library: Library, path: Path) -> bool:
 
 
 def rebuild(run_folder: Path, library: Library) -> Path:
-    """Make ``trace.rrd`` anew from ``events.jsonl`` and the files it names; parts of resumed runs go away.
-
-    Raises:
-        InputError: the folder has no readable event log.
-    """
+    """Make ``trace.rrd`` anew from ``events.jsonl`` and the files it names; parts of resumed runs go away."""
     temporary = run_folder / f".{TRACE}"
     if record(run_folder, library, temporary):
         temporary.replace(run_folder / TRACE)

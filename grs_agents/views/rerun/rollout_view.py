@@ -41,13 +41,7 @@ def show_asset(recording: Recording, path: str, name: str, library: Library) -> 
 
 
 def geometry(shape: Shape, library: Library, color: Rgba | None) -> rr.AsComponents:
-    """``shape`` in the frame of its object.
-
-    Args:
-        shape: a box, cylinder, sphere or mesh.
-        library: where its mesh and texture lie.
-        color: rgba 0..1 laid over the shape's own, or None.
-    """
+    """``shape`` in the frame of its object; ``color`` (rgba 0..1), if given, lies over the shape's own."""
     rgba = [round(255 * channel) for channel in color or shape.color or _GREY]
     where: dict[str, Any] = {"centers": [shape.position], "quaternions": [shape.quaternion], "colors": [rgba]}
     if shape.kind == "box":

@@ -38,11 +38,7 @@ Image = npt.NDArray[Any]
 
 
 def read_picture(path: Path, flags: int) -> Image:
-    """A picture as OpenCV reads it.
-
-    Raises:
-        InputError: the file is missing or not a picture.
-    """
+    """A picture as OpenCV reads it."""
     return _decoded(path, changed(path), flags)
 
 

@@ -23,11 +23,7 @@ _SETTLED = 1.5  # seconds after which a viewer that still runs is taken to have 
 
 
 def rerun_program() -> Path:
-    """The viewer that comes with ``rerun-sdk``, found without importing rerun.
-
-    Raises:
-        GrsError: this installation has none.
-    """
+    """The viewer that comes with ``rerun-sdk``, found without importing rerun."""
     spec = importlib.util.find_spec("rerun_cli")
     for folder in (spec.submodule_search_locations or []) if spec else []:
         for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun"):
@@ -37,11 +33,7 @@ def rerun_program() -> Path:
 
 
 def recordings(path: Path) -> list[Path]:
-    """The recording files of a run folder, parts of a resumed run included, or ``path`` itself.
-
-    Raises:
-        InputError: there is none.
-    """
+    """The recording files of a run folder, parts of a resumed run included, or ``path`` itself."""
     files = sorted(path.glob("trace*.rrd")) if path.is_dir() else [path]
     if not files or not files[0].is_file():
         raise InputError(f"no recording in {path}", "name a run folder that holds trace.rrd")
