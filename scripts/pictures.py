@@ -54,10 +54,10 @@ def digest() -> str:
     """The SHA-256 of what the pictures show: the layout of the views, the state machine, the sample scene, rerun."""
     from grs_agents import content
     from grs_agents.views.rerun.blueprint import blueprint
-    from grs_agents.views.rerun.state_machine import expected_nodes, node_positions
+    from grs_agents.views.rerun.state_machine import node_positions
 
     sha = hashlib.sha256(f"{version('rerun-sdk')}\n".encode())
-    sha.update(f"{node_positions(expected_nodes('grs'))}\n".encode())
+    sha.update(f"{node_positions(content.load_module('graphs', 'grs').build().nodes)}\n".encode())
     layout = blueprint(("a", "b"))
     sha.update(f"{layout.time_panel and vars(layout.time_panel)}\n".encode())
     for line in _layout(layout.root_container):

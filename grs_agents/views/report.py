@@ -15,23 +15,12 @@ from typing import Any, Literal, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
+from grs_agents import trace
 from grs_agents.errors import GrsError
 from grs_agents.foreign import member, present, read_bytes
 from grs_agents.foreign.pictures import read_picture
 from grs_agents.library import Library
 from grs_agents.terminal import visible
-from grs_agents.trace import (
-    Decision,
-    Event,
-    Finding,
-    NodeStarted,
-    ProgramVersion,
-    Rollout,
-    RunStarted,
-    SceneStage,
-    TaskDefined,
-    TestsRun,
-)
 from grs_agents.views.common.event_documents import finding_verdict
 from grs_agents.views.common.motion import instance_of
 from grs_agents.views.common.scene_objects import (
@@ -47,7 +36,7 @@ from grs_agents.views.common.step_text import sections
 from grs_agents.views.common.steps import Step, steps
 from grs_agents.views.film.film import Shot, pictures
 
-AuditEvent = TypeVar("AuditEvent", Rollout, Finding)
+AuditEvent = TypeVar("AuditEvent", trace.Rollout, trace.Finding)
 Verdict = Literal["", "good", "bad"]
 """The class, and so the colour, of what went well or wrong."""
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
@@ -187,14 +176,14 @@ class Sources:
             self.show(f"drawing {what}")
 
 
-def photo(events: Sequence[Event], sources: Sources) -> Iterator[str]:
+def photo(events: Sequence[trace.Event], sources: Sources) -> Iterator[str]:
     """The photo with a numbered box around each object, the simulation beside it, and the objects as a table."""
     files: dict[str, str] = {}
     camera: dict[str, Any] = {}
     objects: list[dict[str, Any]] = []
     background: str | None = None
     for event in events:
-        if isinstance(event, SceneStage):
+        if isinstance(event, trace.SceneStage):
             files.update(event.files)
             camera.update(event.summary.get("camera") or {})
             objects = event.summary.get("objects") or objects
@@ -229,7 +218,7 @@ def _photo(files: dict[str, str], objects: Sequence[dict[str, Any]], folder: Pat
 
 
 def _simulated(
-    events: Sequence[Event],
+    events: Sequence[trace.Event],
     sources: Sources,
     objects: Sequence[dict[str, Any]],
     camera: dict[str, Any],
@@ -238,7 +227,7 @@ def _simulated(
     """The task as the camera of the photo would see it; of a run that came to none, the objects found."""
     if not camera.get("T_robot_cam"):
         return ""
-    played = [event for event in last_audit(events, Rollout) if event.instance]
+    played = [event for event in last_audit(events, trace.Rollout) if event.instance]
     try:
         if played:
             instance = instance_of(member(sources.folder, played[0].instance or ""))
@@ -253,15 +242,17 @@ def _simulated(
     return "" if image is None else picture(image, caption)
 
 
-def last_audit(events: Sequence[Event], kind: type[AuditEvent]) -> list[AuditEvent]:
+def last_audit(events: Sequence[trace.Event], kind: type[AuditEvent]) -> list[AuditEvent]:
     """The rollouts, or the findings, of the last audit."""
-    starts = [index for index, event in enumerate(events) if isinstance(event, NodeStarted) and event.node == "audit"]
+    starts = [
+        index for index, event in enumerate(events) if isinstance(event, trace.NodeStarted) and event.node == "audit"
+    ]
     return [event for event in events[starts[-1] if starts else 0 :] if isinstance(event, kind)]
 
 
-def rollouts(events: Sequence[Event], sources: Sources) -> Iterator[str]:
+def rollouts(events: Sequence[trace.Event], sources: Sources) -> Iterator[str]:
     """Each rollout of the last audit: before, after and its figures; of the first one a film strip."""
-    played = last_audit(events, Rollout)
+    played = last_audit(events, trace.Rollout)
     for event in played:
         verdict = f"Seed {event.seed}: {event.outcome}, reward {event.reward:.2f} after {event.steps} steps; "
         yield paragraph(
@@ -272,7 +263,7 @@ def rollouts(events: Sequence[Event], sources: Sources) -> Iterator[str]:
         yield from _stills(event, sources, strip=event is played[0]) if drawn else ()
 
 
-def _stills(event: Rollout, sources: Sources, strip: bool) -> Iterator[str]:
+def _stills(event: trace.Rollout, sources: Sources, strip: bool) -> Iterator[str]:
     sources.drawing(f"the rollout of seed {event.seed}")
     shot = Shot(sources.folder.resolve(), event, sources.library, sources.robot)
     try:
@@ -289,7 +280,7 @@ def _stills(event: Rollout, sources: Sources, strip: bool) -> Iterator[str]:
         yield f'<div class="strip">{"".join(frames)}</div>'
 
 
-def report(record: dict[str, Any], events: Sequence[Event], sources: Sources) -> str:
+def report(record: dict[str, Any], events: Sequence[trace.Event], sources: Sources) -> str:
     """The page."""
     rows = steps(list(events))
     parts = [
@@ -307,9 +298,9 @@ def report(record: dict[str, Any], events: Sequence[Event], sources: Sources) ->
     return page(f"GRS run {record.get('id', '')}", [part for part in parts if part])
 
 
-def _head(record: dict[str, Any], events: Sequence[Event]) -> str:
+def _head(record: dict[str, Any], events: Sequence[trace.Event]) -> str:
     status = str(record.get("status", "?"))
-    started = next((event for event in events if isinstance(event, RunStarted)), None)
+    started = next((event for event in events if isinstance(event, trace.RunStarted)), None)
     kind = "good" if status == "accepted" else "bad"
     how = f"graph {started.graph}, seed {started.seed}" if started else ""
     counts: dict[str, Any] = record.get("counts") or {}
@@ -325,8 +316,8 @@ def _head(record: dict[str, Any], events: Sequence[Event]) -> str:
     )
 
 
-def _task(events: Sequence[Event]) -> Iterator[str]:
-    tasks = [event.task for event in events if isinstance(event, TaskDefined)]
+def _task(events: Sequence[trace.Event]) -> Iterator[str]:
+    tasks = [event.task for event in events if isinstance(event, trace.TaskDefined)]
     for key, value in (tasks[-1] if tasks else {}).items():
         shown = ", ".join(map(str, cast("list[Any]", value))) if isinstance(value, list) else value
         yield f"<p><b>{text(key)}</b>: {text(shown)}</p>"
@@ -353,16 +344,16 @@ def _verdict(well: bool) -> Verdict:
     return "" if well else "bad"
 
 
-def _decisions(events: Sequence[Event]) -> Iterator[str]:
+def _decisions(events: Sequence[trace.Event]) -> Iterator[str]:
     for event in events:
-        if isinstance(event, Decision):
+        if isinstance(event, trace.Decision):
             policy = f" by {event.policy}" if event.policy else ""
             yield f"<p><b>{text(event.verdict)}</b>{text(policy)}: {text(event.explanation)}</p>"
 
 
 def _tests(rows: Sequence[Step]) -> Iterator[str]:
     """Each run of the tests in full; the last one is open if it failed."""
-    runs = [step for step in rows if any(isinstance(event, TestsRun) for event in step.events)]
+    runs = [step for step in rows if any(isinstance(event, trace.TestsRun) for event in step.events)]
     for step in runs:
         text_of_step = "\n\n".join(f"{part.heading}\n{part.text}" for part in sections(step))
         last = step is runs[-1]
@@ -372,19 +363,19 @@ def _tests(rows: Sequence[Step]) -> Iterator[str]:
         )
 
 
-def _findings(events: Sequence[Event]) -> str:
+def _findings(events: Sequence[trace.Event]) -> str:
     """What the last audit found."""
-    findings = last_audit(events, Finding)
+    findings = last_audit(events, trace.Finding)
     cells = [(finding.check, finding_verdict(finding), finding.detail) for finding in findings]
     colors: list[Verdict] = [_verdict(finding.passed) for finding in findings]
     return table(["check", "", "detail"], cells, verdicts=colors) if cells else ""
 
 
-def _programs(events: Sequence[Event], folder: Path) -> Iterator[str]:
+def _programs(events: Sequence[trace.Event], folder: Path) -> Iterator[str]:
     """Each version as what it changed, then both programs as they ended."""
-    last: dict[str, ProgramVersion] = {}
+    last: dict[str, trace.ProgramVersion] = {}
     for event in events:
-        if isinstance(event, ProgramVersion):
+        if isinstance(event, trace.ProgramVersion):
             last[event.program] = event
             if event.parent is not None and event.diff:
                 yield folded(f"{event.program} version {event.number} by {event.author_role}", diff(event.diff), True)

@@ -8,18 +8,8 @@ import importlib
 import json
 from typing import Any
 
+from grs_agents import trace
 from grs_agents.errors import ConfigError
-from grs_agents.trace import (
-    Event,
-    NodeEnded,
-    NodeStarted,
-    Prompt,
-    Reply,
-    Rollout,
-    RunEnded,
-    RunStarted,
-    TestsRun,
-)
 from grs_agents.views.common.steps import phrase
 
 _PROVIDERS = {"openai": "openai", "anthropic": "anthropic", "google": "gcp.gemini", "ollama": "ollama"}
@@ -29,13 +19,13 @@ _SCOPE = "grs_agents"
 def otlp_provider() -> Any:
     """A tracer provider that sends spans over OTLP/HTTP to where the standard ``OTEL_*`` variables say."""
     try:
-        trace = importlib.import_module("opentelemetry.sdk.trace")
+        sdk = importlib.import_module("opentelemetry.sdk.trace")
         export = importlib.import_module("opentelemetry.sdk.trace.export")
         resources = importlib.import_module("opentelemetry.sdk.resources")
         otlp = importlib.import_module("opentelemetry.exporter.otlp.proto.http.trace_exporter")
     except ImportError as error:
         raise ConfigError("OpenTelemetry is not installed", 'pip install "grs-agents[otel]"') from error
-    provider = trace.TracerProvider(resource=resources.Resource.create({"service.name": "grs-agents"}))
+    provider = sdk.TracerProvider(resource=resources.Resource.create({"service.name": "grs-agents"}))
     provider.add_span_processor(export.BatchSpanProcessor(otlp.OTLPSpanExporter()))
     return provider
 
@@ -54,29 +44,29 @@ class SpanView:
         self._tracer = provider.get_tracer(_SCOPE)
         self._run: Any = None
         self._node: Any = None
-        self._prompts: dict[str, Prompt] = {}
+        self._prompts: dict[str, trace.Prompt] = {}
         self._last = 0
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, event: trace.Event) -> None:
         """Take in one event."""
         self._last = round(event.time * 1e9)
         match event:
-            case RunStarted():
+            case trace.RunStarted():
                 self._close()
                 shown = {"gen_ai.conversation.id": event.run_id, "grs.graph": event.graph, "grs.seed": event.seed}
                 self._run = self._start(f"invoke_agent {event.graph}", None, _agent("grs") | shown)
-            case NodeStarted():
+            case trace.NodeStarted():
                 self._end(self._node)
                 shown = _agent(event.node) | {"grs.visit": event.visit, "grs.attempt": event.attempt}
                 self._node = self._start(f"invoke_agent {event.node}", self._run, shown)
-            case NodeEnded():
+            case trace.NodeEnded():
                 self._end(self._node, event.error)
                 self._node = None
-            case Prompt():
+            case trace.Prompt():
                 self._prompts[event.call] = event
-            case Reply():
+            case trace.Reply():
                 self._call(event)
-            case RunEnded():
+            case trace.RunEnded():
                 self._finish(event)
             case _:
                 self._tell(event)
@@ -109,14 +99,14 @@ class SpanView:
         self._end(self._run)
         self._node = self._run = None
 
-    def _finish(self, event: RunEnded) -> None:
+    def _finish(self, event: trace.RunEnded) -> None:
         if self._run is not None:
             self._run.set_attributes({"grs.status": event.status, "grs.reason": event.reason})
         self._end(self._node)
         self._end(self._run, event.reason if event.status == "failed" else "")
         self._node = self._run = None
 
-    def _call(self, event: Reply) -> None:
+    def _call(self, event: trace.Reply) -> None:
         """A model call: one span from its prompt to its reply."""
         asked = self._prompts.pop(event.call, None)
         provider, _, name = event.model.rpartition(":")
@@ -140,14 +130,14 @@ class SpanView:
         begin = round(asked.time * 1e9) if asked else self._last - round(event.seconds * 1e9)
         self._end(self._start(f"chat {name}", self._node or self._run, attributes, begin, "CLIENT"), event.error)
 
-    def _tell(self, event: Event) -> None:
+    def _tell(self, event: trace.Event) -> None:
         """Whatever else happens is an event of the node's span; a rollout and a test run are tools."""
         span = self._node or self._run
         if span is None:
             return
-        if isinstance(event, TestsRun | Rollout):
-            tool = "run_tests" if isinstance(event, TestsRun) else "rollout"
-            seconds = float(event.report.get("seconds") or 0) if isinstance(event, TestsRun) else 0.0
+        if isinstance(event, trace.TestsRun | trace.Rollout):
+            tool = "run_tests" if isinstance(event, trace.TestsRun) else "rollout"
+            seconds = float(event.report.get("seconds") or 0) if isinstance(event, trace.TestsRun) else 0.0
             named = {"gen_ai.operation.name": "execute_tool", "gen_ai.tool.name": tool, "grs.result": phrase(event)}
             begin = self._last - round(seconds * 1e9)
             self._end(self._start(f"execute_tool {tool}", span, named, begin))
@@ -176,7 +166,7 @@ _FIELDS: dict[str, set[str]] = {
 """The fields of an event that go into its span event; of any other kind, its phrase."""
 
 
-def _values(event: Event) -> dict[str, Any]:
+def _values(event: trace.Event) -> dict[str, Any]:
     if fields := _FIELDS.get(event.kind):
         return event.model_dump(include=fields)
     text = phrase(event)

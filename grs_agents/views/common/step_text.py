@@ -5,21 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from grs_agents import trace
 from grs_agents.errors import InputError
-from grs_agents.trace import (
-    Decision,
-    Event,
-    Finding,
-    NodeEnded,
-    Note,
-    ProgramVersion,
-    Prompt,
-    Reply,
-    Rollout,
-    SceneStage,
-    TaskDefined,
-    TestsRun,
-)
 from grs_agents.views.common.event_documents import case_counts, cases_of, finding_verdict
 from grs_agents.views.common.steps import Step
 
@@ -56,51 +43,51 @@ def sections(step: Step) -> Iterator[Section]:
             yield section
 
 
-def _section(event: Event) -> Section | None:
+def _section(event: trace.Event) -> Section | None:
     match event:
-        case Prompt():
+        case trace.Prompt():
             section = _prompt_section(event)
-        case Reply():
+        case trace.Reply():
             section = _reply_section(event)
-        case ProgramVersion():
+        case trace.ProgramVersion():
             section = Section(f"{event.program} version {event.number}, {event.path}", event.diff)
-        case TestsRun():
+        case trace.TestsRun():
             section = Section(f"tests: {event.report.get('outcome')}", _tests(event))
-        case Decision():
+        case trace.Decision():
             section = Section(f"decision of policy {event.policy}: {event.verdict}", event.explanation)
-        case TaskDefined():
+        case trace.TaskDefined():
             section = Section("task", json.dumps(event.task, indent=2, ensure_ascii=False))
-        case SceneStage():
+        case trace.SceneStage():
             section = _scene_section(event)
-        case Rollout():
+        case trace.Rollout():
             section = _rollout_section(event)
-        case Finding():
+        case trace.Finding():
             section = Section(f"audit, {event.check}: {finding_verdict(event)}", event.detail)
-        case Note():
+        case trace.Note():
             section = Section(event.level, event.text)
-        case NodeEnded():
+        case trace.NodeEnded():
             section = _state_section(event)
         case _:
             section = None
     return section
 
 
-def _prompt_section(event: Prompt) -> Section:
+def _prompt_section(event: trace.Prompt) -> Section:
     pictures = "".join(f"\n[picture {name}]" for name in event.images)
     return Section(f"prompt of {event.role} to {event.model} (call {event.call})", event.text + pictures)
 
 
-def _scene_section(event: SceneStage) -> Section:
+def _scene_section(event: trace.SceneStage) -> Section:
     return Section(f"scene: {event.stage}", "\n".join(f"[{kind} {name}]" for kind, name in event.files.items()))
 
 
-def _rollout_section(event: Rollout) -> Section:
+def _rollout_section(event: trace.Rollout) -> Section:
     moved = f"moved {', '.join(event.moved)}" if event.moved else "moved nothing"
     text = f"{event.steps} steps, doing nothing earns {event.idle_reward:.2f}; {moved}"
     return Section(f"rollout of seed {event.seed}: {event.outcome}, reward {event.reward:.2f}", text)
 
 
-def _state_section(event: NodeEnded) -> Section | None:
+def _state_section(event: trace.NodeEnded) -> Section | None:
     """What the node made of the state, or the error that ended it."""
     if event.error:
         return Section("error", event.error)
@@ -108,7 +95,7 @@ def _state_section(event: NodeEnded) -> Section | None:
     return Section("state", "\n".join(lines)) if lines else None
 
 
-def _reply_section(event: Reply) -> Section:
+def _reply_section(event: trace.Reply) -> Section:
     cached = f" ({event.cached_tokens} from the cache)" if event.cached_tokens else ""
     cost = "" if event.cost is None else f", ${event.cost:.4f}"
     ending = f", {event.finish_reason}" if event.finish_reason else ""
@@ -117,7 +104,7 @@ def _reply_section(event: Reply) -> Section:
     return Section(heading, event.text + (f"\n\nnot used: {event.error}" if event.error else ""))
 
 
-def _tests(event: TestsRun) -> str:
+def _tests(event: trace.TestsRun) -> str:
     parts = [case_counts(event), str(event.report.get("message") or ""), *map(_case, cases_of(event))]
     return "\n\n".join(part for part in parts if part)
 

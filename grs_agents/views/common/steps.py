@@ -3,23 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from grs_agents.trace import (
-    Decision,
-    Event,
-    Finding,
-    NodeEnded,
-    NodeStarted,
-    Note,
-    ProgramVersion,
-    Prompt,
-    Reply,
-    Rollout,
-    RunEnded,
-    RunStarted,
-    SceneStage,
-    TaskDefined,
-    TestsRun,
-)
+from grs_agents import trace
 from grs_agents.views.common.event_documents import case_counts
 
 Status = Literal["running", "done", "failed", "interrupted"]
@@ -40,7 +24,9 @@ class Step:
     output_tokens: int = 0
     cost: float | None = None  # of its model calls in US dollars; None where no provider told it
     details: list[str] = field(default_factory=list[str])  # what came of it, one phrase each
-    events: list[Event] = field(default_factory=list[Event])  # all that happened in it, its start and end included
+    events: list[trace.Event] = field(
+        default_factory=list[trace.Event]
+    )  # all that happened in it, its start and end included
 
     @property
     def tokens(self) -> int:
@@ -48,9 +34,9 @@ class Step:
         return self.input_tokens + self.output_tokens
 
     @property
-    def replies(self) -> list[Reply]:
+    def replies(self) -> list[trace.Reply]:
         """The answers of its models."""
-        return [event for event in self.events if isinstance(event, Reply)]
+        return [event for event in self.events if isinstance(event, trace.Reply)]
 
     @property
     def trouble(self) -> str:
@@ -59,9 +45,9 @@ class Step:
             return self.details[-1] if self.details else self.status
         problem = ""
         for event in self.events:
-            if isinstance(event, TestsRun) and event.report.get("outcome") != "passed":
+            if isinstance(event, trace.TestsRun) and event.report.get("outcome") != "passed":
                 problem = f"tests: {phrase(event)}"
-            elif isinstance(event, Finding) and not event.passed:
+            elif isinstance(event, trace.Finding) and not event.passed:
                 problem = f"{event.check}: {event.detail}"
         return problem
 
@@ -76,32 +62,32 @@ class Steps:
 
     def __init__(self) -> None:
         self.rows: list[Step] = []
-        self.ended: RunEnded | None = None
-        self.decision: Decision | None = None
+        self.ended: trace.RunEnded | None = None
+        self.decision: trace.Decision | None = None
 
     @property
     def current(self) -> Step | None:
         """The step that is running."""
         return self.rows[-1] if self.rows and self.rows[-1].status == "running" else None
 
-    def add(self, event: Event) -> None:
+    def add(self, event: trace.Event) -> None:
         """Take one more event in."""
-        if isinstance(event, NodeStarted):
+        if isinstance(event, trace.NodeStarted):
             if self.current:
                 self.current.status = "interrupted"
             step = Step(len(self.rows) + 1, event.node, event.visit, event.attempt, event.time)
             step.events.append(event)
             self.rows.append(step)
-        elif isinstance(event, NodeEnded):
+        elif isinstance(event, trace.NodeEnded):
             self._close(event)
-        elif isinstance(event, RunEnded):
+        elif isinstance(event, trace.RunEnded):
             self.ended = event
             if self.current:
                 self.current.status = "interrupted"
         elif self.current:
             self._note(self.current, event)
 
-    def _close(self, event: NodeEnded) -> None:
+    def _close(self, event: trace.NodeEnded) -> None:
         for step in reversed(self.rows):
             if step.node == event.node and step.status == "running":
                 step.status = "failed" if event.error else "done"
@@ -111,11 +97,11 @@ class Steps:
                     step.details.append(event.error)
                 return
 
-    def _note(self, step: Step, event: Event) -> None:
+    def _note(self, step: Step, event: trace.Event) -> None:
         step.events.append(event)
-        if isinstance(event, Decision):
+        if isinstance(event, trace.Decision):
             self.decision = event
-        if isinstance(event, Reply):
+        if isinstance(event, trace.Reply):
             step.input_tokens += event.input_tokens
             step.output_tokens += event.output_tokens
             if event.cost is not None:
@@ -125,38 +111,38 @@ class Steps:
             step.details.append(text)
 
 
-def phrase(event: Event) -> str:
+def phrase(event: trace.Event) -> str:
     """What ``event`` adds to a step, as a phrase; empty for events that speak for themselves."""
     match event:
-        case SceneStage():
+        case trace.SceneStage():
             text = _scene_phrase(event)
-        case TaskDefined():
+        case trace.TaskDefined():
             text = str(event.task.get("task-name") or "")
-        case ProgramVersion():
+        case trace.ProgramVersion():
             text = f"{event.program} v{event.number}"
-        case TestsRun():
+        case trace.TestsRun():
             text = case_counts(event) or str(event.report.get("outcome"))
-        case Decision():
+        case trace.Decision():
             text = f"→ {event.verdict}: {event.explanation}"
-        case Rollout():
+        case trace.Rollout():
             text = f"seed {event.seed}: {event.outcome}, reward {event.reward:.2f}"
-        case Finding(passed=False):
+        case trace.Finding(passed=False):
             text = f"{event.check} failed: {event.detail}"
-        case Reply(error=error) if error:
+        case trace.Reply(error=error) if error:
             text = f"reply of {event.role} not used: {error}"
-        case Note(level="warning" | "error"):
+        case trace.Note(level="warning" | "error"):
             text = event.text
         case _:  # it speaks for itself
             text = ""
     return text
 
 
-def _scene_phrase(event: SceneStage) -> str:
+def _scene_phrase(event: trace.SceneStage) -> str:
     objects: list[Any] | None = event.summary.get("objects")
     return event.stage if objects is None else f"{event.stage}: {len(objects)} objects"
 
 
-def steps(events: list[Event]) -> list[Step]:
+def steps(events: list[trace.Event]) -> list[Step]:
     """The steps of a whole run."""
     folded = Steps()
     for event in events:
@@ -177,43 +163,43 @@ _MARKS = {
 }
 
 
-def line(event: Event) -> str:
+def line(event: trace.Event) -> str:
     """``event`` in words, after a mark that tells its kind at a glance."""
     return f"{_MARKS.get(event.kind, '•')} {_words(event)}"
 
 
-def _words(event: Event) -> str:
+def _words(event: trace.Event) -> str:
     match event:
-        case RunStarted():
+        case trace.RunStarted():
             text = f"run {event.run_id} starts"
-        case RunEnded():
+        case trace.RunEnded():
             text = f"{event.status}: {event.reason}"
-        case NodeStarted():
+        case trace.NodeStarted():
             text = f"{event.node}, visit {event.visit}"
-        case NodeEnded():
+        case trace.NodeEnded():
             text = f"{event.node} {event.seconds:.2f} s {event.error}"
-        case Prompt():
+        case trace.Prompt():
             text = f"prompt of {event.role}"
-        case Reply():
+        case trace.Reply():
             text = f"reply of {event.role}, {event.input_tokens + event.output_tokens} tokens {event.error}"
-        case Finding(passed=True):
+        case trace.Finding(passed=True):
             text = f"{event.check}: {event.detail}"
-        case Note():
+        case trace.Note():
             text = event.text
         case _:
             text = phrase(event)
     return text.rstrip()
 
 
-def level(event: Event) -> Level:
+def level(event: trace.Event) -> Level:
     """How much attention ``event`` asks for."""
-    if isinstance(event, Note):
+    if isinstance(event, trace.Note):
         return _NOTE_LEVELS[event.level]
-    if isinstance(event, NodeEnded | Prompt | Reply):
-        return "ERROR" if isinstance(event, NodeEnded) and event.error else "DEBUG"
+    if isinstance(event, trace.NodeEnded | trace.Prompt | trace.Reply):
+        return "ERROR" if isinstance(event, trace.NodeEnded) and event.error else "DEBUG"
     wants_attention = (
         event.kind == "decision"
-        or (isinstance(event, Finding) and not event.passed)
-        or (isinstance(event, RunEnded) and event.status != "accepted")
+        or (isinstance(event, trace.Finding) and not event.passed)
+        or (isinstance(event, trace.RunEnded) and event.status != "accepted")
     )
     return "WARN" if wants_attention else "INFO"

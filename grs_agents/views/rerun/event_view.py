@@ -5,24 +5,9 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from grs_agents import trace
 from grs_agents.foreign import member, read_bytes
 from grs_agents.library import Library
-from grs_agents.trace import (
-    Decision,
-    Event,
-    Finding,
-    NodeEnded,
-    NodeStarted,
-    ProgramVersion,
-    Prompt,
-    Reply,
-    Rollout,
-    RunEnded,
-    RunStarted,
-    SceneStage,
-    TaskDefined,
-    TestsRun,
-)
 from grs_agents.views.common import event_documents
 from grs_agents.views.common.safe_text import drawable
 from grs_agents.views.common.steps import level, line
@@ -37,7 +22,7 @@ _GREY = (165, 165, 170)
 _LONGEST = 400
 
 
-def log_program(recording: Recording, folder: Path, event: ProgramVersion) -> None:
+def log_program(recording: Recording, folder: Path, event: trace.ProgramVersion) -> None:
     """Show one version: its file as a document, its diff as coloured lines."""
     path = Paths.SIMULATION if event.program == "simulation" else Paths.TESTS
     source = read_bytes(member(folder, event.path)).decode("utf-8", "replace")
@@ -52,7 +37,7 @@ def log_program(recording: Recording, folder: Path, event: ProgramVersion) -> No
     recording.columns(Paths.DIFF, np.zeros(len(lines)), columns)
 
 
-def _changed(event: ProgramVersion, source: str) -> list[str]:
+def _changed(event: trace.ProgramVersion, source: str) -> list[str]:
     """The lines of the diff without its file names; of a first version only how long it is."""
     if event.parent is None or not event.diff:
         return [f"  {len(source.splitlines())} lines, new"]
@@ -73,17 +58,17 @@ class EventView:
         self._rollouts = RolloutView(folder, library)
         self._tokens = 0
         self._picture: str | None = None
-        self._findings: list[Finding] = []
+        self._findings: list[trace.Finding] = []
         self._recording: Recording | None = None
 
-    def skip(self, event: Event) -> None:
+    def skip(self, event: trace.Event) -> None:
         """Take in an event that an earlier part of the recording shows."""
         self._follow(event)
         self._clock.tick(event)
-        if isinstance(event, Rollout):
+        if isinstance(event, trace.Rollout):
             self._clock.play(duration(self._folder, event))
 
-    def write(self, event: Event) -> None:
+    def write(self, event: trace.Event) -> None:
         """Show ``event``; it is in the file a moment later."""
         self._follow(event)
         recording = self._open()
@@ -113,69 +98,69 @@ class EventView:
             self._recording = recording
         return self._recording
 
-    def _follow(self, event: Event) -> None:
+    def _follow(self, event: trace.Event) -> None:
         """Keep what later events are shown with."""
-        if isinstance(event, RunStarted):
+        if isinstance(event, trace.RunStarted):
             self._run_id = event.run_id
-        elif isinstance(event, Reply):
+        elif isinstance(event, trace.Reply):
             self._tokens += event.input_tokens + event.output_tokens
-        elif isinstance(event, Finding):
+        elif isinstance(event, trace.Finding):
             self._findings.append(event)
-        elif isinstance(event, NodeStarted) and event.node == "audit":
+        elif isinstance(event, trace.NodeStarted) and event.node == "audit":
             self._findings.clear()
         self._machine.follow(event)
 
-    def _summarise(self, recording: Recording, event: Event) -> None:
+    def _summarise(self, recording: Recording, event: trace.Event) -> None:
         """One line in the list of events."""
         recording.row(Paths.LOG, rr.TextLog, text=[drawable(line(event)[:300])], level=[level(event)])
 
-    def _show(self, recording: Recording, event: Event) -> None:
-        if isinstance(event, RunStarted | RunEnded | NodeStarted):
+    def _show(self, recording: Recording, event: trace.Event) -> None:
+        if isinstance(event, trace.RunStarted | trace.RunEnded | trace.NodeStarted):
             self._machine.show(recording)
         for path, markdown in self._texts(event):
             recording.text(path, markdown)
         match event:
-            case NodeEnded():
+            case trace.NodeEnded():
                 recording.row(f"{Paths.METRICS}/seconds/{event.node}", rr.Scalars, scalars=[event.seconds])
-            case Prompt():
+            case trace.Prompt():
                 self._pictures(recording, event)
-            case Reply():
+            case trace.Reply():
                 recording.row(f"{Paths.METRICS}/tokens", rr.Scalars, scalars=[self._tokens])
-            case ProgramVersion():
+            case trace.ProgramVersion():
                 log_program(recording, self._folder, event)
-            case TestsRun():
+            case trace.TestsRun():
                 _log_tests(recording, event)
-            case SceneStage():
+            case trace.SceneStage():
                 self._scene.show(recording, event)
-            case Rollout():
+            case trace.Rollout():
                 self._rollout(recording, event)
             case _:
                 pass
 
-    def _texts(self, event: Event) -> list[tuple[str, str]]:
+    def _texts(self, event: trace.Event) -> list[tuple[str, str]]:
         """The documents that ``event`` changes: where and what."""
         match event:
-            case RunStarted():
+            case trace.RunStarted():
                 shown = (Paths.DECISION, event_documents.started(event))
-            case RunEnded():
+            case trace.RunEnded():
                 shown = (Paths.DECISION, event_documents.ended(event))
-            case Decision():
+            case trace.Decision():
                 shown = (Paths.DECISION, event_documents.decision(event))
-            case Prompt():
+            case trace.Prompt():
                 shown = (Paths.PROMPT, event_documents.prompt(event))
-            case Reply():
+            case trace.Reply():
                 shown = (Paths.REPLY, event_documents.reply(event))
-            case TestsRun():
+            case trace.TestsRun():
                 shown = (Paths.REPORT, event_documents.tests(event))
-            case TaskDefined():
+            case trace.TaskDefined():
                 shown = (Paths.TASK, event_documents.task(event))
-            case Finding():
+            case trace.Finding():
                 shown = (Paths.AUDIT, event_documents.audit(self._findings))
             case _:
                 return []
         return [shown]
 
-    def _pictures(self, recording: Recording, event: Prompt) -> None:
+    def _pictures(self, recording: Recording, event: trace.Prompt) -> None:
         """The first picture of the prompt, if it is another than the last prompt's."""
         picture = event.images[0] if event.images else None
         if picture and picture != self._picture:
@@ -184,13 +169,13 @@ class EventView:
             recording.log(Paths.IMAGE, rr.EncodedImage.cleared())  # the viewer goes on to show an image after Clear
         self._picture = picture
 
-    def _rollout(self, recording: Recording, event: Rollout) -> None:
+    def _rollout(self, recording: Recording, event: trace.Rollout) -> None:
         self._clock.play(self._rollouts.show(recording, event))
         reward = rr.Scalars.columns(scalars=[event.reward])
         recording.columns(f"{Paths.METRICS}/reward", np.array([duration(self._folder, event)]), reward)
 
 
-def _log_tests(recording: Recording, event: TestsRun) -> None:
+def _log_tests(recording: Recording, event: trace.TestsRun) -> None:
     cases = event_documents.cases_of(event)
     passed = sum(case.get("outcome") == "passed" for case in cases)
     for outcome, count in (("passed", passed), ("failed", len(cases) - passed)):

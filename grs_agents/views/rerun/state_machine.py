@@ -1,7 +1,6 @@
 """The state machine in the recording: where each node stands, what leads where, its colour, and the lane of nodes."""
 
 from collections.abc import Iterable
-from itertools import pairwise
 from typing import Any
 
 import rerun as rr
@@ -14,7 +13,6 @@ Edge = tuple[str, str]
 
 END = "end"
 COLUMN, ROW = 190.0, 110.0
-_PERCEPTION = ("read", "find_table", "segment", "describe", "match", "register", "settle")
 _ROWS = (
     ("read", "find_table", "segment", "describe"),
     ("generate_task", "settle", "register", "match"),
@@ -26,25 +24,6 @@ _ROWS = (
 _GRID: dict[str, tuple[float, float]] = {
     **{node: (column, row) for row, names in enumerate(_ROWS) for column, node in enumerate(names) if node},
     "hide_image": (-0.9, 1),
-}
-_EDGES: tuple[Edge, ...] = (
-    *pairwise((*_PERCEPTION, "generate_task", "generate_sim", "generate_tests", "run_tests")),
-    ("register", "describe"),
-    ("run_tests", "route"),
-    ("run_tests", "audit"),
-    ("audit", "route"),
-    ("audit", END),
-    ("audit", "conclude"),
-    ("conclude", END),
-    ("route", "fix_code"),
-    ("route", "fix_tests"),
-    ("fix_code", "run_tests"),
-    ("fix_tests", "run_tests"),
-)
-_OPTIONAL = frozenset({"conclude", "hide_image"})
-_WITHOUT: dict[str, frozenset[str]] = {
-    "router": frozenset({*_PERCEPTION, "generate_task"}),
-    "scene": frozenset(_GRID) - {*_PERCEPTION, END},
 }
 _COLORS: dict[str, Color] = {
     "read": (91, 120, 239),
@@ -74,12 +53,6 @@ def color(node: str) -> Color:
     return _COLORS.get(node) or _OTHER_COLORS[sum(node.encode()) % len(_OTHER_COLORS)]
 
 
-def expected_nodes(graph: str) -> tuple[str, ...]:
-    """The nodes to show before any has run, for a graph of which only the name is known."""
-    without = _WITHOUT.get(graph, frozenset()) | _OPTIONAL
-    return tuple(node for node in _GRID if node not in without)
-
-
 def node_positions(nodes: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Positions in the plane, x right and y down; unknown nodes stand in columns to the right."""
     positions: dict[str, tuple[float, float]] = {}
@@ -94,12 +67,6 @@ def node_positions(nodes: Iterable[str]) -> dict[str, tuple[float, float]]:
     return positions
 
 
-def edges(nodes: Iterable[str]) -> tuple[Edge, ...]:
-    """The usual edges between those of ``nodes`` that are there."""
-    present = set(nodes)
-    return tuple(edge for edge in _EDGES if set(edge) <= present)
-
-
 _START, _END = "__start__", "__end__"  # as LangGraph calls them
 
 
@@ -112,8 +79,8 @@ class MachineView:
     """Knows the nodes of the run's graph, how often each was visited and which is active."""
 
     def __init__(self) -> None:
-        self.nodes: tuple[str, ...] = expected_nodes("")
-        self._edges: tuple[Edge, ...] = edges(self.nodes)
+        self.nodes: tuple[str, ...] = (END,)
+        self._edges: tuple[Edge, ...] = ()
         self._visits: dict[str, int] = {}
         self._active = ""
         self._placed: tuple[str, ...] = ()
@@ -121,10 +88,9 @@ class MachineView:
     def follow(self, event: Event) -> None:
         """Take in an event without showing it."""
         if isinstance(event, RunStarted):
-            nodes = [_shown(node) for node in event.nodes if node != _START] or expected_nodes(event.graph)
+            nodes = (_shown(node) for node in event.nodes if node != _START)
             self.nodes = tuple(dict.fromkeys((*nodes, END)))
-            joined = tuple((_shown(tail), _shown(head)) for tail, head in event.edges if tail != _START)
-            self._edges = joined or edges(self.nodes)
+            self._edges = tuple((_shown(tail), _shown(head)) for tail, head in event.edges if tail != _START)
         elif isinstance(event, NodeStarted):
             self.nodes = tuple(dict.fromkeys((*self.nodes, event.node)))
             self._visits[event.node] = max(event.visit, self._visits.get(event.node, 0))
