@@ -4,18 +4,17 @@ A request names the scene, and each node's changes stream back; what the run lea
 other's. Settings come from ``GRS_*`` variables and from the request.
 """
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from langchain_core.runnables import RunnableConfig
 from langgraph.graph import END, START, StateGraph
 
-from grs_agents.cli.run import Watching, follow
 from grs_agents.config import load_config
 from grs_agents.errors import InputError
 from grs_agents.run import GIVEN, Order, execute, load_graph
 from grs_agents.state import RunState
+from grs_agents.views import follow
 
 
 class Answer(RunState):
@@ -38,7 +37,7 @@ def serve(name: str) -> StateGraph[Answer, None, RunState, Answer]:
         given = {key: value for key, value in state.items() if key not in GIVEN}
         command = "run" if getattr(load_graph(name), "VERDICT", True) else "scene"
         order = Order(command, Path(state["scene_path"]), load_config(None, settings).config, given=given, nested=True)
-        ended = execute(order, partial(follow, watching=Watching()))
+        ended = execute(order, follow)
         if ended.problem is not None:
             raise ended.problem
         return {**ended.state, "folder": str(ended.folder)}

@@ -165,13 +165,14 @@ def moments_of(folder: Path) -> dict[str, list[float]]:
 def main() -> int:
     """Make two runs and their pictures, and note what they show."""
     from grs_agents import content
-    from grs_agents.cli.run import run_graph
     from grs_agents.config import load_config
+    from grs_agents.run import Order, execute
+    from grs_agents.views import follow
 
     scene = content.scenes()["groceries"]
     with tempfile.TemporaryDirectory() as temporary:
         accepted, fixed = Path(temporary) / "groceries", Path(temporary) / "fixed"
-        if status := run_graph("run", scene, load_config().config, accepted, False, False):
+        if status := execute(Order("run", scene, load_config().config, accepted), follow).record.exit_status:
             return status
         shoot(accepted, ACCEPTED)
         fixed.mkdir()

@@ -12,7 +12,7 @@ import pytest
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from grs_agents.cli.app import app
+from grs_agents.cli.commands import app
 from grs_agents.config import Config
 from grs_agents.config.model import ROLE_ALIASES, ROLES
 from grs_agents.library import Library

@@ -1,11 +1,9 @@
 """``grs run``, ``grs scene`` and ``grs check``."""
 
 import shlex
-import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,20 +15,11 @@ from grs_agents import terminal
 from grs_agents.audit import AuditReport
 from grs_agents.config import Config, Effective, validated
 from grs_agents.errors import GrsError, InputError
-from grs_agents.library import Library
 from grs_agents.perception import SceneDescription, read_description, resolve_scene
 from grs_agents.run import CheckOrder, Order, RunRecord, UnexpectedError, check, execute, read_record
 from grs_agents.sandbox import TestReport
 from grs_agents.terminal import say, say_json
-from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
-
-
-@dataclass(frozen=True)
-class Watching:
-    """Who watches a run beside its recording: a viewer's window, an OpenTelemetry backend."""
-
-    view: bool = False
-    otel: bool = False
+from grs_agents.views import follow, summary_table
 
 
 def run_graph(
@@ -40,11 +29,12 @@ def run_graph(
     out: Path | None,
     resume: bool,
     as_json: bool,
-    watching: Watching | None = None,
+    view: bool = False,
+    otel: bool = False,
 ) -> int:
     """Run the configured graph with its recording and live progress, and print the end."""
     order = Order(command, resolve_scene(scene), config, out, resume)
-    ended = execute(order, partial(follow, watching=watching or Watching()))
+    ended = execute(order, partial(follow, view=view, otel=otel))
     if as_json:
         say_json(ended.record.model_dump(mode="json"))
     elif ended.problem is None:
@@ -58,8 +48,6 @@ def run_graph(
 
 
 def _print_end(command: str, folder: Path, record: RunRecord) -> None:
-    from grs_agents.views import summary_table
-
     console = terminal.console()
     if command == "scene" and record.exit_status == 0:
         console.print(objects_table(read_description(folder / "scene.json")))
@@ -90,45 +78,6 @@ def objects_table(scene: SceneDescription) -> Table:
         position = ", ".join(f"{value:.2f}" for value in item.position)
         table.add_row(*map(Text, (item.name, item.asset, size, position, "yes" if item.reachable else "no")))
     return table
-
-
-@contextmanager
-def follow(folder: Path, log: EventLog, watching: Watching) -> Generator[None]:
-    """Let progress, recording and whoever watches follow the log; all are closed whatever happens."""
-    from grs_agents.views import Progress, live_viewer
-    from grs_agents.views.rerun.rerun_view import RerunView
-    from grs_agents.views.telemetry import SpanView, otlp_provider
-
-    live = live_viewer()[1] if watching.view else None
-    spans = SpanView(otlp_provider()) if watching.otel else None
-    view = RerunView(folder, Library(), live)
-    with Progress() as progress:
-        log.subscribe(_without_errors(progress))
-        log.subscribe(view)
-        if spans:
-            log.subscribe(spans)
-        try:
-            yield
-        finally:
-            view.finish()
-            if spans:
-                spans.finish()
-
-
-def _without_errors(progress: Callable[[Event], None]) -> Callable[[Event], None]:
-    """An error is said once, at the end: a live table marks the node that failed, lines leave it out."""
-    live = sys.stderr.isatty()
-
-    def show(event: Event) -> None:
-        if isinstance(event, RunEnded) and event.status == "failed":
-            return
-        if isinstance(event, NodeEnded) and event.error:
-            if not live:
-                return
-            event = event.model_copy(update={"error": "see below"})
-        progress(event)
-
-    return show
 
 
 @dataclass(frozen=True)

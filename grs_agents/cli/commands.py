@@ -83,11 +83,11 @@ def run(
     otel: Otel = False,
 ) -> None:
     """Make a validated task of a photo with depth. Exit status: 0 accepted, 1 rejected, 2 bad input, 3 our error."""
-    from grs_agents.cli.run import Watching, run_graph
+    from grs_agents.cli.run import run_graph
 
     refuse_changes(resume, config, settings, seed, unsafe)
     chosen = effective(config, settings, seed, unsafe).config
-    sys.exit(run_graph("run", scene, chosen, out, resume, json, Watching(view, otel)))
+    sys.exit(run_graph("run", scene, chosen, out, resume, json, view, otel))
 
 
 @app.command()

@@ -1,0 +1,86 @@
+"""Run the ``grs`` command, and report whatever ends it early."""
+
+import contextlib
+import errno
+import io
+import logging
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Any, cast
+
+from grs_agents import interrupts
+from grs_agents.errors import GrsError, InputError
+from grs_agents.terminal import VisibleFormatter, say
+
+_LONGEST_PATH = 4096
+"""Bytes; no system takes a longer path."""
+_UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM)
+"""What the system says of a path that somebody named; nothing of ours is missing then."""
+
+_INTERRUPTED = 130
+"""Exit status, as shells give it for Ctrl-C."""
+
+
+def main() -> None:
+    """Run the command line; a user's error is one line on stderr and exit status 2, ours is 3 with its traceback.
+
+    A request to end (SIGTERM) is an interruption like Ctrl-C.
+    """
+    interrupts.catch()
+    try:
+        from grs_agents.cli.commands import app
+
+        if logging.lastResort is not None:
+            logging.lastResort.setFormatter(VisibleFormatter())
+        _check(sys.argv[1:])
+        sys.exit(_status(app))
+    except GrsError as error:
+        say(f"grs: {error}", error=True)
+        sys.exit(error.exit_status)
+    except OSError as error:
+        if error.filename is None or error.errno not in _UNUSABLE:
+            _report(error)
+        say(f"grs: cannot use {str(error.filename)[:200]}: {error.strerror}; name another file or folder", error=True)
+        sys.exit(InputError.exit_status)
+    except KeyboardInterrupt:
+        sys.exit(_INTERRUPTED)
+    except Exception as error:
+        _report(error)
+
+
+def _report(error: Exception) -> None:
+    """Print an error of ours and end."""
+    say(f"grs: {type(error).__name__}: {error}; report it with this traceback:", error=True)
+    say("".join(traceback.format_exception(error)), error=True, end="")
+    sys.exit(GrsError.exit_status)
+
+
+def _check(arguments: Sequence[str]) -> None:
+    """See that every argument can be the name of something."""
+    for number, argument in enumerate(arguments, start=1):
+        option, _, value = argument.partition("=") if argument.startswith("--") else ("", "", argument)
+        shown = f"argument {number}" + (f" ({arguments[number - 2]} ...)" if number > 1 else "")
+        if argument == "" or (option and argument.endswith("=") and not value):
+            raise InputError(f"{shown} is empty", "give a value, or leave the option out")
+        if len(value) > _LONGEST_PATH:
+            remedy = f"give at most {_LONGEST_PATH}; put long settings into a file and name it with --config"
+            raise InputError(f"{shown} has {len(value)} characters", remedy)
+        if any("\ud800" <= letter <= "\udfff" for letter in argument):
+            raise InputError(f"{shown} is not UTF-8: {argument}", "rename the file, or set the locale to UTF-8")
+
+
+def _status(app: Any) -> int:
+    """Run the verb, and say what is wrong with the command line if something is."""
+    from typer.exceptions import Abort, TyperException
+
+    try:
+        return int(app(standalone_mode=False) or 0)
+    except TyperException as error:
+        message = io.StringIO()
+        with contextlib.redirect_stderr(message):
+            cast(Any, error).show()
+        say(message.getvalue(), error=True, end="")
+        return error.exit_code
+    except Abort:
+        return 1

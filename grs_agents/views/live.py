@@ -1,0 +1,52 @@
+"""What people watch while a run goes on: progress in the terminal, the recording, a viewer, OpenTelemetry spans."""
+
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from grs_agents.library import Library
+from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
+from grs_agents.views.rerun.viewer import live_viewer
+from grs_agents.views.terminal import Progress
+
+
+@contextmanager
+def follow(folder: Path, log: EventLog, view: bool = False, otel: bool = False) -> Generator[None]:
+    """Let progress and recording follow the log, with a viewer's window and OpenTelemetry spans if asked for.
+
+    All are closed whatever happens.
+    """
+    from grs_agents.views.rerun.rerun_view import RerunView
+    from grs_agents.views.telemetry import SpanView, otlp_provider
+
+    live = live_viewer()[1] if view else None
+    spans = SpanView(otlp_provider()) if otel else None
+    recording = RerunView(folder, Library(), live)
+    with Progress() as progress:
+        log.subscribe(_without_errors(progress))
+        log.subscribe(recording)
+        if spans:
+            log.subscribe(spans)
+        try:
+            yield
+        finally:
+            recording.finish()
+            if spans:
+                spans.finish()
+
+
+def _without_errors(progress: Callable[[Event], None]) -> Callable[[Event], None]:
+    """An error is said once, at the end: a live table marks the node that failed, lines leave it out."""
+    live = sys.stderr.isatty()
+
+    def show(event: Event) -> None:
+        if isinstance(event, RunEnded) and event.status == "failed":
+            return
+        if isinstance(event, NodeEnded) and event.error:
+            if not live:
+                return
+            event = event.model_copy(update={"error": "see below"})
+        progress(event)
+
+    return show
