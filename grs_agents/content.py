@@ -65,20 +65,12 @@ def names(kind: Kind) -> list[str]:
 
 
 def path(kind: Kind, name: str) -> Path:
-    """The file (or, for assets, the file or folder) called ``name``.
-
-    Raises:
-        UnknownNameError: nothing has that name; the message lists the names there are.
-    """
+    """The file (or, for assets, the file or folder) called ``name``. Raises UnknownNameError: nothing has that name."""
     return paths(kind, name)[0]
 
 
 def paths(kind: Kind, name: str) -> list[Path]:
-    """Every file or folder called ``name``, the one that wins first.
-
-    Raises:
-        UnknownNameError: nothing has that name; the message lists the names there are.
-    """
+    """Every file or folder called ``name``, the one that wins first. Raises UnknownNameError: nothing has that name."""
     public = name != "" and name == Path(name).name and not name.startswith(("_", "."))
     candidates = [root / kind / f"{name}{_SUFFIX[kind]}" for root in roots()] if public else []
     existing = [candidate for candidate in candidates if candidate.exists()]
@@ -95,28 +87,20 @@ def scenes() -> dict[str, Path]:
 
 
 def load_module(kind: Kind, name: str) -> ModuleType:
-    """Import the content file ``name`` once; a second call returns the same module.
-
-    Raises:
-        UnknownNameError: nothing has that name.
-    """
-    file = path(kind, name)
+    """Import the content file ``name`` once. Raises UnknownNameError: nothing has that name."""
+    file, qualified = path(kind, name), f"grs_content.{kind}.{name}"
     with _loading:
-        return _loaded(f"grs_content.{kind}.{name}", file)
-
-
-def _loaded(qualified: str, file: Path) -> ModuleType:
-    loaded = sys.modules.get(qualified)
-    if loaded is not None and loaded.__file__ == str(file):
-        return loaded
-    spec = importlib.util.spec_from_file_location(qualified, file)
-    if spec is None or spec.loader is None:
-        raise InputError(f"{file} is not a Python file", "name a .py file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[qualified] = module  # before exec: dataclasses and pydantic look their module up by name
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[qualified]
-        raise
-    return module
+        loaded = sys.modules.get(qualified)
+        if loaded is not None and loaded.__file__ == str(file):
+            return loaded
+        spec = importlib.util.spec_from_file_location(qualified, file)
+        if spec is None or spec.loader is None:
+            raise InputError(f"{file} is not a Python file", "name a .py file")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[qualified] = module  # before exec: dataclasses and pydantic look their module up by name
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[qualified]
+            raise
+        return module

@@ -8,12 +8,7 @@ _FEW, _NEAREST = 20, 5
 
 
 class GrsError(Exception):
-    """Something went wrong that a person should read about.
-
-    Args:
-        message: what is wrong, with the value and the bound it broke.
-        remedy: what to do about it, as an imperative phrase.
-    """
+    """An error to be read: what is wrong, with value and bound, and what to do about it (an imperative)."""
 
     exit_status = 3
 

@@ -16,11 +16,7 @@ STANDARD_OUTPUT = Path("-")
 
 
 def replaceable(path: Path) -> Path:
-    """The file that writing to ``path`` makes or replaces: ``path``, or what it links to.
-
-    Raises:
-        InputError: it is there and no regular file, such as a device, a pipe or a folder.
-    """
+    """The file that writing to ``path`` makes or replaces, links resolved. Raises InputError: it is no regular file."""
     try:
         if path.is_symlink():
             path = path.resolve()
@@ -36,11 +32,7 @@ def replaceable(path: Path) -> Path:
 
 
 def check_output(path: Path) -> None:
-    """See that ``path`` may be written as `write_document` does, before the work that makes the document.
-
-    Raises:
-        InputError: it is there and no regular file, or no file can have that name.
-    """
+    """Refuse ``path`` before the document is made. Raises InputError: `write_document` could not write it."""
     if path != STANDARD_OUTPUT:
         replaceable(path)
 

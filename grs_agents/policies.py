@@ -50,15 +50,11 @@ def failures(report: TestReport) -> tuple[str, ...]:
     Two reports with the same failures show that the fix between them changed nothing.
     """
     cases = [
-        f"{case.outcome} in {case.raised_in} ({_ending(case)}): {case.message}"
+        f"{case.outcome} in {case.raised_in} ({(case.episode or {}).get('outcome')}): {case.message}"
         for case in report.cases
         if case.outcome != "passed"
     ]
     return (f"{report.outcome} in {report.raised_in}: {report.message}", *sorted(cases))
-
-
-def _ending(case: TestCase) -> object:
-    return case.episode.get("outcome") if case.episode else None
 
 
 class Policy(Protocol):

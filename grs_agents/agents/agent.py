@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from uuid import uuid4
 
 import cv2
+import numpy.typing as npt
 from langchain_core.language_models.chat_models import BaseChatModel
 from langchain_core.messages import AIMessage, BaseMessage, HumanMessage
 
@@ -115,8 +116,7 @@ class Agents:
                 messages.append(AIMessage("(no usable reply)"))
             messages.append(HumanMessage(text))
             images = ()
-        failure = NoReply(role=role, tries=tries, problem=problem)
-        return failure
+        return NoReply(role=role, tries=tries, problem=problem)
 
     def _exchange(
         self, role: str, messages: list[BaseMessage], text: str, images: Sequence[str]
@@ -165,8 +165,12 @@ def deadline(spec: ModelConfig) -> float | None:
 
 
 def image_block(path: Path) -> dict[str, str]:
-    """A picture file as a standard LangChain image block (JPEG, longest side ``IMAGE_SIDE``)."""
-    image = read_picture(path, cv2.IMREAD_COLOR)
+    """A picture file as ``jpeg_block`` makes it."""
+    return jpeg_block(read_picture(path, cv2.IMREAD_COLOR))
+
+
+def jpeg_block(image: npt.NDArray[Any]) -> dict[str, str]:
+    """A picture (H, W, 3), blue first, as a standard LangChain image block (JPEG, longest side ``IMAGE_SIDE``)."""
     scale = IMAGE_SIDE / max(image.shape[:2])
     if scale < 1:
         image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -1,8 +1,6 @@
 """Describing assets with a model, once: the words that photos are compared with."""
 
-import base64
 import hashlib
-import io
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,6 +14,7 @@ from langchain_core.messages import HumanMessage
 from pydantic import ConfigDict, Field, ValidationError
 
 from grs_agents import content
+from grs_agents.agents.agent import jpeg_block
 from grs_agents.agents.reply import ReplyError, parse_json, render
 from grs_agents.base import Frozen
 from grs_agents.files import write_json
@@ -87,11 +86,7 @@ def plan(root: Path, assets: Sequence[Asset], model: str, again: bool = False) -
 def describe_assets(
     root: Path, library: Library, todo: Sequence[Asset], model: BaseChatModel, name: str, warn: Callable[[str], None]
 ) -> Iterator[tuple[Asset, DescribedAsset | None]]:
-    """Describe assets one after another; each description is on disk before the next is asked for.
-
-    Returns:
-        Each asset with its description in it, and the description; None where the model gave no usable reply.
-    """
+    """Describe assets, each kept on disk before the next is asked for; None where the model gave no usable reply."""
     for asset in todo:
         described = _described(library, asset, model, name, warn)
         if described is None:
@@ -134,7 +129,7 @@ def _described(
         "hollow": asset.hollow,
     }
     text = render(content.path("prompts", PROMPT), {"facts": json.dumps(facts)})
-    blocks: list[str | dict[Any, Any]] = [_block(view) for view in views]
+    blocks: list[str | dict[Any, Any]] = [jpeg_block(over_white(view)[:, :, ::-1]) for view in views]
     message = HumanMessage(content=[*blocks, {"type": "text", "text": text}])
     for _ in range(_TRIES):
         try:
@@ -167,14 +162,6 @@ def colors_seen(views: Sequence[AssetView]) -> list[str]:
         shares[named] = shares.get(named, 0) + int(count)
     ranked = sorted(shares, key=lambda value: (-shares[value], value))
     return ranked[:1] + [value for value in ranked[1:3] if shares[value] >= _SHARE * len(pixels)]
-
-
-def _block(view: AssetView) -> dict[str, str]:
-    from PIL import Image as Pictures
-
-    buffer = io.BytesIO()
-    Pictures.fromarray(over_white(view)).save(buffer, "JPEG", quality=90)
-    return {"type": "image", "base64": base64.b64encode(buffer.getvalue()).decode(), "mime_type": "image/jpeg"}
 
 
 def _prompt_hash() -> str:

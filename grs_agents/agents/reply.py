@@ -22,11 +22,7 @@ class ReplyError(ValueError):
 
 
 def fenced(text: str, language: str) -> str:
-    """The last fenced block in ``language`` (or without a language) of a reply.
-
-    Raises:
-        ReplyError: no such block, or an unclosed one.
-    """
+    """The last closed block fenced in ``language`` (or in none). Raises ReplyError: there is no such block."""
     blocks = [body for tag, body in _FENCE.findall(text) if tag.lower() in (language, "", language[:2])]
     if blocks:
         return cast(str, blocks[-1])
@@ -36,11 +32,7 @@ def fenced(text: str, language: str) -> str:
 
 
 def parse_json(text: str, model: type[Model]) -> Model:
-    """The JSON object in the reply's fenced block (or the whole reply), checked by ``model``'s schema.
-
-    Raises:
-        ReplyError: not JSON, or not by the schema.
-    """
+    """The JSON object in the fenced block, or the whole reply. Raises ReplyError: it is no ``model``."""
     body = text if text.lstrip().startswith("{") else fenced(text, "json")
     try:
         value: Any = json.loads(body)
@@ -69,11 +61,7 @@ def parse_python(text: str) -> str:
 
 
 def parse_verdict(text: str) -> RouterReply:
-    """The router's verdict: the last fenced block that holds exactly one of the two values (paper, Listing 3).
-
-    Raises:
-        ReplyError: none or another value.
-    """
+    """The verdict in the last block that holds one of the two (paper, Listing 3). Raises ReplyError: none does."""
     blocks = [cast(str, body).strip().strip("\"'`") for _, body in _FENCE.findall(text)]
     verdicts = [block for block in blocks if block in _VERDICTS]
     if not verdicts:
@@ -101,11 +89,7 @@ def variables(template: str) -> frozenset[str]:
 
 
 def render(file: Path, values: Mapping[str, str]) -> str:
-    """Fill the template in ``file``; inserted text is never scanned for variables again.
-
-    Raises:
-        ConfigError: the template wants a variable that is not given, or leaves a given one out.
-    """
+    """Fill the template in ``file``; inserted text is not scanned. Raises ConfigError: other variables than given."""
     template = file.read_text(encoding="utf-8")
     wanted = variables(template)
     if wanted != frozenset(values):

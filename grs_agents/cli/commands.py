@@ -123,11 +123,11 @@ def check(
     unsafe: Unsafe = False,
 ) -> None:
     """Check a simulation program of your own through sandbox, tests, oracle and audit. Exit status as for run."""
-    from grs_agents.cli.run import Program, check_program
+    from grs_agents.cli.run import check_program
 
     extra = [] if seeds is None else [f"audit.seeds={seeds}"]
     chosen = effective(config, [*(settings or []), *extra], unsafe=unsafe)
-    sys.exit(check_program(Program.of(simulation, tests, assets), chosen, json))
+    sys.exit(check_program(simulation, tests, assets, chosen, json))
 
 
 @app.command()

@@ -39,11 +39,7 @@ class Diagnosis:
 
 
 def diagnose(as_json: bool) -> int:
-    """Look at the sandbox, GL, the models and the versions.
-
-    Returns:
-        0 if everything that GRS needs works, 3 if not.
-    """
+    """Look at the sandbox, GL, the models and the versions; 0 if all that GRS needs works, 3 if not."""
     diagnoses = [Diagnosis("models offline", "works", "embedded, no key")]
     with working("looking at models and packages") as show:
         diagnoses += [*(_provider(name) for name in PROVIDERS), *_extras()]

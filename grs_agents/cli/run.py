@@ -4,7 +4,6 @@ import shlex
 import tempfile
 import traceback
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -80,28 +79,18 @@ def objects_table(scene: SceneDescription) -> Table:
     return table
 
 
-@dataclass(frozen=True)
-class Program:
-    """What is checked."""
+def check_program(program: Path, tests: Path | None, run: Path | None, chosen: Effective, as_json: bool) -> int:
+    """Check a program and print what was found; 0 if its tests pass and the audit accepts it, 1 if not.
 
-    simulation: Path
-    tests: Path | None
-    run: Path | None  # the run whose own assets it may use
-
-    @classmethod
-    def of(cls, named: Path, tests: Path | None, run: Path | None) -> "Program":
-        """A program by its file, or the one that a run ended with, by the run's folder."""
-        if not named.is_dir():
-            return cls(named, tests, run)
-        own = named / "test_simulation.py"
-        return cls(named / "simulation.py", tests or (own if own.is_file() else None), run or named)
-
-
-def check_program(program: Program, chosen: Effective, as_json: bool) -> int:
-    """Check a program and print what was found; 0 if its tests pass and the audit accepts it, 1 if not."""
-    config = _as_in(program.run, chosen) if program.run else chosen.config
+    ``program`` is its file, or the folder of a run that ended with it; it may use the assets of ``run``.
+    """
+    if program.is_dir():
+        own = program / "test_simulation.py"
+        tests, run = tests or (own if own.is_file() else None), run or program
+        program = program / "simulation.py"
+    config = _as_in(run, chosen) if run else chosen.config
     with tempfile.TemporaryDirectory(prefix="grs-check-") as folder:
-        report, audit = check(CheckOrder(program.simulation, program.tests, config, Path(folder), program.run))
+        report, audit = check(CheckOrder(program, tests, config, Path(folder), run))
     accepted = audit.accepted and (report is None or report.ok)
     if as_json:
         value = {

@@ -48,7 +48,9 @@ def load_config(
     """
     tree: Tree = Config().model_dump()
     sources = dict.fromkeys(flat(tree), "default")
-    for layer in (_environment(environment), [(f"file {file}", _read(file))] if file else [], _settings(settings)):
+    from_file = [(f"file {file}", _read(file))] if file else []
+    from_settings = [("--set", _setting(text)) for text in settings]
+    for layer in (_environment(environment), from_file, from_settings):
         stated: Tree = {}  # a layer as a whole: base_url may stand before or after the model it belongs to
         named: dict[str, str] = {}
         for source, part in layer:
@@ -75,10 +77,6 @@ def _environment(environment: Mapping[str, str] | None) -> list[tuple[str, Tree]
             dotted = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
             layers.append((f"environment {name}", _nest(dotted, _value(value))))
     return layers
-
-
-def _settings(settings: Sequence[str]) -> list[tuple[str, Tree]]:
-    return [("--set", _setting(text)) for text in settings]
 
 
 def _read(file: Path) -> Tree:

@@ -34,11 +34,7 @@ MALFORMED = (
 
 
 def read_npy(file: Path) -> Numbers:
-    """One array of numbers.
-
-    Raises:
-        InputError: it cannot be read, holds Python objects or text, or is too large.
-    """
+    """One array of numbers. Raises InputError: it cannot be read, holds Python objects or text, or is too large."""
     data = read_bytes(file)
     return _array(BytesIO(data), str(file))
 

@@ -40,11 +40,7 @@ def is_folder(path: Path) -> bool:
 
 
 def names_in(folder: Path) -> list[str]:
-    """The names in a folder, sorted.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """The names in a folder, sorted. Raises InputError: it cannot be read."""
     try:
         return sorted(entry.name for entry in folder.iterdir())
     except OSError as error:
@@ -52,11 +48,7 @@ def names_in(folder: Path) -> list[str]:
 
 
 def read_bytes(file: Path, remedy: str = "", most: int = MOST_BYTES) -> bytes:
-    """The whole content of a regular file.
-
-    Raises:
-        InputError: it cannot be read, is no regular file, or is too large.
-    """
+    """The content of a regular file. Raises InputError: it cannot be read, is no regular file, or is too large."""
     try:
         status = file.stat()  # before it is opened: a pipe would wait for its other end for ever
         if not stat.S_ISREG(status.st_mode):
@@ -75,11 +67,7 @@ def read_bytes(file: Path, remedy: str = "", most: int = MOST_BYTES) -> bytes:
 
 
 def read_text(file: Path, remedy: str = "", most: int = MOST_TEXT_BYTES) -> str:
-    """The text of a regular UTF-8 file.
-
-    Raises:
-        InputError: as `read_bytes`, or it is not UTF-8.
-    """
+    """The text of a regular UTF-8 file. Raises InputError: as `read_bytes`, or it is not UTF-8."""
     try:
         return read_bytes(file, remedy, most).decode("utf-8")
     except UnicodeDecodeError as error:
@@ -115,11 +103,7 @@ def check_json(data: bytes, where: object, values: int | None = MOST_VALUES) -> 
 
 
 def parse_json(data: bytes, where: object, remedy: str, values: int | None = MOST_VALUES) -> Any:
-    """The value that JSON in UTF-8 holds.
-
-    Raises:
-        InputError: it is no such text, is nested too deep or holds too many values.
-    """
+    """The value that JSON in UTF-8 holds. Raises InputError: it is none, or nested too deep, or too large."""
     check_json(data, where, values)
     try:
         return json.loads(data.decode("utf-8-sig"))
@@ -128,11 +112,7 @@ def parse_json(data: bytes, where: object, remedy: str, values: int | None = MOS
 
 
 def read_json(file: Path, remedy: str, values: int | None = None) -> dict[str, Any]:
-    """A JSON object.
-
-    Raises:
-        InputError: it cannot be read, is not JSON in UTF-8, or is no object.
-    """
+    """A JSON object. Raises InputError: it cannot be read, is not JSON in UTF-8, or is no object."""
     value = parse_json(read_bytes(file, remedy, MOST_JSON_BYTES), file, remedy, values)
     if not isinstance(value, dict):
         raise InputError(f"{file} is not a JSON object", remedy)

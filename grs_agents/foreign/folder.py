@@ -59,11 +59,7 @@ def check_folder(folder: Path) -> None:
 
 
 def member(folder: Path, name: str) -> Path:
-    """The file of a run folder that an event or another record calls ``name``.
-
-    Raises:
-        InputError: the name leads out of the folder, or there is no regular file of that name.
-    """
+    """The file of a run folder that a record calls ``name``. Raises InputError: it leads out, or is no regular file."""
     if not is_inside(name):
         raise InputError(f"{folder} names the file {name[:200]!r}, which is no path inside it", REMEDY)
     path = folder / name
@@ -87,11 +83,7 @@ def is_inside(name: str) -> bool:
 
 
 def present(folder: Path, name: str) -> Path | None:
-    """The file of a run folder as `member` finds it; None where there is nothing of that name.
-
-    Raises:
-        InputError: the name leads out of the folder, or what it names is no regular file.
-    """
+    """The file of a run folder as `member` finds it; None where there is nothing of that name."""
     return member(folder, name) if not is_inside(name) or os.path.lexists(folder / name) else None
 
 

@@ -32,12 +32,7 @@ _MOST_RUN_BYTES = 1 << 26
 def opened_picture(
     file: Path, remedy: str, formats: tuple[str, ...] = FORMATS, most: int = MOST_BYTES
 ) -> Generator[tuple[Pillow.Image, bytes]]:
-    """A picture whose size was checked, not decoded yet, and the bytes of its file.
-
-    Raises:
-        InputError: the file is missing, no picture of these formats, or has more than ``most`` bytes or `MOST_PIXELS`;
-            or the code inside the ``with`` stumbled over what is torn.
-    """
+    """A picture of checked size, not decoded, and its bytes. Raises InputError: it is missing, torn or too large."""
     data, known = read_bytes(file, remedy, most), ", ".join(formats)
     try:
         with Pillow.open(BytesIO(data), formats=formats) as image:
@@ -57,11 +52,7 @@ def opened_picture(
 
 
 def read_picture(file: Path, flags: int) -> npt.NDArray[Any]:
-    """A PNG or JPEG picture of a run folder, as OpenCV decodes it.
-
-    Raises:
-        InputError: the file is missing, no picture, or one of more than `MOST_PIXELS`.
-    """
+    """A PNG or JPEG of a run folder, decoded by OpenCV. Raises InputError: it is missing, torn or too large."""
     with opened_picture(file, "restore the file or run again", ("PNG", "JPEG"), _MOST_RUN_BYTES) as (_, data):
         image: npt.NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
         if image is None:

@@ -279,15 +279,11 @@ def _estimator(services: Services) -> Estimator:
 
 
 def _described(record: CandidateRecord, image: str, services: Services, warnings: list[str]) -> Description:
+    """What the describer says of a candidate; without a usable reply, what was measured and nothing else."""
     reply = roles.describe(services.agents, measurements(record), [record.crop, image])
     if not isinstance(reply, NoReply):
         return reply
     warnings.append(f"candidate {record.id}: {reply}")
-    return _undescribed(record)
-
-
-def _undescribed(record: CandidateRecord) -> Description:
-    """Stands in where the describer gave no usable reply: what was measured, and nothing else."""
     return Description(
         is_object=True,
         description=f"an undescribed {record.shape}",

@@ -1,6 +1,5 @@
 """Task instances and the trusted oracle's rollouts of them."""
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -40,7 +39,13 @@ def solve_instances(simulation: str, services: Services, background: str | None 
     rollouts: list[Rollout] = []
 
     def solve(instance: TaskInstance) -> Any:
-        return _solve(instance, roots, services)
+        return services.tool(
+            "rollout",
+            instance=instance.model_dump(mode="json"),
+            library_roots=roots,
+            robot=services.robot,
+            recording=str((services.folder / _file(instance, "npz")).resolve()),
+        )
 
     with ThreadPoolExecutor(services.config.workers) as pool:
         outcomes = pool.map(solve, instances)
@@ -52,16 +57,6 @@ def solve_instances(simulation: str, services: Services, background: str | None 
             rollouts.append(Rollout.model_validate(outcome.rollout).model_copy(update=update))
             services.log.append(_event(instance, rollouts[-1]))
     return SolvedInstances(tuple(instances), tuple(failures), tuple(rollouts))
-
-
-def _solve(instance: TaskInstance, roots: Sequence[str], services: Services) -> Any:
-    return services.tool(
-        "rollout",
-        instance=instance.model_dump(mode="json"),
-        library_roots=roots,
-        robot=services.robot,
-        recording=str((services.folder / _file(instance, "npz")).resolve()),
-    )
 
 
 def _file(instance: TaskInstance, suffix: str) -> str:

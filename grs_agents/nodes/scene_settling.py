@@ -121,7 +121,10 @@ def _settled(
 
     ``united`` are pieces of others, by index.
     """
-    segments = [_segment_of(item, scene) for item in objects]
+    segments: list[Segment] = []
+    for item in objects:
+        record, placed_item = scene.records[item.id], _placed_object(item) if item.matched else None
+        segments.append(Segment(scene.mask(item), record.upright, record.shape, placed_item, record.hollow))
     agreed = reconcile_segments(segments, scene.frame, scene.table, scene.services.library, united)
     kept = [index for index in range(len(objects)) if index not in agreed.pieces]
     placed = [_with_fitted_proxy(objects[index], index, agreed, scene, bool(united)) for index in kept]
@@ -132,12 +135,6 @@ def _settled(
     mask = np.any([segment.mask for segment in segments], axis=0)
     settled, fallen = _at_rest(placed, mask, scene)
     return replace(settled, dropped=dropped), supporting_segments({kept[index] for index in fallen}, agreed)
-
-
-def _segment_of(item: SceneObject, scene: _Scene) -> Segment:
-    record = scene.records[item.id]
-    placed = _placed_object(item) if item.matched else None
-    return Segment(scene.mask(item), record.upright, record.shape, placed, record.hollow)
 
 
 def _at_rest(objects: Sequence[SceneObject], mask: Mask, scene: _Scene) -> tuple[SettledScene, set[int]]:

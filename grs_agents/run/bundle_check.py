@@ -30,11 +30,7 @@ class CheckOrder:
 
 
 def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
-    """Run the tests, if any, and audit the program's task instances.
-
-    Raises:
-        InputError: a file cannot be read.
-    """
+    """Run the tests, if any, and audit the program's task instances. Raises InputError: a file cannot be read."""
     simulation = read_text(order.simulation, REMEDY)
     tests = read_text(order.tests, REMEDY) if order.tests else None
     with EventLog(order.folder / "events.jsonl") as log, open_sandbox(order.config) as sandbox:

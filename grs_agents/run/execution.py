@@ -47,12 +47,7 @@ class Outcome:
 
 
 def execute(order: Order, views: Views) -> Outcome:
-    """Run the configured graph on ``order.source``.
-
-    Raises:
-        InputError: the scene does not exist, the run folder cannot be made or resumed or is in use, or the
-            configuration names what does not exist.
-    """
+    """Run the configured graph on a scene. Raises InputError: scene, configuration or folder is refused."""
     with open_run(order) as (folder, record, config):
         if order.resume and record.status in EXIT_STATUS:
             return Outcome(folder, record)

@@ -194,11 +194,7 @@ def check_names(config: Config, command: str, given: Mapping[str, Any]) -> None:
 
 
 def load_graph(name: str) -> ModuleType:
-    """The graph file ``name``.
-
-    Raises:
-        ConfigError: nothing has that name, or the file has no ``build``.
-    """
+    """The graph file ``name``. Raises ConfigError: nothing has that name, or the file has no ``build``."""
     module = content.load_module("graphs", name)
     if not callable(getattr(module, "build", None)):
         raise ConfigError(f"graph {name!r} ({module.__file__}) has no build()", "define what is missing")

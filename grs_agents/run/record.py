@@ -18,16 +18,7 @@ from grs_agents.foreign import check_folder, check_json, read_bytes
 from grs_agents.trace import Event
 
 Status = Literal["running", "accepted", "rejected", "failed", "interrupted"]
-PACKAGES = (
-    "mujoco",
-    "langgraph",
-    "langchain-core",
-    "rerun-sdk",
-    "numpy",
-    "opencv-python-headless",
-    "pydantic",
-    "trimesh",
-)
+PACKAGES = "mujoco langgraph langchain-core rerun-sdk numpy opencv-python-headless pydantic trimesh"
 EXIT_STATUS = {"accepted": 0, "rejected": 1}
 """The verdicts, each with what the command returns."""
 FILE = "run.json"
@@ -90,7 +81,7 @@ def read_record(folder: Path) -> RunRecord:
 def versions() -> dict[str, str]:
     """The versions that a result depends on."""
     installed = {"grs-agents": __version__, "python": platform.python_version(), "platform": platform.platform()}
-    for package in PACKAGES:
+    for package in PACKAGES.split():
         try:
             installed[package] = version(package)
         except PackageNotFoundError:

@@ -1,6 +1,6 @@
 """The sandbox of a run, as its configuration wants it."""
 
-from grs_agents.config import Config, Limits
+from grs_agents.config import Config
 from grs_agents.sandbox import Sandbox
 
 PRELOAD = ("grs_agents.sim", "grs_agents.toolkit", "unittest", "numpy.testing")
@@ -15,5 +15,5 @@ def open_sandbox(config: Config) -> Sandbox:
         tools=TOOLS,
         backend=config.sandbox,
         workers=config.workers,
-        limits=Limits(**config.limits.model_dump()),
+        limits=config.limits,
     )

@@ -55,11 +55,7 @@ def _refused(path: Path, number: int, line: bytes, error: ValidationError) -> In
 
 
 def read_events(path: Path) -> list[Event]:
-    """The events of ``path`` in order; a last line torn by a crash is left out.
-
-    Raises:
-        InputError: the file cannot be read, or a line other than the last is not an event.
-    """
+    """The events of ``path``, without a last line torn by a crash. Raises InputError: another line is no event."""
     return _parse(path, _data(path))[0]
 
 

@@ -88,14 +88,7 @@ def table(
     numbers: Sequence[int] = (),
     verdicts: Sequence[Verdict] = (),
 ) -> str:
-    """A table of text.
-
-    Args:
-        heads: of the columns.
-        rows: the cells.
-        numbers: columns that are set to the right.
-        verdicts: the colour of each row; none has one without.
-    """
+    """A table of text; the columns ``numbers`` are set right, ``verdicts`` are the colours of the rows, if any."""
 
     def cells(tag: str, values: Sequence[object]) -> str:
         kinds = [' class="n"' if index in numbers else "" for index in range(len(values))]

@@ -31,12 +31,7 @@ def otlp_provider() -> Any:
 
 
 class SpanView:
-    """A subscriber of the event log that tells a run as spans.
-
-    Args:
-        provider: an OpenTelemetry ``TracerProvider``.
-        content: whether prompts and replies go along; they hold what the user's photo shows.
-    """
+    """A subscriber of the event log that tells a run as spans; prompts and replies go along only with ``content``."""
 
     def __init__(self, provider: Any, content: bool = True) -> None:
         self._provider, self._content = provider, content

@@ -36,11 +36,7 @@ _VERDICTS = {"accepted": "bold green", "rejected": "bold red", "failed": "bold r
 
 @contextmanager
 def working(task: str, console: Console | None = None) -> Generator[Callable[[str], None]]:
-    """Show what a long command is at, on standard error and only if that is a terminal.
-
-    Yields:
-        Call it with what comes next.
-    """
+    """Show what a long command is at on standard error, if a terminal; call what it yields with what is next."""
     console = console or terminal.console(error=True)
     if not console.is_terminal:
         yield lambda text: None

@@ -20,11 +20,7 @@ class Section:
 
 
 def find_step(rows: list[Step], number: int) -> Step:
-    """The step called ``number``.
-
-    Raises:
-        InputError: the run has no such step.
-    """
+    """The step called ``number``. Raises InputError: the run has no such step."""
     if not 1 <= number <= len(rows):
         raise InputError(f"the run has no step {number}", f"name one of 1 to {len(rows)}" if rows else "it has none")
     return rows[number - 1]

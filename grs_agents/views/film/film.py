@@ -128,11 +128,7 @@ def _order(shot: Shot, seconds: Sequence[float], rays: bool = False, window: boo
 
 
 def write_film(shot: Shot, path: Path, rate: float = 15.0, show: Callable[[str], None] | None = None) -> int:
-    """Write the rollout in real time to an .mp4 or .gif file.
-
-    Returns:
-        The number of frames.
-    """
+    """Write the rollout in real time to an .mp4 or .gif file, and return the number of frames."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"cannot write a film to {path.name}", f"name a file that ends in {' or '.join(SUFFIXES)}")
     if not path.parent.is_dir():

@@ -94,10 +94,7 @@ class Stage:
 
 
 def joint_positions(model: Any, motion: Motion) -> FloatArray:
-    """Joint positions (N, nq) that bring the links of the arm where the recording saw them.
-
-    Each joint is told by how its link is turned (or shifted) in the frame of the link before it.
-    """
+    """Joint positions (N, nq) of the arm, from the turn or shift of each link in the frame of the one before."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     rows = {name: index for index, name in enumerate(motion.names)}

@@ -26,11 +26,6 @@ STILLS = 24
 Image = npt.NDArray[np.uint8]
 
 
-def _mujoco() -> Any:
-    """MuJoCo with the graphics library of ``MUJOCO_GL``; must be called before anything else imports it."""
-    return importlib.import_module("mujoco")
-
-
 def _stage(order: dict[str, Any], textures: bool) -> tuple[Any, Any, Any]:
     """The stage, the motion and the joints of the arm in it."""
     from grs_agents.library import Library
@@ -60,7 +55,8 @@ def draw(order: dict[str, Any], output: BinaryIO) -> None:
         stage, motion, joints = _stage(order, textures=False)
         picture = _ray_painter(stage, order)
     else:
-        mujoco = _mujoco()
+        # before anything else imports it: with the graphics library of MUJOCO_GL
+        mujoco = importlib.import_module("mujoco")
         stage, motion, joints = _stage(order, textures=True)
         picture = _gl_painter(mujoco, stage, order)
     for seconds in order["seconds"]:
@@ -95,7 +91,7 @@ def _ray_painter(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
 
 def watch(order: dict[str, Any]) -> None:
     """Play the motion in MuJoCo's window, again and again, until it is closed."""
-    mujoco = _mujoco()
+    mujoco = importlib.import_module("mujoco")
     viewer_module = importlib.import_module("mujoco.viewer")
     stage, motion, joints = _stage(order, textures=True)
     with viewer_module.launch_passive(stage.model, stage.data, show_left_ui=False, show_right_ui=False) as viewer:

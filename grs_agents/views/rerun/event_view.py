@@ -74,7 +74,7 @@ class EventView:
         recording = self._open()
         recording.moment = self._clock.tick(event)
         recording.require_space()
-        self._summarise(recording, event)
+        recording.row(Paths.LOG, rr.TextLog, text=[drawable(line(event)[:300])], level=[level(event)])
         self._show(recording, event)
 
     def close(self) -> None:
@@ -109,10 +109,6 @@ class EventView:
         elif isinstance(event, trace.NodeStarted) and event.node == "audit":
             self._findings.clear()
         self._machine.follow(event)
-
-    def _summarise(self, recording: Recording, event: trace.Event) -> None:
-        """One line in the list of events."""
-        recording.row(Paths.LOG, rr.TextLog, text=[drawable(line(event)[:300])], level=[level(event)])
 
     def _show(self, recording: Recording, event: trace.Event) -> None:
         if isinstance(event, trace.RunStarted | trace.RunEnded | trace.NodeStarted):

@@ -62,14 +62,7 @@ class WebAddress:
 
 
 def viewer_command(path: Path, web: WebAddress | None = None) -> list[str]:
-    """The command that shows the recording of a run folder (or file), in a window or in the browser.
-
-    In the browser it takes the recording from its standard input, see `viewing`.
-
-    Raises:
-        InputError: there is no recording.
-        GrsError: rerun's viewer is not installed.
-    """
+    """The command that shows a recording in a window, or in the browser, fed by standard input (`viewing`)."""
     place = ["--bind", LOOPBACK, "--port", str(web.data) if web else "auto"]
     if web:
         place += ["--web-viewer", "--web-viewer-port", str(web.page)]
@@ -91,12 +84,7 @@ def has_display(environment: Mapping[str, str] = os.environ, platform: str = sys
 
 
 def live_viewer() -> tuple[subprocess.Popen[bytes], str]:
-    """Open an empty viewer in a window, and return its process and the address to send a recording to.
-
-    Raises:
-        InputError: there is no display.
-        GrsError: no viewer, or it ended at once.
-    """
+    """Open an empty viewer in a window; returns its process and the address to send a recording to."""
     if not has_display():
         raise InputError("no display to open the viewer on", "leave --view out, and open the run later: grs replay RUN")
     port = _free_port()
@@ -112,16 +100,7 @@ def _free_port() -> int:
 
 @contextlib.contextmanager
 def viewing(path: Path, web: WebAddress | None = None) -> Generator[subprocess.Popen[bytes]]:
-    """Open the recording of a run folder (or file); the viewer's process ends with the context, whatever ends that.
-
-    Args:
-        path: the run folder or an ``.rrd`` file.
-        web: in the browser instead of a window, there; needs no display on this machine.
-
-    Raises:
-        InputError: there is no recording, or no display; the remedy says what to do instead.
-        GrsError: no viewer, or it ended at once.
-    """
+    """Open a recording in a window or in the browser at ``web``; the viewer's process ends with the context."""
     command = viewer_command(path, web)
     if web is None and not has_display():
         files = shlex.join(file.name for file in recordings(path))
