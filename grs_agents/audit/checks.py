@@ -10,6 +10,7 @@ from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import Goal, Rollout, TaskInstance
+from grs_agents.sim.instance.episode import Episode
 from grs_agents.sim.world.compilation import TIMESTEP
 
 IDLE = 0.5
@@ -89,10 +90,12 @@ def _solved(rollouts: Sequence[Rollout], config: AuditConfig) -> Finding:
         detail += f", the weakest goal is at {weakest:.2f}, at least {GOAL} is asked of each"
     if shortfalls := dict.fromkeys(clause for episode in episodes for clause in episode.shortfalls):
         detail += f"; short of it: {'; '.join(shortfalls)}"
-    least = min((min(episode.strict, episode.reward) for episode in episodes), default=0.0)
-    succeeded = all(episode.outcome == "success" for episode in episodes)
-    solved = succeeded and least >= config.reward and weakest >= GOAL
+    solved = all(_is_solved(episode, config.reward) for episode in episodes) and weakest >= GOAL
     return Finding(check="solved", passed=len(episodes) == config.seeds and solved, detail=detail)
+
+
+def _is_solved(episode: Episode, least: float) -> bool:
+    return min(episode.strict, episode.reward) >= least and episode.outcome == "success"
 
 
 def _not_idle(rollouts: Sequence[Rollout]) -> Finding:

@@ -62,13 +62,13 @@ def read_npz(
     with _opened(data, str(file)) as archive:
         members = {name.removesuffix(".npy"): name for name in archive.namelist()}
         _check_members(members, wanted, file)
-        found: dict[str, Numbers] = {}
+        arrays: dict[str, Numbers] = {}
         left = MOST_BYTES if together is None else together
         for name in [name for name in (*wanted, *optional) if name in members]:
             with archive.open(members[name]) as content:
-                found[name] = _array(content, f"{name} in {file}", left, "U" if name in text else NUMBERS)
-            left -= 0 if together is None else found[name].nbytes
-        return found
+                arrays[name] = _array(content, f"{name} in {file}", left, "U" if name in text else NUMBERS)
+            left -= 0 if together is None else arrays[name].nbytes
+        return arrays
 
 
 def _check_members(members: Collection[str], wanted: Mapping[str, str], file: Path) -> None:

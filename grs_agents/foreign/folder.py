@@ -95,8 +95,8 @@ def _entries(root: Path) -> Iterator[Path]:
         if level > MOST_LEVELS:
             raise InputError(f"{folder} lies deeper than {MOST_LEVELS} folders", REMEDY)
         try:
-            with os.scandir(folder) as found:
-                for entry in found:
+            with os.scandir(folder) as entries:
+                for entry in entries:
                     yield Path(entry.path)
                     if entry.is_dir(follow_symlinks=False):
                         waiting.append((Path(entry.path), level + 1))

@@ -131,7 +131,9 @@ def generate_sim(state: RunState, services: Services) -> Update:
     """Write the simulation program (paper, Simulation Program Generation)."""
     task = _task(state)
     scene = scene_for_prompt(_scene(state), services.library)
-    shown = _examples(task, services.config.seed)
+    programs = examples.read_examples(content.content_root() / "prompts" / "examples")
+    nearest = examples.nearest(programs, task, EXAMPLES, services.config.seed)
+    shown = "\n\n\n".join(example.source for example in nearest)
     source = roles.author_simulation(services.agents, task, scene, api_reference(), shown, _images(state))
     if isinstance(source, NoReply):
         return {"problem": str(source)}
@@ -195,9 +197,3 @@ def _task(state: RunState) -> TaskDefinition:
 
 def _images(state: RunState) -> list[str]:
     return [state["image"]] if state.get("image") else []
-
-
-def _examples(task: TaskDefinition, seed: int) -> str:
-    """The example programs that are nearest to a task."""
-    programs = examples.read_examples(content.content_root() / "prompts" / "examples")
-    return "\n\n\n".join(example.source for example in examples.nearest(programs, task, EXAMPLES, seed))

@@ -54,11 +54,7 @@ def check(order: CheckOrder) -> tuple[TestReport | None, AuditReport]:
                 robot=services.robot,
                 seed=order.config.seed,
             ).report
-        measured = solve_instances(simulation, services, _background(order.run))
+        scene = order.run / "scene.json" if order.run else None
+        background = read_description(scene).background if scene and scene.is_file() else None
+        measured = solve_instances(simulation, services, background)
     return report, audit(measured.instances, measured.failures, measured.rollouts, order.config.audit, services.library)
-
-
-def _background(run: Path | None) -> str | None:
-    """The library name of what is around the objects of a run's photo, if it was reconstructed."""
-    scene = run / "scene.json" if run else None
-    return read_description(scene).background if scene and scene.is_file() else None

@@ -90,7 +90,8 @@ class Progress:
 
     def _render(self) -> RenderableType:
         table = Table.grid(padding=(0, 1))
-        for step in _latest_visits(self._steps.rows):
+        latest_visits = {step.node: step for step in self._steps.rows}  # in the order of the first visits
+        for step in latest_visits.values():
             mark, style = mark_of(step)
             now = time.time() - step.started if step.status == "running" else step.seconds
             visit = f"x{step.visit}" if step.visit > 1 else ""
@@ -106,11 +107,6 @@ class Progress:
         decision = self._steps.decision
         last = f"; last decision: {decision.verdict}" if decision else ""
         return Text(f"fixes so far: {attempt}{last}", style="dim")
-
-
-def _latest_visits(rows: list[Step]) -> list[Step]:
-    """The latest visit of each node, in the order of the nodes' first visits."""
-    return list({step.node: step for step in rows}.values())
 
 
 def summary_table(run: dict[str, Any]) -> Table:

@@ -18,7 +18,6 @@ from grs_agents.foreign.pictures import read_picture
 from grs_agents.library import Library, Shape
 from grs_agents.library.mesh_files import read_surface
 from grs_agents.library.shapes import rotation_matrix
-from grs_agents.sim.instance.goal import Goal
 from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
 from grs_agents.sim.world.compilation import model_of
 from grs_agents.trace import Rollout
@@ -116,11 +115,6 @@ _WHITE, _ORANGE, _YELLOW, _GREEN = (240, 240, 240), (235, 130, 35), (255, 210, 6
 _BLUE, _PINK = (90, 170, 255), (255, 120, 200)
 
 
-def _motion(folder: Path, event: Rollout) -> Motion | None:
-    """What moved, at a bounded frame rate; None where the rollout left no recording."""
-    return None if event.recording is None else read_motion(member(folder, event.recording)).thinned(FRAMES_PER_SECOND)
-
-
 def duration(folder: Path, event: Rollout) -> float:
     """Simulated seconds of the rollout's recording; 0 where it has none."""
     file = None if event.recording is None else present(folder, event.recording)
@@ -137,8 +131,10 @@ class RolloutView:
 
     def show(self, recording: Recording, event: Rollout) -> float:
         """Show ``event`` and return its simulated seconds; without a recording, objects where they start."""
-        instance = self._instance(event)
-        motion = _motion(self._folder, event)
+        instance = None if event.instance is None else instance_of(member(self._folder, event.instance))
+        motion = None
+        if event.recording is not None:
+            motion = read_motion(member(self._folder, event.recording)).thinned(FRAMES_PER_SECOND)
         if instance:
             self._show_objects(recording, instance, set(motion.names) if motion else set())
             _show_goals(recording, instance)
@@ -148,11 +144,6 @@ class RolloutView:
         _show_motion(recording, motion)
         _show_grasps(recording, motion, names)
         return motion.seconds
-
-    def _instance(self, event: Rollout) -> TaskInstance | None:
-        if event.instance is None:
-            return None
-        return instance_of(member(self._folder, event.instance))
 
     def _show_objects(self, recording: Recording, instance: TaskInstance, moving: set[str]) -> None:
         """What stands on the table, and where, but for the bodies ``moving``, of which each pose is shown."""
@@ -225,11 +216,7 @@ def _show_goals(recording: Recording, instance: TaskInstance) -> None:
         colors=[_GREEN] * len(zones),
     )
     recording.log(f"{Paths.WORLD}/zones", boxes)
-    recording.log(f"{Paths.WORLD}/task", rr.TextDocument(_languages(instance.goals)))
-
-
-def _languages(goals: tuple[Goal, ...]) -> str:
-    return "\n".join(goal.language for goal in goals)
+    recording.log(f"{Paths.WORLD}/task", rr.TextDocument("\n".join(goal.language for goal in instance.goals)))
 
 
 def _show_motion(recording: Recording, motion: Motion) -> None:
