@@ -18,17 +18,11 @@ Provenance = Literal["measured", "catalogue", "estimate", "default"]
 
 
 class Quantity(Frozen):
-    """One physical number.
+    """One physical number."""
 
-    Attributes:
-        value: in its SI unit.
-        provenance: where it comes from.
-        deviation: standard deviation as a share of the value.
-    """
-
-    value: float = Field(ge=0, allow_inf_nan=False)
+    value: float = Field(ge=0, allow_inf_nan=False)  # in its SI unit
     provenance: Provenance = "default"
-    deviation: float = Field(default=0.3, ge=0, le=2, allow_inf_nan=False)
+    deviation: float = Field(default=0.3, ge=0, le=2, allow_inf_nan=False)  # standard deviation as a share of the value
 
     def draw(self, rng: np.random.Generator) -> float:
         """A value for one randomised scene: log-normal around ``value``, within a factor of 4."""
@@ -39,83 +33,47 @@ class Quantity(Frozen):
 
 
 class Physics(Frozen):
-    """What an asset's contact and motion depend on.
+    """What an asset's contact and motion depend on."""
 
-    Attributes:
-        mass: kg.
-        friction: coefficient of sliding friction.
-        restitution: speed after a bounce over the speed before it, 0..1.
-    """
-
-    mass: Quantity
-    friction: Quantity = Quantity(value=0.6, provenance="default", deviation=0.3)
-    restitution: Quantity = Quantity(value=0.2, provenance="default", deviation=0.5)
+    mass: Quantity  # kg
+    friction: Quantity = Quantity(value=0.6, provenance="default", deviation=0.3)  # of sliding
+    restitution: Quantity = Quantity(value=0.2, provenance="default", deviation=0.5)  # speed after over before a bounce
 
 
 class Origin(Frozen):
-    """Where an imported asset comes from.
+    """Where an imported asset comes from."""
 
-    Attributes:
-        collection: the folder of the library it is in.
-        source: path inside the source, or the identifier there.
-        license: what its source says; ``unknown`` where it says nothing.
-        content: SHA-256 of the source files.
-        shape: numbers that copies and turned copies of a shape share: sorted extents (m), area (m^2), volume (m^3).
-        look: shares of the surface by colour, three levels each of red, green and blue.
-        files: SHA-256 of every file of the asset, by library-relative name.
-        notes: what was found and mended.
-    """
-
-    collection: str
-    source: str
-    license: str = "unknown"
-    content: str = ""
-    shape: tuple[float, ...] = ()
-    look: tuple[float, ...] = ()
-    files: dict[str, str] = Field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    collection: str  # the folder of the library it is in
+    source: str  # path inside the source, or the identifier there
+    license: str = "unknown"  # what its source says; ``unknown`` where it says nothing
+    content: str = ""  # SHA-256 of the source files
+    shape: tuple[float, ...] = ()  # sorted extents (m), area (m^2), volume (m^3): copies have the same, turned or not
+    look: tuple[float, ...] = ()  # shares of the surface by colour, three levels each of red, green and blue
+    files: dict[str, str] = Field(default_factory=dict)  # SHA-256 of every file of the asset, by library-relative name
+    notes: tuple[str, ...] = ()  # what was found and mended
 
 
 MANIFEST = "manifest.json"
 
 
 class Asset(Frozen):
-    """What the library knows of one object, before its URDF is read.
+    """What the library knows of one object, before its URDF is read."""
 
-    Attributes:
-        name: library-relative URDF name, e.g. ``"HOPE/Milk.urdf"``; the id everywhere.
-        kind: what it is called, e.g. ``"Milk"``.
-        category: can, box, bottle, jar, carton, tub, canister, cube, container, bowl, mug, plate, zone, proxy
-            or another plain noun.
-        size: extents along x, y, z in m, upright; for a template: with its defaults.
-        mass: kg; 0 for marks on the table.
-        friction: coefficient of sliding friction.
-        color: name of its dominant colour.
-        description: one sentence for people and models.
-        hollow: other things can be put in it or on it.
-        fixture: a task may add it without its being in the photo.
-        everyday: it may be what a photo shows; the toys and fixtures of published programs are not.
-        template: defaults of its placeholders (``{"DIM": (x, y, z), "COLOR": (r, g, b, a)}``); empty for an
-            ordinary asset.
-        physics: mass, friction and restitution with their provenance; None where only ``mass`` and ``friction`` are
-            known, see `physical`.
-        origin: where an imported asset comes from; None for those that GRS ships and for proxies.
-    """
-
-    name: str
-    kind: str
-    category: str
-    size: Vec3
-    mass: float = Field(ge=0, allow_inf_nan=False)
-    friction: float = Field(ge=0, allow_inf_nan=False)
-    color: str
-    description: str
-    hollow: bool = False
-    fixture: bool = False
-    everyday: bool = True
+    name: str  # library-relative URDF name, e.g. ``"HOPE/Milk.urdf"``; the id everywhere
+    kind: str  # what it is called, e.g. ``"Milk"``
+    category: str  # can, box, bottle, ..., bowl, zone, proxy or another plain noun
+    size: Vec3  # extents along x, y, z in m, upright; for a template: with its defaults
+    mass: float = Field(ge=0, allow_inf_nan=False)  # kg; 0 for marks on the table
+    friction: float = Field(ge=0, allow_inf_nan=False)  # coefficient of sliding friction
+    color: str  # name of its dominant colour
+    description: str  # one sentence for people and models
+    hollow: bool = False  # other things can be put in it or on it
+    fixture: bool = False  # a task may add it without its being in the photo
+    everyday: bool = True  # it may be what a photo shows; the toys and fixtures of published programs are not
+    # defaults of its placeholders (``{"DIM": (x, y, z), "COLOR": (r, g, b, a)}``); empty for an ordinary asset
     template: dict[str, tuple[float | str, ...]] = Field(default_factory=dict)
-    physics: Physics | None = None
-    origin: Origin | None = None
+    physics: Physics | None = None  # None where only ``mass`` and ``friction`` are known, see `physical`
+    origin: Origin | None = None  # where an imported asset comes from; None for those that GRS ships and for proxies
 
     @model_serializer(mode="wrap")
     def _brief(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:

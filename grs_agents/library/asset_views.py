@@ -35,41 +35,24 @@ _HORIZON: Final = (5.0, 65.0)
 
 @dataclass(frozen=True)
 class AssetView:
-    """One picture of an asset.
+    """One picture of an asset."""
 
-    Attributes:
-        rgba: (H, W, 4) uint8 red, green, blue and coverage; not premultiplied, 0 where nothing is.
-        depth: (H, W) float32 metres along the optical axis, 0 where nothing is.
-        direction: from the object's centre to the camera, unit length, object frame.
-        distance: of the camera from the centre of the object's bounds, m.
-        focal: of the pinhole camera, px; its principal point is the picture's centre. At depth z, one pixel spans
-            z / focal metres.
-    """
-
-    rgba: Image
-    depth: npt.NDArray[np.float32]
-    direction: Vec3
-    distance: float
-    focal: float
+    rgba: Image  # (H, W, 4) uint8 red, green, blue and coverage; not premultiplied, 0 where nothing is
+    depth: npt.NDArray[np.float32]  # (H, W) float32 metres along the optical axis, 0 where nothing is
+    direction: Vec3  # from the object's centre to the camera, unit length, object frame
+    distance: float  # of the camera from the centre of the object's bounds, m
+    focal: float  # of the pinhole camera, px; the principal point is the centre, a pixel at depth z spans z / focal m
 
 
 @dataclass(frozen=True)
 class Painted:
-    """Coloured and textured triangles in one frame.
+    """Coloured and textured triangles in one frame."""
 
-    Attributes:
-        corners: (T, 3, 3) m.
-        uvs: (T, 3, 2) texture coordinates, origin at the picture's lower left.
-        colors: (T, 3) red, green, blue in 0..1; multiplied with the texture where there is one.
-        texture: (T,) index into ``textures``, -1 where there is none.
-        textures: (H, W, 3) uint8 RGB.
-    """
-
-    corners: Floats
-    uvs: Floats
-    colors: Floats
-    texture: npt.NDArray[np.int64]
-    textures: tuple[Image, ...]
+    corners: Floats  # (T, 3, 3) m
+    uvs: Floats  # (T, 3, 2) texture coordinates, origin at the picture's lower left
+    colors: Floats  # (T, 3) red, green, blue in 0..1; multiplied with the texture where there is one
+    texture: npt.NDArray[np.int64]  # (T,) index into ``textures``, -1 where there is none
+    textures: tuple[Image, ...]  # (H, W, 3) uint8 RGB
 
 
 def random_directions(count: int, rng: np.random.Generator) -> tuple[Vec3, ...]:

@@ -50,15 +50,10 @@ def _read(path: Path, _modified: int) -> Floats:
 
 @dataclass(frozen=True)
 class Surface:
-    """The triangles of one mesh, in the file's own units.
+    """The triangles of one mesh, in the file's own units."""
 
-    Attributes:
-        corners: (T, 3, 3) positions.
-        uvs: (T, 3, 2) texture coordinates, origin at the picture's lower left; zeros where the file has none.
-    """
-
-    corners: Floats
-    uvs: Floats
+    corners: Floats  # (T, 3, 3) positions
+    uvs: Floats  # (T, 3, 2) texture coordinates, origin at the picture's lower left; zeros where the file has none
 
 
 def read_surface(path: Path) -> Surface:

@@ -18,25 +18,15 @@ _PLAIN = (0.6, 0.6, 0.6, 1.0)
 
 @dataclass(frozen=True)
 class Triangles:
-    """A soup of textured triangles.
+    """A soup of textured triangles."""
 
-    Attributes:
-        corners: (T, 3, 3) m, robot frame.
-        normals: (T, 3, 3) unit normals at the corners.
-        uvs: (T, 3, 2) texture coordinates.
-        colors: (T, 3) red, green, blue in 0..1, used where ``texture`` is -1.
-        texture: (T,) index into ``textures``.
-        owner: (T,) 1 for the first placed object, and so on.
-        textures: (H, W, 3) RGB images.
-    """
-
-    corners: Floats
-    normals: Floats
-    uvs: Floats
-    colors: Floats
-    texture: npt.NDArray[np.int64]
-    owner: npt.NDArray[np.int64]
-    textures: tuple[npt.NDArray[np.uint8], ...]
+    corners: Floats  # (T, 3, 3) m, robot frame
+    normals: Floats  # (T, 3, 3) unit normals at the corners
+    uvs: Floats  # (T, 3, 2) texture coordinates
+    colors: Floats  # (T, 3) red, green, blue in 0..1, used where ``texture`` is -1
+    texture: npt.NDArray[np.int64]  # (T,) index into ``textures``
+    owner: npt.NDArray[np.int64]  # (T,) 1 for the first placed object, and so on
+    textures: tuple[npt.NDArray[np.uint8], ...]  # (H, W, 3) RGB images
 
 
 def posed_triangles(posed: Sequence[tuple[str, Placement]], library: Library) -> Triangles:

@@ -18,45 +18,26 @@ IDENTITY_PLACEMENT: Placement = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 class Shape(Frozen):
-    """One primitive or mesh.
-
-    Attributes:
-        kind: which solid.
-        size: box: full extents (x, y, z) in m; cylinder: (radius, length along z) in m;
-            sphere: (radius,) in m; mesh: scale factors (x, y, z).
-        position: centre of the shape in the object frame, m.
-        quaternion: rotation from the shape's frame to the object frame, xyzw.
-        color: red, green, blue, alpha in 0..1, or None where nothing says.
-        mesh: library-relative name of the mesh file; meshes alone have one.
-        texture: library-relative name of a PNG.
-    """
+    """One primitive or mesh."""
 
     kind: ShapeKind
+    # full extents of a box, (radius, length along z) of a cylinder, (radius,) of a sphere, m; scale of a mesh
     size: tuple[float, ...]
-    position: Vec3 = (0.0, 0.0, 0.0)
-    quaternion: Quat = (0.0, 0.0, 0.0, 1.0)
-    color: Rgba | None = None
-    mesh: str | None = None
-    texture: str | None = None
+    position: Vec3 = (0.0, 0.0, 0.0)  # centre of the shape in the object frame, m
+    quaternion: Quat = (0.0, 0.0, 0.0, 1.0)  # rotation from the shape's frame to the object frame, xyzw
+    color: Rgba | None = None  # red, green, blue, alpha in 0..1, or None where nothing says
+    mesh: str | None = None  # library-relative name of the mesh file; meshes alone have one
+    texture: str | None = None  # library-relative name of a PNG
 
 
 class ObjectModel(Frozen):
-    """What a URDF says about one rigid object.
+    """What a URDF says about one rigid object."""
 
-    Attributes:
-        visuals: what is seen.
-        colliders: what touches; meshes among them stand for their convex hull. Empty for marks on the table.
-        mass: kg; 0 where the URDF gives no inertia (an object that never moves).
-        friction: coefficient of sliding friction.
-        bounds: lowest and highest corner (m, object frame) of the colliders, or of the visuals
-            where nothing collides.
-    """
-
-    visuals: tuple[Shape, ...]
-    colliders: tuple[Shape, ...]
-    mass: float
-    friction: float
-    bounds: tuple[Vec3, Vec3]
+    visuals: tuple[Shape, ...]  # what is seen
+    colliders: tuple[Shape, ...]  # what touches, meshes as their convex hulls; empty for marks on the table
+    mass: float  # kg; 0 where the URDF gives no inertia (an object that never moves)
+    friction: float  # coefficient of sliding friction
+    bounds: tuple[Vec3, Vec3]  # lowest and highest corner (m) of the colliders, else of the visuals
 
     @property
     def size(self) -> Vec3:

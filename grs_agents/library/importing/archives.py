@@ -120,19 +120,12 @@ _HOMES = ("urdf", "urdfs", "xml", "mjcf", "robots")
 
 @dataclass(frozen=True)
 class ImportSource:
-    """A source that can be read.
+    """A source that can be read."""
 
-    Attributes:
-        folder: what file names are relative to.
-        items: its assets.
-        collection: the name that it suggests.
-        refused: archives that are not read, each with the reason.
-    """
-
-    folder: SourceFolder
+    folder: SourceFolder  # what file names are relative to
     items: tuple[SourceItem, ...]
-    collection: str
-    refused: tuple[tuple[str, RefusedError], ...] = ()
+    collection: str  # the name that it suggests
+    refused: tuple[tuple[str, RefusedError], ...] = ()  # archives that are not read, each with the reason
 
 
 @contextmanager

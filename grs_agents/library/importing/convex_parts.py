@@ -21,17 +21,11 @@ MAX_VERTICES: Final = 64
 
 @dataclass(frozen=True)
 class RepairedMesh:
-    """A mesh after repair.
-
-    Attributes:
-        solid: the mesh.
-        watertight: every edge has exactly two faces that agree on the outside.
-        notes: what was done.
-    """
+    """A mesh after repair."""
 
     solid: TexturedMesh
-    watertight: bool
-    notes: tuple[str, ...]
+    watertight: bool  # every edge has exactly two faces that agree on the outside
+    notes: tuple[str, ...]  # what was done
 
 
 def repair_mesh(solid: TexturedMesh) -> RepairedMesh:

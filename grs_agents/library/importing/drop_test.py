@@ -28,17 +28,11 @@ _STEP: Final = 0.002
 
 @dataclass(frozen=True)
 class DropResult:
-    """How an object stood after two seconds on a table.
+    """How an object stood after two seconds on a table."""
 
-    Attributes:
-        drift: horizontal way of its centre, m.
-        tilt: degrees.
-        speed: at the end, m/s.
-    """
-
-    drift: float
-    tilt: float
-    speed: float
+    drift: float  # horizontal way of its centre, m
+    tilt: float  # degrees
+    speed: float  # at the end, m/s
 
     @property
     def stable(self) -> bool:
@@ -123,19 +117,12 @@ _SIZE_TOLERANCE = 0.005
 
 
 class AssetVerdict(Frozen):
-    """What was found of one asset.
-
-    Attributes:
-        name: of the asset.
-        ok: it can be used.
-        rests: it stands where it was put for two seconds; None for marks, which do not collide, and templates.
-        findings: what is wrong or odd.
-    """
+    """What was found of one asset."""
 
     name: str
-    ok: bool
-    rests: bool | None
-    findings: tuple[str, ...] = ()
+    ok: bool  # it can be used
+    rests: bool | None  # it stands where it was put; None for marks, which do not collide, and templates
+    findings: tuple[str, ...] = ()  # what is wrong or odd
 
 
 def verify_asset(library: Library, asset: Asset) -> AssetVerdict:

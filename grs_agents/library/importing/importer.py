@@ -23,23 +23,14 @@ _LICENSE_FILES = ("LICENSE", "LICENSE.txt", "LICENSE.md", "license.txt", "COPYIN
 
 @dataclass
 class ImportRun:
-    """One import into a library.
+    """One import into a library."""
 
-    Attributes:
-        root: of the library.
-        collection: folder of the library.
-        options: how to read the source.
-        known: assets whose size and mass are known.
-        again: import what was imported or refused before, too.
-        jobs: processes.
-    """
-
-    root: Path
-    collection: str
+    root: Path  # of the library
+    collection: str  # folder of the library
     options: ImportOptions
-    known: tuple[Asset, ...] = ()
-    again: bool = False
-    jobs: int = 1
+    known: tuple[Asset, ...] = ()  # assets whose size and mass are known
+    again: bool = False  # import what was imported or refused before, too
+    jobs: int = 1  # processes
     _workers: SimpleQueue[Worker] = field(default_factory=SimpleQueue[Worker])
 
     def run(self, source: ImportSource, report: Callable[[ImportOutcome, bool], None]) -> list[ImportOutcome]:

@@ -62,12 +62,7 @@ def read_description(folder: SourceFolder, item: SourceItem, options: ImportOpti
 
 
 class _Stage:
-    """A folder of OBJ files that stand for the meshes of a description.
-
-    Attributes:
-        home: the folder.
-        meshes: the parts of each mesh, by its file name there.
-    """
+    """A folder of OBJ files that stand for the meshes of a description."""
 
     def __init__(self, home: Path, source: SourceFolder, description: str, options: ImportOptions) -> None:
         self.home, self.meshes = home, dict[str, list[MeshPart]]()

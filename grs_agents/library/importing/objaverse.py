@@ -38,23 +38,14 @@ class Objaverse(Protocol):
 
 
 class ObjaverseEntry(Frozen):
-    """What is known of an object before it is downloaded.
+    """What is known of an object before it is downloaded."""
 
-    Attributes:
-        uid: its identifier.
-        title: as its author calls it.
-        license: SPDX where it is one of Creative Commons.
-        author: who made it.
-        faces: of its mesh; 0 where nothing says.
-        score: how many of the words that were asked for its title and tags have.
-    """
-
-    uid: str
-    title: str
-    license: str
+    uid: str  # its identifier
+    title: str  # as its author calls it
+    license: str  # SPDX where it is one of Creative Commons
     author: str = ""
-    faces: int = 0
-    score: int = 0
+    faces: int = 0  # of its mesh; 0 where nothing says
+    score: int = 0  # how many of the words that were asked for its title and tags have
 
 
 def load_package() -> Objaverse:

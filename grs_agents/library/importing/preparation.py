@@ -74,17 +74,11 @@ _SIZES: Final = (0.002, 5.0)
 
 @dataclass(frozen=True)
 class PreparedAsset:
-    """An asset that can be written.
+    """An asset that can be written."""
 
-    Attributes:
-        asset: its entry, which names no files yet.
-        solid: what is seen; the centre of its bounds is the origin.
-        colliders: what touches, in the same frame.
-    """
-
-    asset: Asset
-    solid: TexturedMesh
-    colliders: tuple[Collider, ...]
+    asset: Asset  # its entry, which names no files yet
+    solid: TexturedMesh  # what is seen; the centre of its bounds is the origin
+    colliders: tuple[Collider, ...]  # what touches, in the same frame
 
 
 def prepare_asset(job: ImportJob) -> PreparedAsset:

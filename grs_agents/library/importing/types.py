@@ -27,147 +27,83 @@ class RefusedError(InputError):
 
 
 class ImportLimits(Frozen):
-    """What a single asset may cost.
+    """What a single asset may cost."""
 
-    Attributes:
-        bytes: of one mesh file.
-        faces: of one asset.
-        pixels: of one texture.
-        seconds: of processor time for one asset.
-        memory: bytes of address space for one asset.
-        unpacked: bytes that an archive may unpack to.
-        ratio: how many times its own size an archive may unpack to.
-    """
-
-    bytes: int = Field(default=256_000_000, gt=0)
-    faces: int = Field(default=2_000_000, gt=0)
-    pixels: int = Field(default=64_000_000, gt=0)
-    seconds: int = Field(default=300, gt=0)
-    memory: int = Field(default=8_000_000_000, gt=0)
-    unpacked: int = Field(default=2_000_000_000, gt=0)
-    ratio: float = Field(default=100.0, gt=0)
+    bytes: int = Field(default=256_000_000, gt=0)  # of one mesh file
+    faces: int = Field(default=2_000_000, gt=0)  # of one asset
+    pixels: int = Field(default=64_000_000, gt=0)  # of one texture
+    seconds: int = Field(default=300, gt=0)  # of processor time for one asset
+    memory: int = Field(default=8_000_000_000, gt=0)  # bytes of address space for one asset
+    unpacked: int = Field(default=2_000_000_000, gt=0)  # bytes that an archive may unpack to
+    ratio: float = Field(default=100.0, gt=0)  # how many times its own size an archive may unpack to
 
 
 class ImportOptions(Frozen):
-    """How to read a source.
+    """How to read a source."""
 
-    Attributes:
-        unit: of mesh files that do not say theirs; ``auto`` guesses from the size.
-        up: axis that points up in mesh files that do not say; ``auto`` takes what the format usually has.
-        license: of the source, where it says nothing itself.
-        faces: most triangles of what is seen.
-        texture: longest side of a texture, px.
-        parts: most convex parts of what collides.
-        limits: what one asset may cost.
-    """
-
-    unit: Unit = "auto"
-    up: Up = "auto"
-    license: str = Field(default="unknown", max_length=500)
-    faces: int = Field(default=12_000, ge=100)
-    texture: int = Field(default=1024, ge=16, le=8192)
-    parts: int = Field(default=16, ge=1, le=64)
-    limits: ImportLimits = ImportLimits()
+    unit: Unit = "auto"  # of mesh files that do not say theirs; ``auto`` guesses from the size
+    up: Up = "auto"  # axis that points up in mesh files that do not say; ``auto`` takes what the format usually has
+    license: str = Field(default="unknown", max_length=500)  # of the source, where it says nothing itself
+    faces: int = Field(default=12_000, ge=100)  # most triangles of what is seen
+    texture: int = Field(default=1024, ge=16, le=8192)  # longest side of a texture, px
+    parts: int = Field(default=16, ge=1, le=64)  # most convex parts of what collides
+    limits: ImportLimits = ImportLimits()  # what one asset may cost
 
 
 class SourceItem(Frozen):
-    """One asset of a source.
+    """One asset of a source."""
 
-    Attributes:
-        kind: how it is read.
-        name: slug that it gets in its collection.
-        file: what is read, relative to the source folder.
-        files: all that it is made of, relative to the source folder, ``file`` first.
-        texture: picture that the file itself does not name.
-        license: what the source says of it.
-    """
-
-    kind: Kind
-    name: str
-    file: str
-    files: tuple[str, ...] = ()
-    texture: str | None = None
-    license: str | None = None
+    kind: Kind  # how it is read
+    name: str  # slug that it gets in its collection
+    file: str  # what is read, relative to the source folder
+    files: tuple[str, ...] = ()  # all that it is made of, relative to the source folder, ``file`` first
+    texture: str | None = None  # picture that the file itself does not name
+    license: str | None = None  # what the source says of it
 
 
 class ImportJob(Frozen):
-    """One item to import.
+    """One item to import."""
 
-    Attributes:
-        source: folder of the source.
-        item: one of its assets.
-        options: how to read it.
-        root: of the library.
-        collection: folder of the library.
-        content: SHA-256 of the item's files.
-        license: of the item.
-        known: assets whose size and mass are known; HOPE's kinds are looked up among them.
-    """
-
-    source: Path
+    source: Path  # folder of the source
     item: SourceItem
     options: ImportOptions
-    root: Path
-    collection: str
-    content: str
+    root: Path  # of the library
+    collection: str  # folder of the library
+    content: str  # SHA-256 of the item's files
     license: str
-    known: tuple[Asset, ...] = ()
+    known: tuple[Asset, ...] = ()  # assets whose size and mass are known; HOPE's kinds are looked up among them
 
 
 class ImportOutcome(Frozen):
-    """What became of one item; a line of the journal.
+    """What became of one item; a line of the journal."""
 
-    Attributes:
-        item: its name.
-        source: its file in the source.
-        status: ``imported``, ``duplicate`` of another asset, or ``refused``.
-        reason: why it was refused, or what it is a copy of.
-        notes: what was guessed, found and mended.
-        key: what it was made from: content of the files and options.
-        asset: its entry in the manifest.
-        seconds: that it took.
-    """
-
-    item: str
-    source: str
-    status: Literal["imported", "duplicate", "refused"]
-    reason: str = ""
-    notes: tuple[str, ...] = ()
-    key: str = ""
-    asset: Asset | None = None
-    seconds: float = 0.0
+    item: str  # its name
+    source: str  # its file in the source
+    status: Literal["imported", "duplicate", "refused"]  # ``imported``, ``duplicate`` of another asset, or ``refused``
+    reason: str = ""  # why it was refused, or what it is a copy of
+    notes: tuple[str, ...] = ()  # what was guessed, found and mended
+    key: str = ""  # what it was made from: content of the files and options
+    asset: Asset | None = None  # its entry in the manifest
+    seconds: float = 0.0  # that it took
 
 
 @dataclass(frozen=True)
 class MeshPart:
-    """Triangles of one look, as a file gives them.
+    """Triangles of one look, as a file gives them."""
 
-    Attributes:
-        vertices: (N, 3).
-        faces: (F, 3).
-        uvs: (F, 3, 2) texture coordinates of the corners, or None.
-        image: (H, W, 3) RGB, or None.
-        colors: (F, 3) uint8 RGB of the faces, used without an image.
-    """
-
-    vertices: Floats
-    faces: Ints
-    uvs: Floats | None = None
-    image: Image | None = None
-    colors: Image | None = None
+    vertices: Floats  # (N, 3)
+    faces: Ints  # (F, 3)
+    uvs: Floats | None = None  # (F, 3, 2) texture coordinates of the corners, or None
+    image: Image | None = None  # (H, W, 3) RGB, or None
+    colors: Image | None = None  # (F, 3) uint8 RGB of the faces, used without an image
 
 
 @dataclass(frozen=True)
 class ConvexHull:
-    """A convex solid.
+    """A convex solid."""
 
-    Attributes:
-        vertices: (N, 3) m.
-        faces: (F, 3), counter-clockwise from outside.
-    """
-
-    vertices: Floats
-    faces: Ints
+    vertices: Floats  # (N, 3) m
+    faces: Ints  # (F, 3), counter-clockwise from outside
 
 
 Collider = Shape | ConvexHull
@@ -175,44 +111,27 @@ Collider = Shape | ConvexHull
 
 @dataclass
 class SourceModel:
-    """One asset as its source describes it.
+    """One asset as its source describes it."""
 
-    Attributes:
-        parts: what is seen.
-        colliders: what touches, in the frame of the parts, where the source says so; else None.
-        unit, up: as far as the format says; ``auto`` where it does not.
-        mass, friction: where the source says.
-        height: what it should be high, m, where that is known.
-        category: where the source says.
-        notes: what was found.
-    """
-
-    parts: list[MeshPart]
-    colliders: list[Collider] | None = None
-    unit: Unit = "auto"
+    parts: list[MeshPart]  # what is seen
+    colliders: list[Collider] | None = None  # in the frame of the parts; None where the source says nothing
+    unit: Unit = "auto"  # ``unit`` and ``up`` as far as the format says
     up: Up = "auto"
-    mass: Quantity | None = None
-    friction: Quantity | None = None
-    height: float | None = None
-    category: str = ""
-    notes: list[str] = field(default_factory=list[str])
+    mass: Quantity | None = None  # where the source says
+    friction: Quantity | None = None  # where the source says
+    height: float | None = None  # what it should be high, m, where that is known
+    category: str = ""  # where the source says
+    notes: list[str] = field(default_factory=list[str])  # what was found
 
 
 @dataclass(frozen=True)
 class TexturedMesh:
-    """One closed or open mesh with one picture.
+    """One closed or open mesh with one picture."""
 
-    Attributes:
-        vertices: (N, 3) m, welded: corners at one place are one vertex.
-        faces: (F, 3), counter-clockwise from outside.
-        uvs: (F, 3, 2) in 0..1.
-        image: (H, W, 3) uint8 RGB.
-    """
-
-    vertices: Floats
-    faces: Ints
-    uvs: Floats
-    image: Image
+    vertices: Floats  # (N, 3) m, welded: corners at one place are one vertex
+    faces: Ints  # (F, 3), counter-clockwise from outside
+    uvs: Floats  # (F, 3, 2) in 0..1
+    image: Image  # (H, W, 3) uint8 RGB
 
 
 def texture_colors(image: Image, uvs: Floats) -> Image:
