@@ -98,11 +98,7 @@ class Manifest(Frozen):
 
 
 def read_manifest(root: Path) -> Manifest:
-    """The manifest of a library root; a folder without ``manifest.json`` holds no assets.
-
-    Raises:
-        InputError: the folder does not exist, or its manifest cannot be read or does not fit the schema.
-    """
+    """The manifest of a library root, empty without ``manifest.json``; an `InputError` where either is faulty."""
     if not root.is_dir():
         raise InputError(f"asset library {root} does not exist", "name an existing folder")
     path = root / MANIFEST

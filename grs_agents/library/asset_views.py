@@ -97,11 +97,7 @@ def asset_views(
 
 
 def painted_shapes(library: Library, shapes: Sequence[Shape], color: str = "gray") -> Painted:
-    """The triangles of shapes in the object frame; ``color`` is the colour's name of those that have none.
-
-    Raises:
-        InputError: a mesh or texture cannot be read.
-    """
+    """The triangles of shapes in the object frame; ``color`` is the colour's name of those that have none."""
     plain = COLORS.get(color, COLORS["gray"])
     surfaces: list[Surface] = []
     colors: list[Floats] = []
@@ -127,11 +123,7 @@ def painted_shapes(library: Library, shapes: Sequence[Shape], color: str = "gray
 
 
 def read_texture(path: Path) -> Image:
-    """A texture as (H, W, 3) uint8 RGB, its longer side at most 1024 px.
-
-    Raises:
-        InputError: it is no picture, or one of more than 64 million pixels.
-    """
+    """A texture as (H, W, 3) uint8 RGB, its longer side at most 1024 px; an `InputError` where it is none."""
     return _texture(path, path.stat().st_mtime_ns)
 
 
@@ -187,15 +179,12 @@ class Lens:
 
 
 def render_samples(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats, Floats]:
-    """What a camera sees of triangles, in the light that comes from it.
+    """(H, W, 4) colour and coverage in 0..1, and (H, W) depth (m, 0 where nothing is), lit from the camera.
 
     Args:
         painted: the triangles.
         local: (T, 3, 3) their corners in the camera's frame, m: x right, y down, z forward and positive.
         lens: the camera.
-
-    Returns:
-        (H, W, 4) red, green, blue and coverage in 0..1, and (H, W) depth, m; 0 where nothing is.
     """
     focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
     buffer = rasterise(local[:, :, :2] / local[:, :, 2:] * focal + middle, 1 / local[:, :, 2], lens.width, lens.height)

@@ -20,15 +20,10 @@ MAX_ASSETS: Final = 240
 
 
 def contact_sheet(library: Library, assets: Sequence[Asset], views: int = 3) -> tuple[Image, dict[str, str]]:
-    """A picture (H, W, 3) with a cell of ``views`` pictures for each asset, and what could not be drawn.
-
-    Args:
-        library: where the assets are.
-        assets: at most 240.
-        views: pictures of each, evenly around it.
+    """A picture (H, W, 3) with a cell of ``views`` pictures around each asset, and what could not be drawn.
 
     Raises:
-        InputError: there are none, or too many.
+        InputError: there are no assets, or more than 240.
     """
     if not 0 < len(assets) <= MAX_ASSETS:
         raise InputError(f"a sheet of {len(assets)} assets", f"name 1 to {MAX_ASSETS} of them")

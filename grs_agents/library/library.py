@@ -56,7 +56,7 @@ class Library:
 
         Raises:
             UnknownNameError: nothing has that name; the message gives the nearest names.
-            InputError: it is a file that no manifest lists, and that is faulty.
+            InputError: its file is faulty or not there.
         """
         if name in self._assets:
             return self._assets[name]
@@ -68,21 +68,11 @@ class Library:
         return isinstance(name, str) and (name in self._assets or self._own_root(name) is not None)
 
     def path(self, name: str) -> Path:
-        """The URDF or MJCF file of an asset.
-
-        Raises:
-            UnknownNameError: nothing has that name.
-            InputError: a manifest lists a file that is not in its folder.
-        """
+        """The URDF or MJCF file of an asset. Errors as `asset`."""
         return member(self._root(name), name)
 
     def model(self, name: str) -> ObjectModel:
-        """What the asset's file says; a template is filled with its defaults.
-
-        Raises:
-            UnknownNameError: nothing has that name.
-            InputError: its file is faulty.
-        """
+        """What the asset's file says; a template is filled with its defaults. Errors as `asset`."""
         listed = self._assets.get(name)
         return self._read(name) if listed is None or not listed.template else self._defaulted(name)
 
@@ -91,12 +81,7 @@ class Library:
         return dict(self.asset(name).template)
 
     def fill_template(self, name: str, replace: Values) -> str:
-        """The URDF text of a template with ``replace`` (see `grs_agents.library.fill_template`) filled in.
-
-        Raises:
-            UnknownNameError: nothing has that name.
-            InputError: a value is not a finite number, or the file cannot be read.
-        """
+        """The URDF text of a template with ``replace`` filled in, see `grs_agents.library.fill_template`."""
         if name not in self._texts:
             self._texts[name] = read_text(self.path(name), "restore the template")
         return fill_template(self._texts[name], replace, self.asset(name).template)
@@ -109,11 +94,7 @@ class Library:
         return self._filled[key]
 
     def mesh_path(self, name: str) -> Path:
-        """The file of a library-relative mesh or texture name, as `Shape.mesh` and `Shape.texture` give it.
-
-        Raises:
-            InputError: no root has that file, or the name leaves the library.
-        """
+        """The file of a library-relative mesh or texture name; an `InputError` where no root has it."""
         for root in reversed(self.roots):
             path = (root / name).resolve()
             if path.is_file() and path.is_relative_to(root.resolve()):
@@ -121,11 +102,7 @@ class Library:
         raise InputError(f"library file {name!r} does not exist", f"put it below {self.roots[-1]}")
 
     def overlay(self, root: Path) -> "Library":
-        """A new library with ``root`` laid over this one.
-
-        Raises:
-            InputError: the folder does not exist or its manifest is faulty.
-        """
+        """A new library with ``root`` laid over this one; an `InputError` where its manifest is faulty."""
         laid = Library(*self.roots, root)
         laid._models = {name: model for name, model in self._models.items() if laid._origin(name) == self._origin(name)}
         return laid
@@ -181,11 +158,7 @@ def user_model_names(root: Path) -> list[str]:
 
 
 def read_model_file(path: Path, root: Path) -> ObjectModel:
-    """What a description file says, whichever of the two formats it is.
-
-    Raises:
-        InputError: it is not one rigid object that we can trust.
-    """
+    """What a description file says, whichever of the two formats it is."""
     return read_mjcf(path, root) if path.suffix.lower() == ".xml" else read_urdf(path, root)
 
 

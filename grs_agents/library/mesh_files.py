@@ -20,11 +20,7 @@ _NO_UV = -1
 
 
 def read_vertices(path: Path) -> Floats:
-    """The (N, 3) vertices of an OBJ file, in the file's own units.
-
-    Raises:
-        InputError: the file is not a readable OBJ with at least four finite vertices.
-    """
+    """The (N, 3) vertices of an OBJ file, in the file's own units; an `InputError` where it is none."""
     try:
         status = path.stat()
     except OSError as error:
@@ -57,23 +53,13 @@ class Surface:
 
 
 def read_surface(path: Path) -> Surface:
-    """The triangles of an OBJ file; polygons become fans.
-
-    Raises:
-        InputError: the file is not a readable OBJ, has no faces, or a face names a vertex that is not there.
-    """
+    """The triangles of an OBJ file, polygons as fans; an `InputError` where it is none or has no faces."""
     vertices = read_vertices(path)
     return _read_surface(path, path.stat().st_mtime_ns, len(vertices))
 
 
 def convex_volume(path: Path) -> float:
-    """The volume that an OBJ file's convex mesh encloses, in its own units cubed, whichever way its faces are turned.
-
-    Of a mesh that is not convex it is about that of what can be seen from its middle.
-
-    Raises:
-        InputError: as `read_surface`.
-    """
+    """The volume in an OBJ file's convex mesh, in its own units cubed, whichever way its faces are turned."""
     return _volume(path, path.stat().st_mtime_ns)
 
 
@@ -185,14 +171,7 @@ def box_inertia(size: Vec3, mass: float) -> Vec3:
 
 
 def obj_text(vertices: Floats, faces: Ints, uvs: Floats | None = None, uv_faces: Ints | None = None) -> str:
-    """A mesh as Wavefront OBJ.
-
-    Args:
-        vertices: (V, 3).
-        faces: (F, 3) indices of vertices.
-        uvs: (U, 2) texture coordinates.
-        uv_faces: (F, 3) indices of ``uvs``, needed with them.
-    """
+    """A mesh as Wavefront OBJ: ``vertices`` (V, 3), ``faces`` (F, 3); ``uv_faces`` (F, 3) count ``uvs`` (U, 2)."""
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in (vertices + 0.0).tolist()]
     if uvs is None or uv_faces is None:
         lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]

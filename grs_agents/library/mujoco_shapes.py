@@ -7,15 +7,7 @@ from grs_agents.library.shapes import Shape
 
 
 def add_shape(spec: Any, body: Any, shape: Shape, name: str, mesh: Path | None = None) -> Any:
-    """Add a shape to a body of a ``mujoco.MjSpec``; returns the geom, which has MuJoCo's defaults otherwise.
-
-    Args:
-        spec: the model.
-        body: of the model.
-        shape: where it is in the frame of the body, and how large.
-        name: of the geom, and of its mesh.
-        mesh: the file of a shape that is a mesh.
-    """
+    """Add a shape to a body of a ``mujoco.MjSpec``; ``mesh`` is its file. Returns the geom, otherwise with defaults."""
     from grs_agents.engine import mujoco  # takes long to import
 
     x, y, z, w = shape.quaternion

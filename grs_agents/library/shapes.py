@@ -104,12 +104,7 @@ def rpy_from_quaternion(quaternion: Quat) -> Vec3:
 
 
 def shape_bounds(shape: Shape, vertices: Points | None = None) -> tuple[Points, Points]:
-    """Lowest and highest corner (m, object frame) of one shape.
-
-    Args:
-        shape: the shape.
-        vertices: (N, 3) unscaled vertices of its mesh; needed for meshes alone.
-    """
+    """Lowest and highest corner (m, object frame) of a shape; a mesh needs its unscaled ``vertices`` (N, 3)."""
     rotation, position = rotation_matrix(shape.quaternion), np.asarray(shape.position, dtype=np.float64)
     if shape.kind == "mesh":
         if vertices is None:

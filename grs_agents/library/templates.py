@@ -63,15 +63,9 @@ def template_stems(defaults: Mapping[str, Sequence[Value]]) -> frozenset[str]:
 def resolve_template(
     replace: Values, defaults: Mapping[str, Sequence[Value]]
 ) -> tuple[dict[str, tuple[Value, ...]], dict[str, tuple[Value, ...]]]:
-    """What a template's own placeholders become, and which of them take their defaults.
+    """What a template's own placeholders become, and which defaults ``replace`` leaves as they are.
 
-    Args:
-        replace: values by stem; stems that the template does not understand are left alone.
-        defaults: the template's documented defaults.
-
-    Returns:
-        The values by the template's own stems (and a ``HALF`` that is not half of ``DIM``), and those defaults
-        that ``replace`` says nothing about (the components left open of a stem; an alpha alone does not count).
+    Of a stem of which ``replace`` gives some components, the others count as defaults; an alpha alone does not.
 
     Raises:
         InputError: a value is not a finite number, a colour or a file name.
@@ -110,13 +104,8 @@ def fill_template(text: str, replace: Values, defaults: Mapping[str, Sequence[Va
     """The URDF text of a template with its placeholders replaced.
 
     ``{"DIM": (x, y, z)}`` puts x for ``DIM0``, y for ``DIM1``, z for ``DIM2``; a placeholder without a number is
-    the first. What ``replace`` leaves out comes from ``defaults``; ``HALF`` (half of ``DIM``) and ``INSET``
-    (``HALF`` less half a wall) follow from ``DIM`` unless they are given.
-
-    Args:
-        text: the template.
-        replace: values by placeholder stem: numbers (m; colours 0..1), a colour's name, a file's name.
-        defaults: the template's documented defaults; none means that it takes ``replace`` as it stands.
+    the first. What ``replace`` leaves out comes from ``defaults`` (none: nothing does); ``HALF`` (half of ``DIM``) and
+    ``INSET`` (``HALF`` less half a wall) follow from ``DIM`` unless they are given.
 
     Raises:
         InputError: a value is not a finite number, a colour or a file name, or a placeholder has no value.

@@ -33,15 +33,7 @@ _ORIGIN: Vec3 = (0.0, 0.0, 0.0)
 
 
 class Frames:
-    """Reads placements in a file's own conventions.
-
-    Args:
-        source: the file, for its errors.
-        compiler: the attributes of its ``<compiler>``: ``angle`` and ``eulerseq`` count.
-
-    Raises:
-        InputError: it uses coordinates that we do not read.
-    """
+    """Reads placements by a file's ``<compiler>`` attributes ``angle`` and ``eulerseq``."""
 
     def __init__(self, source: ModelFile, compiler: Mapping[str, str]) -> None:
         self.source = source
@@ -112,11 +104,7 @@ def _along(direction: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Quat:
 
 
 class Defaults:
-    """What a file's ``<default>`` classes say of its geoms and meshes.
-
-    Args:
-        top: the ``<mujoco>`` element.
-    """
+    """What a file's ``<default>`` classes say of its geoms and meshes."""
 
     def __init__(self, top: Element) -> None:
         self._classes: dict[tuple[str, str], dict[str, str]] = {}
@@ -153,12 +141,8 @@ class _Geom:
 def read_mjcf(path: Path, root: Path) -> ObjectModel:
     """What an MJCF file says of its one object; the frame is that of its outermost body.
 
-    Args:
-        path: the file.
-        root: the library root; every file it names must lie inside.
-
     Raises:
-        InputError: the file is not MJCF of one rigid object that we can trust; names the fault.
+        InputError: it is not MJCF of one rigid object with files below ``root``; names the fault.
     """
     return _Reader(ModelFile(read_text(path), str(path), root, path.parent)).model()
 

@@ -25,20 +25,12 @@ Fault = Callable[[str, str], InputError]
 
 
 def read_text(path: Path) -> str:
-    """The text of a small UTF-8 file.
-
-    Raises:
-        InputError: it cannot be read or is too large.
-    """
+    """The text of a small UTF-8 file."""
     return foreign.read_text(path, "give a small file in UTF-8", MAX_BYTES)
 
 
 def parse(text: str, fault: Fault) -> ElementTree.Element:
-    """The root element of ``text``.
-
-    Raises:
-        InputError: it is not XML, or XML that we do not trust.
-    """
+    """The root element of ``text``, which must be XML that we trust."""
     if len(text) > MAX_BYTES:
         raise fault(f"longer than {MAX_BYTES} characters", "split or simplify the file")
     check_xml(text, fault, MAX_DEPTH, refused_tag="include")
@@ -49,11 +41,7 @@ def parse(text: str, fault: Fault) -> ElementTree.Element:
 
 
 def check_xml(text: str | bytes, fault: Fault, max_depth: int = 64, refused_tag: str | None = None) -> None:
-    """Check XML of any length before a reader sees it: no document types, no entities, not too deep.
-
-    Raises:
-        InputError: it is not XML, or XML that we do not trust.
-    """
+    """Check XML of any length before a reader sees it: no document types, no entities, not too deep."""
     parser, depth = expat.ParserCreate(), 0
 
     def refuse(*_: object) -> None:
@@ -83,17 +71,7 @@ MAX_SHAPES, MAX_METRES, MAX_PARTS = 500, 100.0, 64
 
 
 class ModelFile:
-    """The XML of one file and the folder that its file names are relative to.
-
-    Args:
-        text: the XML.
-        where: what errors call it.
-        root: the library root; every file it names must lie inside.
-        folder: the folder it lies in.
-
-    Raises:
-        InputError: the text is not XML that we trust.
-    """
+    """The XML of one file, called ``where`` in errors; its file names are relative to ``folder``, inside ``root``."""
 
     def __init__(self, text: str, where: str, root: Path, folder: Path) -> None:
         self.where, self.root, self.folder = where, root.resolve(), folder
@@ -104,11 +82,7 @@ class ModelFile:
         return InputError(f"{self.where}: {message}", remedy)
 
     def file(self, name: str, folder: str = "") -> str:
-        """The library-relative name of a file that must exist inside the library.
-
-        Raises:
-            InputError: it does not, or the name leaves the library.
-        """
+        """The library-relative name of a file, which must exist inside the library."""
         if any(not _is_local(part) for part in (name, folder or ".")):
             raise self.fault(f"file name {name!r}", "name a file relative to the folder this one lies in")
         path = (self.folder / folder / name).resolve()
@@ -119,11 +93,7 @@ class ModelFile:
         return path.relative_to(self.root).as_posix()
 
     def numbers(self, text: str, name: str, count: int, most: float = MAX_METRES) -> tuple[float, ...]:
-        """``count`` finite numbers, none beyond ``most``.
-
-        Raises:
-            InputError: there are others.
-        """
+        """``count`` finite numbers, none beyond ``most``."""
         numbers = self.some_numbers(text, name, most)
         if len(numbers) != count:
             raise self.fault(f"{name} has {len(numbers)} numbers", f"give {count}")
@@ -153,21 +123,13 @@ class ModelFile:
         return (x, y, z)
 
     def positive(self, numbers: tuple[float, ...], name: str) -> tuple[float, ...]:
-        """The numbers, which must be lengths.
-
-        Raises:
-            InputError: one is not above 0.
-        """
+        """The numbers, which must be above 0."""
         if min(numbers) <= 0:
             raise self.fault(f"{name} {numbers} is not positive", "give sizes in metres above 0")
         return numbers
 
     def model(self, visuals: Sequence[Shape], colliders: Sequence[Shape], mass: float, friction: float) -> ObjectModel:
-        """The object of these shapes; a mesh among ``colliders`` becomes the convex parts beside its file.
-
-        Raises:
-            InputError: there are none or too many, or a mesh cannot be read.
-        """
+        """The object of these shapes; a mesh among ``colliders`` becomes the convex parts beside its file."""
         colliders = [part for shape in colliders for part in self._convex_parts(shape)]
         if not visuals and not colliders:
             raise self.fault("neither visual nor collision", "add at least one shape")

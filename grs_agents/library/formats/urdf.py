@@ -39,11 +39,7 @@ def urdf_text(
     """The URDF of one rigid object.
 
     Args:
-        name: name of the robot and its link.
-        visuals: what is seen.
-        colliders: what touches.
         mass: kg; 0 leaves the inertia out.
-        friction: sliding friction.
         inertia: principal moments (kg m^2) about the object frame's axes.
         folder: library-relative folder of the URDF, which its file names are written relative to.
     """
@@ -95,11 +91,7 @@ MAX_LINKS = 100
 
 
 def link_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
-    """Every link, from the root on, with its place in the root link's frame.
-
-    Raises:
-        InputError: there is no link or there are too many, the joints do not make them one tree, or a joint moves.
-    """
+    """Every link of the one tree of fixed joints, with its place in the root link's frame."""
     robot = source.top
     links = {link.get("name", ""): link for link in robot.findall("link")}
     joints, count = _fixed_joints(source), len(robot.findall("link"))
@@ -146,18 +138,16 @@ _LOOK = tuple[Rgba | None, str | None]
 
 
 def read_urdf(source: Path | str, root: Path, folder: str = "") -> ObjectModel:
-    """What a URDF says.
+    """What a URDF says, which is a file or XML text.
 
-    A mesh that collides does so as the convex parts that lie beside it (``NAME.part0.obj`` and so on), else as
-    its convex hull.
+    A mesh collides as the convex parts that lie beside it (``NAME.part0.obj`` and so on), else as its convex hull.
 
     Args:
-        source: the file (a ``Path``) or the XML text (a ``str``).
         root: the library root; every file the URDF names must lie inside it.
         folder: for XML text: the folder below ``root`` that its file names are relative to.
 
     Raises:
-        InputError: the file or text is not a URDF of one rigid object that we can trust; names the fault.
+        InputError: it is not a URDF of one rigid object that we can trust; names the fault.
     """
     if isinstance(source, Path):
         return _Reader(ModelFile(read_text(source), str(source), root, source.parent)).model()

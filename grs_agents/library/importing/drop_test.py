@@ -44,16 +44,7 @@ class DropResult:
 
 
 def drop_test(colliders: Sequence[Collider], mass: float, friction: float) -> DropResult:
-    """Put an object down as its frame says and simulate it.
-
-    Args:
-        colliders: in the object's frame, m.
-        mass: kg.
-        friction: sliding friction.
-
-    Raises:
-        RefusedError: MuJoCo cannot compile it, or the simulation diverges.
-    """
+    """Put an object down as its frame says and simulate it; refused where MuJoCo cannot."""
     from grs_agents.engine import mujoco
 
     if not colliders:
@@ -149,11 +140,7 @@ def verify_asset(library: Library, asset: Asset) -> AssetVerdict:
 
 
 def colliders_of(library: Library, model: ObjectModel) -> list[Collider]:
-    """What of a library's asset collides, meshes as their hulls.
-
-    Raises:
-        InputError: a mesh cannot be read.
-    """
+    """What of a library's asset collides, meshes as their hulls."""
     return [shape if shape.mesh is None else _hull(library, shape) for shape in model.colliders]
 
 

@@ -34,14 +34,10 @@ class ImportRun:
     _workers: SimpleQueue[Worker] = field(default_factory=SimpleQueue[Worker])
 
     def run(self, source: ImportSource, report: Callable[[ImportOutcome, bool], None]) -> list[ImportOutcome]:
-        """Import every item of a source.
+        """The outcome of every item of a source, in their order.
 
         Args:
-            source: what to import.
             report: called with each outcome as it is known, and whether it was known from an earlier import.
-
-        Returns:
-            The outcomes in the order of the items.
 
         Raises:
             InputError: the library cannot be read or written.

@@ -21,15 +21,7 @@ _VERSION = "1"
 
 
 class Journal:
-    """The outcomes of one collection; the last line of an item counts.
-
-    Args:
-        root: of the library.
-        collection: folder of the library.
-
-    Raises:
-        InputError: the journal cannot be read.
-    """
+    """The outcomes of one collection; the last line of an item counts."""
 
     def __init__(self, root: Path, collection: str) -> None:
         self.path = root / "imports" / f"{collection}.jsonl"
@@ -43,11 +35,7 @@ class Journal:
                 self.outcomes[outcome.source] = outcome
 
     def add(self, outcome: ImportOutcome) -> None:
-        """Remember an outcome, on disk too.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """Remember an outcome, on disk too."""
         self.outcomes[outcome.source] = outcome
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -65,11 +53,7 @@ def import_key(content: str, options: ImportOptions, license_: str) -> str:
 
 
 def content_digest(folder: SourceFolder, files: tuple[str, ...]) -> str:
-    """SHA-256 of the files of an item.
-
-    Raises:
-        RefusedError: one is too large, leaves the folder or cannot be read.
-    """
+    """SHA-256 of the files of an item."""
     digest = hashlib.sha256()
     for name in files:
         try:
@@ -81,11 +65,7 @@ def content_digest(folder: SourceFolder, files: tuple[str, ...]) -> str:
 
 
 def write_entries(root: Path, assets: Iterable[Asset], removed: Iterable[str] = ()) -> None:
-    """Put entries into the manifest in place of those of the same name, and take ``removed`` out.
-
-    Raises:
-        InputError: the manifest is faulty or cannot be written.
-    """
+    """Put entries into the manifest in place of those of the same name, and take ``removed`` out."""
     root.mkdir(parents=True, exist_ok=True)
     entries = {asset.name: asset for asset in read_manifest(root).assets if asset.name not in removed}
     entries |= {asset.name: asset for asset in assets}
@@ -98,11 +78,7 @@ _SHAPE_TOLERANCE, _LOOK_TOLERANCE = 0.01, 0.15
 
 
 class ImportedAssets:
-    """The imported assets that there are, to find copies among.
-
-    Args:
-        assets: those without an origin are left out.
-    """
+    """The imported assets that there are, to find copies among."""
 
     def __init__(self, assets: Iterable[Asset]) -> None:
         self._by_content: dict[str, str] = {}

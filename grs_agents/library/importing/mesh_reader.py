@@ -36,17 +36,7 @@ _LOAD_ERRORS: Final = (*_LIBRARY_ERRORS, ImportError, ArithmeticError, SyntaxErr
 
 
 def read_mesh(folder: SourceFolder, name: str, limits: ImportLimits, texture: str | None = None) -> SourceModel:
-    """The parts of a mesh file.
-
-    Args:
-        folder: the source.
-        name: of the file, relative to the source.
-        limits: what it may cost.
-        texture: a picture for all of it, relative to the source.
-
-    Raises:
-        RefusedError: it is broken, too large, or names files that it must not.
-    """
+    """The parts of a mesh file; ``texture`` is a picture for all of it. Names are relative to the source."""
     path = folder.path(name)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -234,9 +224,6 @@ def read_texture_image(source: Any, pixels: int, *, header_only: bool = False) -
         source: a path or an opened Pillow image.
         pixels: the most it may have.
         header_only: only see that it is a picture of at most ``pixels``; the result is empty.
-
-    Raises:
-        RefusedError: it is no picture or too large.
     """
     from PIL import Image as Pictures
 

@@ -35,11 +35,7 @@ _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
 def read_description(folder: SourceFolder, item: SourceItem, options: ImportOptions) -> SourceModel:
-    """What a URDF or MJCF file says, in metres with z up.
-
-    Raises:
-        RefusedError: the file or a mesh of it is broken or names what it must not.
-    """
+    """What a URDF or MJCF file says, in metres with z up."""
     path, is_mjcf = folder.path(item.file), item.kind == "mjcf"
 
     def fault(message: str, remedy: str) -> InputError:

@@ -49,11 +49,7 @@ class ObjaverseEntry(Frozen):
 
 
 def load_package() -> Objaverse:
-    """The ``objaverse`` package.
-
-    Raises:
-        ConfigError: it is not installed.
-    """
+    """The ``objaverse`` package; a `ConfigError` where it is not installed."""
     try:
         return cast(Objaverse, importlib.import_module("objaverse"))
     except ImportError as error:
@@ -63,11 +59,7 @@ def load_package() -> Objaverse:
 
 
 def search_objaverse(package: Objaverse, words: str, most: int = 50) -> list[ObjaverseEntry]:
-    """The objects whose title and tags have all of ``words``, those that say it in the title and are simpler first.
-
-    Raises:
-        InputError: no words, or the metadata cannot be loaded.
-    """
+    """The objects whose title and tags have all of ``words``, those that say it in the title and are simpler first."""
     wanted = set(words_of(words))
     if not wanted:
         raise InputError("objaverse: without words", "name what you look for, as in objaverse:red mug")

@@ -82,11 +82,7 @@ class PreparedAsset:
 
 
 def prepare_asset(job: ImportJob) -> PreparedAsset:
-    """Read an item and make an asset of it.
-
-    Raises:
-        RefusedError: it is broken, or not to be trusted; the message says why.
-    """
+    """Read an item and make an asset of it."""
     item, options = job.item, job.options
     reading = _read(job)
     if not reading.parts:
@@ -205,13 +201,7 @@ def rotation_to_z(up: Up) -> Floats:
 
 
 def up_by_height(extents: Floats, height: float, usual: Up) -> Up:
-    """The axis along which a thing of these extents is ``height`` high; ``usual`` where another is no better by 5 %.
-
-    Args:
-        extents: (3,) along x, y, z, m.
-        height: what it is known to be, m.
-        usual: the axis of its format.
-    """
+    """The axis along which ``extents`` (m) are ``height``; the format's ``usual`` where another is no better by 5 %."""
     axes: tuple[Up, ...] = ("x", "y", "z")
     errors = {axis: abs(float(extent) - height) / height for axis, extent in zip(axes, extents, strict=True)}
     best = min(axes, key=lambda axis: errors[axis])

@@ -18,13 +18,7 @@ _MARGIN: Final = 1
 
 
 def bake_texture(old: TexturedMesh, vertices: Floats, faces: Ints, edge: int) -> TexturedMesh:
-    """The new mesh, painted as the old one is at the nearest places.
-
-    Args:
-        old: the painted mesh.
-        vertices, faces: of the new one.
-        edge: of the square texture, px.
-    """
+    """The new mesh, painted in a texture of ``edge`` px as the old one is at the nearest places."""
     columns = int(np.ceil(np.sqrt(-(-len(faces) // 2))))
     cell = max(2 * _MARGIN + 3, edge // columns)
     side = columns * cell

@@ -10,22 +10,13 @@ _CONTROL: Final = 32
 
 
 class SourceFolder:
-    """The folder of a source; every file is named relative to it and stays inside it.
-
-    Args:
-        root: the folder.
-        most: bytes of the largest file that is opened.
-    """
+    """The folder of a source; files are named relative to it, stay inside it and have at most ``most`` bytes."""
 
     def __init__(self, root: Path, most: int) -> None:
         self.root, self.most = root.resolve(), most
 
     def path(self, name: str, beside: str = "", *, said_by: str = "") -> Path:
-        """The file called ``name``, relative to the file ``beside`` (itself relative to the root).
-
-        Raises:
-            RefusedError: it leaves the folder, is not a file, is too large or not there.
-        """
+        """The file called ``name``, relative to the file ``beside`` (itself relative to the root)."""
         by = f"{said_by or beside or self.root.name} names "
         if not name or name.startswith(("/", "~")) or any(ord(letter) < _CONTROL or letter in ":\\" for letter in name):
             raise RefusedError(f"{by}{name[:120]!r}, which is no relative path", "name files relative to the file")
@@ -45,11 +36,7 @@ class SourceFolder:
 
 
 def mtl_pictures(folder: SourceFolder, obj: str) -> tuple[list[str], list[str]]:
-    """The material files and colour pictures that an OBJ file names, relative to the folder.
-
-    Raises:
-        RefusedError: a name leaves the folder, or a file is not there.
-    """
+    """The material files and colour pictures that an OBJ file names, relative to the folder."""
     materials: list[str] = []
     pictures: list[str] = []
     with folder.path(obj).open(encoding="utf-8", errors="replace") as lines:

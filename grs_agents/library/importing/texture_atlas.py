@@ -15,13 +15,7 @@ _SMALLEST = 4
 
 
 def pad_texture(image: Image, uvs: Floats, edge: int) -> Image:
-    """The texture with its longer side at most ``edge`` px; what no triangle uses continues what is beside it.
-
-    Args:
-        image: (H, W, 3) uint8.
-        uvs: (F, 3, 2) coordinates in 0..1 of all triangles that use it, origin at the lower left.
-        edge: px.
-    """
+    """The texture, at most ``edge`` px; what is in no triangle of ``uvs`` (F, 3, 2) continues what is beside it."""
     image = shrink_image(image, _LARGEST)
     height, width = image.shape[:2]
     if min(height, width) < 2 * _SMALLEST:
@@ -71,10 +65,7 @@ _WELD = 1e-6
 
 
 def merge_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
-    """All parts as one welded mesh whose picture is at most ``edge`` px wide and high.
-
-    The pictures of the parts come first in the sheet, a palette of the plain colours of all others comes last.
-    """
+    """All parts as one welded mesh with one picture of at most ``edge`` px: theirs, then a palette of plain colours."""
     textured = [part.image is not None and part.uvs is not None for part in parts]
     palette, swatches = _palette([part for part, has_image in zip(parts, textured, strict=True) if not has_image])
     part_uvs: list[Floats] = []

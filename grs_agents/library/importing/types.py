@@ -23,7 +23,7 @@ METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 
 
 class RefusedError(InputError):
-    """An asset that is not imported; the message names the file and the reason."""
+    """An asset that is not imported, raised by all that reads or mends one; names the file and the reason."""
 
 
 class ImportLimits(Frozen):

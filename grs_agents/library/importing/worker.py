@@ -20,23 +20,14 @@ _WALL_SECONDS = 2.0
 
 
 class Worker:
-    """The parent's side: a process that is started when it is needed and again after it broke.
-
-    Args:
-        limits: of each item.
-    """
+    """The parent's side: a process that is started when it is needed and again after it broke."""
 
     def __init__(self, limits: ImportLimits) -> None:
         self._memory, self._seconds = limits.memory, _WALL_SECONDS * limits.seconds
         self._process: subprocess.Popen[bytes] | None = None
 
     def import_item(self, job: ImportJob) -> Asset:
-        """Prepare and write an item in the process; its entry.
-
-        Raises:
-            RefusedError: the item is refused, took too long or broke the process.
-            InputError: the library cannot be written.
-        """
+        """Prepare and write an item in the process, which it must not break nor occupy too long; its entry."""
         jobs, answers = self._pipes()
         try:
             jobs.write(job.model_dump_json().encode() + b"\n")

@@ -22,11 +22,7 @@ VIEW_SIZE = 384
 
 
 def write_prepared(root: Path, prepared: PreparedAsset) -> Asset:
-    """Write all files of an asset below the library ``root``; its entry, which is not in the manifest yet.
-
-    Raises:
-        InputError: the folder cannot be written.
-    """
+    """Write all files of an asset below the library ``root``; its entry, which is not in the manifest yet."""
     asset = prepared.asset
     collection, _, file = asset.name.rpartition("/")
     files = _files(collection, file.removesuffix(".urdf"), prepared)
