@@ -154,7 +154,11 @@ def _view(painted: Painted, center: Floats, towards: Vec3, distance: float, foca
     local, middle = (painted.corners - center) @ _camera_axes(direction).T + (0.0, 0.0, distance), (edge - 1) / 2
     fine, deep = render_samples(painted, local, Lens(focal * FINER, focal * FINER, middle, middle, edge, edge))
     x, y, z = direction.tolist()
-    return AssetView(_mean_color(fine, size), _nearest_depth(deep, size), (x, y, z), distance, focal)
+    total = fine.reshape(size, FINER, size, FINER, 4).mean(axis=(1, 3))
+    total[:, :, :3] /= np.maximum(total[:, :, 3:], 1e-9)  # the samples are premultiplied
+    nearest = np.where(deep > 0, deep, np.inf).reshape(size, FINER, size, FINER).min(axis=(1, 3))
+    depth = np.where(np.isfinite(nearest), nearest, 0).astype(np.float32)
+    return AssetView(np.rint(np.clip(total, 0, 1) * 255).astype(np.uint8), depth, (x, y, z), distance, focal)
 
 
 def _camera_axes(direction: Floats) -> Floats:
@@ -193,23 +197,14 @@ def render_samples(painted: Painted, local: Floats, lens: Lens) -> tuple[Floats,
     rows, columns = np.nonzero(seen)
     rays = np.ones((len(rows), 3))
     rays[:, :2] = (np.stack([columns, rows], axis=1) - middle) / focal
-    shade = _shade(_normals(local)[index], rays)
+    normals = np.cross(local[:, 1] - local[:, 0], local[:, 2] - local[:, 0])
+    normals = (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))[index]
+    facing = np.abs(np.einsum("ij,ij->i", normals, rays)) / np.sqrt(np.einsum("ij,ij->i", rays, rays))
+    shade = _AROUND + (1 - _AROUND) * facing
     fine, deep = np.zeros((lens.height, lens.width, 4)), np.zeros((lens.height, lens.width))
     fine[seen, :3] = _albedo(painted, index, rays * depth[:, None], local) * shade[:, None]
     fine[seen, 3], deep[seen] = 1.0, depth
     return fine, deep
-
-
-def _normals(corners: Floats) -> Floats:
-    """(T, 3) unit normals of triangles (T, 3, 3); zero where one has no area."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-
-
-def _shade(normals: Floats, rays: Floats) -> Floats:
-    """(N,) light on surfaces with ``normals`` (N, 3) seen along ``rays`` (N, 3)."""
-    facing = np.abs(np.einsum("ij,ij->i", normals, rays)) / np.sqrt(np.einsum("ij,ij->i", rays, rays))
-    return _AROUND + (1 - _AROUND) * facing
 
 
 def _albedo(painted: Painted, index: npt.NDArray[np.int64], points: Floats, local: Floats) -> Floats:
@@ -230,16 +225,3 @@ def _albedo(painted: Painted, index: npt.NDArray[np.int64], points: Floats, loca
 def _wrapped(values: Floats) -> Floats:
     """Texture coordinates repeat beyond 0..1; 1 itself is the far edge."""
     return np.where((values >= 0) & (values <= 1), values, values % 1)
-
-
-def _mean_color(fine: Floats, size: int) -> Image:
-    """(size, size, 4) uint8 of premultiplied samples."""
-    total = fine.reshape(size, FINER, size, FINER, 4).mean(axis=(1, 3))
-    total[:, :, :3] /= np.maximum(total[:, :, 3:], 1e-9)
-    return np.rint(np.clip(total, 0, 1) * 255).astype(np.uint8)
-
-
-def _nearest_depth(deep: Floats, size: int) -> npt.NDArray[np.float32]:
-    """(size, size) of the samples of each pixel, 0 where nothing is."""
-    samples = np.where(deep > 0, deep, np.inf).reshape(size, FINER, size, FINER).min(axis=(1, 3))
-    return np.where(np.isfinite(samples), samples, 0).astype(np.float32)

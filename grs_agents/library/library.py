@@ -41,7 +41,13 @@ class Library:
 
     def names(self) -> list[str]:
         """Every asset's name and every description file's, sorted."""
-        return sorted({*self._assets, *(name for root in self.roots for name in user_model_names(root))})
+        own = {
+            path.relative_to(root).as_posix()
+            for root in self.roots
+            for suffix in MODEL_SUFFIXES
+            for path in root.rglob(f"*{suffix}")
+        }
+        return sorted({*self._assets, *filter(self.__contains__, own)})
 
     def assets(self) -> tuple[Asset, ...]:
         """Every asset that a manifest lists, by name."""
@@ -61,7 +67,7 @@ class Library:
         if name in self._assets:
             return self._assets[name]
         if name not in self._own:
-            self._own[name] = user_model_asset(name, self._read(name))
+            self._own[name] = user_model_asset(name, self.model(name))
         return self._own[name]
 
     def __contains__(self, name: object) -> bool:
@@ -73,8 +79,14 @@ class Library:
 
     def model(self, name: str) -> ObjectModel:
         """What the asset's file says; a template is filled with its defaults. Errors as `asset`."""
-        listed = self._assets.get(name)
-        return self._read(name) if listed is None or not listed.template else self._defaulted(name)
+        if name not in self._models:
+            if name in self._assets and self._assets[name].template:
+                self._models[name] = self.filled(name, {})
+            else:
+                root = self._root(name)
+                path = member(root, name)
+                self._models[name] = (read_mjcf if path.suffix.lower() == ".xml" else read_urdf)(path, root)
+        return self._models[name]
 
     def template_defaults(self, name: str) -> dict[str, tuple[Value, ...]]:
         """The documented default values of a template's placeholders; empty for an ordinary asset."""
@@ -103,24 +115,13 @@ class Library:
 
     def overlay(self, root: Path) -> "Library":
         """A new library with ``root`` laid over this one; an `InputError` where its manifest is faulty."""
-        laid = Library(*self.roots, root)
-        laid._models = {name: model for name, model in self._models.items() if laid._origin(name) == self._origin(name)}
-        return laid
+        over = Library(*self.roots, root)
+        over._models = {name: model for name, model in self._models.items() if over._origin(name) == self._origin(name)}
+        return over
 
     def everyday_assets(self) -> tuple[Asset, ...]:
         """The assets that can stand on a real table: no templates, no marks, no parts of a published task."""
         return tuple(asset for asset in self.assets() if asset.everyday and not asset.template and asset.mass > 0)
-
-    def _read(self, name: str) -> ObjectModel:
-        if name not in self._models:
-            root = self._root(name)
-            self._models[name] = read_model_file(member(root, name), root)
-        return self._models[name]
-
-    def _defaulted(self, name: str) -> ObjectModel:
-        if name not in self._models:
-            self._models[name] = self.filled(name, {})
-        return self._models[name]
 
     def _origin(self, name: str) -> Path | None:
         return self._root_of.get(name) or self._own_root(name)
@@ -148,18 +149,6 @@ def user_model_path(root: Path, name: str) -> Path | None:
         return None
     path = (root / name).resolve()
     return path if path.is_relative_to(root.resolve()) and path.is_file() else None
-
-
-def user_model_names(root: Path) -> list[str]:
-    """The name of every URDF and MJCF file below ``root``, sorted."""
-    files = (path for suffix in MODEL_SUFFIXES for path in root.rglob(f"*{suffix}"))
-    names = (path.relative_to(root).as_posix() for path in files)
-    return sorted(name for name in names if user_model_path(root, name) is not None)
-
-
-def read_model_file(path: Path, root: Path) -> ObjectModel:
-    """What a description file says, whichever of the two formats it is."""
-    return read_mjcf(path, root) if path.suffix.lower() == ".xml" else read_urdf(path, root)
 
 
 def user_model_asset(name: str, model: ObjectModel) -> Asset:

@@ -118,36 +118,33 @@ def primitive_surface(shape: Shape) -> Surface:
     """The triangles of a primitive in its own frame (m), without texture coordinates."""
     if shape.kind == "box":
         cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-        corners = _quads(cube * np.asarray(shape.size), _BOX)
+        corners = _quads(cube * np.asarray(shape.size), np.array(_BOX))
     elif shape.kind == "cylinder":
         radius, length = shape.size
-        corners = _turned([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])
+        corners = _revolved([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])
     else:
         angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS + 1)
         radius = shape.size[0]
-        corners = _turned([(radius * float(np.cos(one)), radius * float(np.sin(one))) for one in angles])
+        corners = _revolved([(radius * float(np.cos(angle)), radius * float(np.sin(angle))) for angle in angles])
     return Surface(corners, np.zeros((len(corners), 3, 2)))
 
 
-def _turned(profile: Sequence[tuple[float, float]]) -> Floats:
+def _revolved(profile: Sequence[tuple[float, float]]) -> Floats:
     """The solid (T, 3, 3) that a profile of (radius, z), from the lowest point to the highest, makes around z."""
     angles = np.arange(_SECTIONS) * 2 * np.pi / _SECTIONS
     rings = [
         np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(_SECTIONS, z)], axis=1)
         for radius, z in profile
     ]
-    quads = [
-        (row * _SECTIONS + one, row * _SECTIONS + other, (row + 1) * _SECTIONS + other, (row + 1) * _SECTIONS + one)
-        for row in range(len(profile) - 1)
-        for one, other in ((number, (number + 1) % _SECTIONS) for number in range(_SECTIONS))
-    ]
-    return _quads(np.concatenate(rings), quads)
+    lower = np.arange(_SECTIONS)
+    ring = np.stack([lower, np.roll(lower, -1), np.roll(lower, -1) + _SECTIONS, lower + _SECTIONS], axis=1)
+    quads = [ring + row * _SECTIONS for row in range(len(profile) - 1)]
+    return _quads(np.concatenate(rings), np.concatenate(quads))
 
 
-def _quads(vertices: Floats, quads: Sequence[tuple[int, int, int, int]]) -> Floats:
-    """Two triangles for each quad; those without an area are left out."""
-    triangles = np.array([three for a, b, c, d in quads for three in ((a, b, c), (a, c, d))])
-    corners = vertices[triangles]
+def _quads(vertices: Floats, quads: Ints) -> Floats:
+    """(T, 3, 3) of two triangles for each quad (Q, 4); those without an area are left out."""
+    corners = vertices[quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     return corners[areas > 1e-15]
 

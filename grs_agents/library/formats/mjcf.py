@@ -158,7 +158,7 @@ class _Reader:
             if element.tag in _REFUSED:
                 raise source.fault(f"<{element.tag}> is refused", "write out what it stands for")
         self.defaults = Defaults(source.top)
-        compiler = {name: value for one in source.top.findall("compiler") for name, value in one.attrib.items()}
+        compiler = {name: text for element in source.top.findall("compiler") for name, text in element.attrib.items()}
         self.frames = Frames(source, compiler)
         self.folder = compiler.get("meshdir", compiler.get("assetdir", ""))
         self.material_colors: dict[str, Rgba] = {

@@ -1,7 +1,6 @@
 """Mesh repair by trimesh, then the convex hulls and convex parts that collide."""
 
 import importlib
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -19,20 +18,11 @@ MAX_VERTICES: Final = 64
 """Of a convex part."""
 
 
-@dataclass(frozen=True)
-class RepairedMesh:
-    """A mesh after repair."""
+def repair_mesh(solid: TexturedMesh) -> tuple[TexturedMesh, bool, list[str]]:
+    """The mesh without degenerate and duplicate faces, all turned outwards; whether it is watertight; what was done.
 
-    solid: TexturedMesh
-    watertight: bool  # every edge has exactly two faces that agree on the outside
-    notes: tuple[str, ...]  # what was done
-
-
-def repair_mesh(solid: TexturedMesh) -> RepairedMesh:
-    """Drop degenerate and duplicate faces, make the winding consistent, close holes of three or four edges.
-
-    A larger hole stays open: it may be an opening that the object has. Winding and holes need ``networkx``, which the
-    extra ``assets`` installs; without it the mesh stays as it is, and a note says so.
+    Holes of three or four edges are closed; a larger one may be an opening that the object has. Winding and holes need
+    ``networkx``, which the extra ``assets`` installs; without it the mesh stays as it is, and a note says so.
     """
     kept = _valid_faces(solid.faces)
     notes = [f"{dropped} degenerate or duplicate faces dropped"] if (dropped := len(solid.faces) - len(kept)) else []
@@ -61,7 +51,7 @@ def repair_mesh(solid: TexturedMesh) -> RepairedMesh:
     watertight = bool(mesh.is_watertight and mesh.is_winding_consistent)
     if not watertight:
         notes.append("not watertight: its volume is that of its convex parts")
-    return RepairedMesh(TexturedMesh(solid.vertices, repaired, uvs, solid.image), watertight, tuple(notes))
+    return TexturedMesh(solid.vertices, repaired, uvs, solid.image), watertight, notes
 
 
 def _valid_faces(faces: Ints) -> Ints:

@@ -18,8 +18,8 @@ from grs_agents.library.importing.mesh_reader import read_mesh
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.texture_atlas import join_parts
 from grs_agents.library.importing.types import (
+    UP_TO_Z,
     Collider,
-    ConvexHull,
     Floats,
     ImportOptions,
     MeshPart,
@@ -31,7 +31,6 @@ from grs_agents.library.mesh_files import obj_text, primitive_surface
 from grs_agents.library.shapes import ObjectModel, Shape, rotation_matrix
 
 _GREY = (0.7, 0.7, 0.7, 1.0)
-_Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
 def read_description(folder: SourceFolder, item: SourceItem, options: ImportOptions) -> SourceModel:
@@ -82,8 +81,7 @@ class _Stage:
     def add(self, source: str, texture: str | None = None) -> str:
         """Read a mesh (with z up) and write it as OBJ; its file name in the folder."""
         reading, name = read_mesh(self._source, source, self._options.limits, texture), f"mesh{len(self.meshes)}.obj"
-        turn = _Y_TO_Z if reading.up == "y" else np.eye(3)
-        self.meshes[name] = [_moved(part, np.ones(3), turn, np.zeros(3)) for part in reading.parts]
+        self.meshes[name] = [_moved(part, np.ones(3), UP_TO_Z[reading.up], np.zeros(3)) for part in reading.parts]
         vertices, faces = join_parts(self.meshes[name])
         write_text(self.home / name, obj_text(vertices, faces[:1]))  # the readers want the vertices
         return name
@@ -138,7 +136,11 @@ def _reading(model: ObjectModel, meshes: dict[str, list[MeshPart]], has_friction
     notes: list[str] = []
     for shape in model.colliders:
         if shape.kind == "mesh":
-            hulls, more = _hulls([_placed(part, shape) for part in meshes[shape.mesh or ""]], max_parts)
+            vertices, faces = join_parts(_parts_of(shape, meshes))
+            if max_parts == 1:
+                colliders.append(convex_hull(vertices, MAX_VERTICES))
+                continue
+            hulls, more = convex_parts(vertices, faces, False, max_parts)
             colliders += hulls
             notes += more
         else:
@@ -156,16 +158,12 @@ def _reading(model: ObjectModel, meshes: dict[str, list[MeshPart]], has_friction
 
 def _parts_of(shape: Shape, meshes: dict[str, list[MeshPart]]) -> list[MeshPart]:
     """The triangles of a shape in the object's frame."""
+    turn, position = rotation_matrix(shape.quaternion), np.asarray(shape.position)
     if shape.kind == "mesh":
-        return [_placed(part, shape) for part in meshes[shape.mesh or ""]]
+        return [_moved(part, np.asarray(shape.size), turn, position) for part in meshes[shape.mesh or ""]]
     corners = primitive_surface(shape).corners
     part = MeshPart(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
-    return [_moved(part, np.ones(3), rotation_matrix(shape.quaternion), np.asarray(shape.position))]
-
-
-def _placed(part: MeshPart, shape: Shape) -> MeshPart:
-    """A part of a mesh in the object's frame."""
-    return _moved(part, np.asarray(shape.size), rotation_matrix(shape.quaternion), np.asarray(shape.position))
+    return [_moved(part, np.ones(3), turn, position)]
 
 
 def _moved(part: MeshPart, scale: Floats, turn: Floats, position: Floats) -> MeshPart:
@@ -178,10 +176,3 @@ def _colored(part: MeshPart, shape: Shape) -> MeshPart:
         return part
     rgb = np.rint(np.array((shape.color or _GREY)[:3]) * 255).astype(np.uint8)
     return MeshPart(part.vertices, part.faces, part.uvs, part.image, np.tile(rgb, (len(part.faces), 1)))
-
-
-def _hulls(parts: list[MeshPart], most: int) -> tuple[list[ConvexHull], list[str]]:
-    vertices, faces = join_parts(parts)
-    if most == 1:
-        return [convex_hull(vertices, MAX_VERTICES)], []
-    return convex_parts(vertices, faces, False, most)

@@ -1,7 +1,7 @@
 """One item of a source, from its file to a repaired, weighed and decomposed asset in metres with z up."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -26,6 +26,7 @@ from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.texture_atlas import merge_parts
 from grs_agents.library.importing.types import (
     METRES,
+    UP_TO_Z,
     Collider,
     ConvexHull,
     Floats,
@@ -42,12 +43,6 @@ from grs_agents.library.mesh_files import mesh_area, mesh_volume
 USUAL: Final = (0.02, 0.7)
 """Longest extent (m) that a thing on a table usually has."""
 POSSIBLE: Final = (0.003, 3.0)
-_TO_Z: Final[dict[str, Floats]] = {
-    "z": np.eye(3),
-    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
-    "x": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),
-}
-"""Rotations that take an axis to z."""
 _DENSITIES: Final = {
     category: density
     for density, categories in {
@@ -72,41 +67,30 @@ _MASSES: Final = (0.003, 20.0)
 _SIZES: Final = (0.002, 5.0)
 
 
-@dataclass(frozen=True)
-class PreparedAsset:
-    """An asset that can be written."""
-
-    asset: Asset  # its entry, which names no files yet
-    solid: TexturedMesh  # what is seen; the centre of its bounds is the origin
-    colliders: tuple[Collider, ...]  # what touches, in the same frame
-
-
-def prepare_asset(job: ImportJob) -> PreparedAsset:
-    """Read an item and make an asset of it."""
+def prepare_asset(job: ImportJob) -> tuple[Asset, TexturedMesh, list[Collider]]:
+    """The entry of an item, which names no files yet; what is seen, centred on the origin; and what touches."""
     item, options = job.item, job.options
     reading = _read(job)
     if not reading.parts:
         raise RefusedError(f"{item.file} shows nothing", "add a visual")
     solid = merge_parts(reading.parts, options.texture)
     scale, turn = _scale_and_turn(solid, reading, options)
-    repaired = repair_mesh(replace(solid, vertices=solid.vertices * scale @ turn.T))
-    notes = [*reading.notes, *repaired.notes]
+    solid, watertight, repairs = repair_mesh(replace(solid, vertices=solid.vertices * scale @ turn.T))
+    notes = [*reading.notes, *repairs]
     if reading.colliders is None:
-        colliders, more = convex_parts(
-            repaired.solid.vertices, repaired.solid.faces, repaired.watertight, options.parts
-        )
+        colliders, more = convex_parts(solid.vertices, solid.faces, watertight, options.parts)
         notes += more
     elif scale != 1.0 or not np.allclose(turn, np.eye(3)):
         raise RefusedError("what collides is not in the frame of what is seen", "give both in metres with z up")
     else:
         colliders = reading.colliders
-    solid, colliders = _centred(repaired.solid, colliders)
+    solid, colliders = _centred(solid, colliders)
     x, y, z = (round(extent, 5) for extent in np.ptp(solid.vertices, axis=0).tolist())
     size: Vec3 = (x, y, z)
     if not _SIZES[0] <= max(size) <= _SIZES[1]:
         raise RefusedError(f"it is {max(size):.3g} m long, outside {_SIZES[0]} to {_SIZES[1]} m", "give its --unit")
     category = reading.category or category_of(item.name)
-    volume = mesh_volume(solid.vertices, solid.faces) if repaired.watertight else sum(map(collider_volume, colliders))
+    volume = mesh_volume(solid.vertices, solid.faces) if watertight else sum(map(collider_volume, colliders))
     physics = _physics(reading, category, volume)
     result = drop_test(colliders, physics.mass.value, physics.friction.value)
     notes += [] if result.stable else [f"it does not rest as it stands: {result}"]
@@ -135,7 +119,7 @@ def prepare_asset(job: ImportJob) -> PreparedAsset:
         physics=physics,
         origin=origin,
     )
-    return PreparedAsset(asset, solid, tuple(colliders))
+    return asset, solid, colliders
 
 
 def _read(job: ImportJob) -> SourceModel:
@@ -162,8 +146,8 @@ def _scale_and_turn(solid: TexturedMesh, reading: SourceModel, options: ImportOp
     scale = METRES[_unit_of(float(np.ptp(solid.vertices, axis=0).max()), reading, options)]
     vertices, up = solid.vertices * scale, options.up if reading.up == "auto" else reading.up
     if reading.height is not None:
-        up = _up_by_known_height(np.ptp(solid.vertices, axis=0) * scale, reading.height, up, reading.notes)
-    return scale, rotation_to_z(_steadier_up(vertices, reading.notes) if up == "auto" else up)
+        up = up_by_height(np.ptp(solid.vertices, axis=0) * scale, reading.height, up, reading.notes)
+    return scale, UP_TO_Z[_steadier_up(vertices, reading.notes) if up == "auto" else up]
 
 
 def _unit_of(extent: float, reading: SourceModel, options: ImportOptions) -> Unit:
@@ -195,22 +179,15 @@ def guess_unit(extent: float) -> tuple[Unit, str]:
     return fitting[0], note + (f" ({' and '.join(fitting[1:])} would do as well)" if len(fitting) > 1 else "")
 
 
-def rotation_to_z(up: Up) -> Floats:
-    """The rotation (3, 3) that takes the axis ``up`` to z."""
-    return _TO_Z["z" if up == "auto" else up]
+def up_by_height(extents: Floats, height: float, usual: Up, notes: list[str]) -> Up:
+    """The axis along which ``extents`` (m) are ``height``; the format's ``usual`` where another is no better by 5 %.
 
-
-def up_by_height(extents: Floats, height: float, usual: Up) -> Up:
-    """The axis along which ``extents`` (m) are ``height``; the format's ``usual`` where another is no better by 5 %."""
+    A note is added where that is not the usual axis or none fits.
+    """
     axes: tuple[Up, ...] = ("x", "y", "z")
     errors = {axis: abs(float(extent) - height) / height for axis, extent in zip(axes, extents, strict=True)}
     best = min(axes, key=lambda axis: errors[axis])
-    return best if usual == "auto" or errors[best] < errors[usual] - 0.05 else usual
-
-
-def _up_by_known_height(extents: Floats, height: float, usual: Up, notes: list[str]) -> Up:
-    """`up_by_height`, with a note where the axis is not the usual one or no axis fits."""
-    up = up_by_height(extents, height, usual)
+    up = best if usual == "auto" or errors[best] < errors[usual] - 0.05 else usual
     if up != usual:
         notes.append(f"{up} points up, by its known height of {100 * height:.1f} cm")
     measured = float(extents["xyz".index(up)])
@@ -224,7 +201,7 @@ def _steadier_up(vertices: Floats, notes: list[str]) -> Up:
     hull = convex_hull(vertices, MAX_VERTICES)
 
     def stands(up: Up) -> bool:
-        return drop_test([ConvexHull(hull.vertices @ rotation_to_z(up).T, hull.faces)], 0.3, 0.6).stable
+        return drop_test([ConvexHull(hull.vertices @ UP_TO_Z[up].T, hull.faces)], 0.3, 0.6).stable
 
     if stands("z") or not stands("y"):
         return "z"

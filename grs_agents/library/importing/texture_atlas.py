@@ -80,8 +80,9 @@ def merge_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
     sheet, boxes = _side_by_side(pictures if all(textured) else [*pictures, palette], edge)
     places = iter(boxes)
     uvs = [
-        _within(coordinates, next(places) if has_image else boxes[-1])
+        box[:2] + coordinates * box[2:]
         for coordinates, has_image in zip(part_uvs, textured, strict=True)
+        for box in [next(places) if has_image else boxes[-1]]
     ]
     vertices, faces = weld_vertices(*join_parts(parts))
     return TexturedMesh(vertices, faces, np.concatenate(uvs), sheet)
@@ -139,11 +140,6 @@ def _untiled(uvs: Floats) -> Floats:
     outside = (uvs.min(axis=1) < -1e-6).any(axis=1) | (uvs.max(axis=1) > 1 + 1e-6).any(axis=1)
     moved = np.where(outside[:, None, None], uvs - np.floor(middle), uvs)
     return np.clip(moved, 0, 1)
-
-
-def _within(uvs: Floats, box: Floats) -> Floats:
-    """Coordinates of a picture as those of the sheet on which it lies in ``box`` (u, v, width, height)."""
-    return box[:2] + uvs * box[2:]
 
 
 def _side_by_side(pictures: Sequence[Image], edge: int) -> tuple[Image, list[Floats]]:

@@ -20,6 +20,13 @@ Unit = Literal["auto", "m", "cm", "mm", "in"]
 Up = Literal["auto", "x", "y", "z"]
 Kind = Literal["mesh", "urdf", "mjcf", "ycb", "gso", "hope"]
 METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
+UP_TO_Z: dict[Up, Floats] = {
+    "auto": np.eye(3),
+    "x": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "z": np.eye(3),
+}
+"""The rotation that takes an axis to z."""
 
 
 class RefusedError(InputError):

@@ -73,7 +73,7 @@ def _answer(line: str) -> dict[str, Any]:
 
     try:
         job = ImportJob.model_validate_json(line)
-        asset = write_prepared(job.root, prepare_asset(job))
+        asset = write_prepared(job.root, *prepare_asset(job))
     except InputError as error:
         return {"refused": isinstance(error, RefusedError), "message": error.message, "remedy": error.remedy}
     except MemoryError:

@@ -1,6 +1,7 @@
 """Writing a prepared asset into a library: URDF, OBJ, PNG, convex parts, views, and its entry."""
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,7 @@ from grs_agents.library.asset import Asset
 from grs_agents.library.asset_views import asset_views, random_directions
 from grs_agents.library.formats.model_file import MAX_PARTS
 from grs_agents.library.formats.urdf import urdf_text
-from grs_agents.library.importing.preparation import PreparedAsset
-from grs_agents.library.importing.types import ConvexHull
+from grs_agents.library.importing.types import Collider, ConvexHull, TexturedMesh
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import box_inertia, obj_text, png_bytes
 from grs_agents.library.shapes import Shape
@@ -21,12 +21,11 @@ VIEWS = 3
 VIEW_SIZE = 384
 
 
-def write_prepared(root: Path, prepared: PreparedAsset) -> Asset:
+def write_prepared(root: Path, asset: Asset, solid: TexturedMesh, colliders: Sequence[Collider]) -> Asset:
     """Write all files of an asset below the library ``root``; its entry, which is not in the manifest yet."""
-    asset = prepared.asset
     collection, _, file = asset.name.rpartition("/")
-    files = _files(collection, file.removesuffix(".urdf"), prepared)
-    parts = sum(isinstance(collider, ConvexHull) for collider in prepared.colliders)
+    files = _files(collection, file.removesuffix(".urdf"), asset, solid, colliders)
+    parts = sum(isinstance(collider, ConvexHull) for collider in colliders)
     for number in range(parts, MAX_PARTS):
         (root / f"{collection}/meshes/{asset.kind}.part{number}.obj").unlink(missing_ok=True)  # of an earlier import
     for name, data in files.items():
@@ -37,18 +36,19 @@ def write_prepared(root: Path, prepared: PreparedAsset) -> Asset:
     return asset.model_copy(update={"origin": origin})
 
 
-def _files(collection: str, slug: str, prepared: PreparedAsset) -> dict[str, bytes]:
+def _files(
+    collection: str, slug: str, asset: Asset, solid: TexturedMesh, colliders: Sequence[Collider]
+) -> dict[str, bytes]:
     """The content of each file of an asset, by library-relative name."""
     base, texture = f"{collection}/meshes/{slug}", f"{collection}/textures/{slug}.png"
-    asset, solid = prepared.asset, prepared.solid
     uvs, number = np.unique(np.round(solid.uvs.reshape(-1, 2), 5), axis=0, return_inverse=True)
     mesh = obj_text(solid.vertices, solid.faces, uvs, number.reshape(-1, 3))
     files = {f"{base}.obj": mesh.encode(), texture: png_bytes(solid.image)}
-    hulls = [collider for collider in prepared.colliders if isinstance(collider, ConvexHull)]
+    hulls = [collider for collider in colliders if isinstance(collider, ConvexHull)]
     for number, hull in enumerate(hulls):
         files[f"{base}.part{number}.obj"] = obj_text(hull.vertices, hull.faces).encode()
     seen = Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj", texture=texture, color=(1.0, 1.0, 1.0, 1.0))
-    touching = [collider for collider in prepared.colliders if isinstance(collider, Shape)]
+    touching = [collider for collider in colliders if isinstance(collider, Shape)]
     touching += [Shape(kind="mesh", size=(1.0, 1.0, 1.0), mesh=f"{base}.obj")] if hulls else []
     inertia = box_inertia(asset.size, asset.mass)
     text = urdf_text(

@@ -13,11 +13,11 @@ from grs_agents.library.asset import Quantity
 from grs_agents.library.importing.convex_parts import convex_hull, convex_parts
 from grs_agents.library.importing.discovery import slug_of
 from grs_agents.library.importing.drop_test import collider_volume, drop_test
-from grs_agents.library.importing.preparation import guess_unit, rotation_to_z, up_by_height
+from grs_agents.library.importing.preparation import guess_unit, up_by_height
 from grs_agents.library.importing.simplification import simplify_textured_mesh
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.texture_atlas import merge_parts
-from grs_agents.library.importing.types import ConvexHull, MeshPart, RefusedError, Up
+from grs_agents.library.importing.types import UP_TO_Z, ConvexHull, MeshPart, RefusedError, Up
 from tests.library.importing import models
 
 
@@ -28,15 +28,15 @@ def test_the_unit_is_that_in_which_a_thing_is_usual(extent: float, unit: str) ->
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_what_is_up_comes_to_z(axis: Up) -> None:
-    turn = rotation_to_z(axis)
+    turn = UP_TO_Z[axis]
     assert np.allclose(turn @ np.eye(3)["xyz".index(axis)], (0, 0, 1))
     assert np.isclose(np.linalg.det(turn), 1)
 
 
 def test_a_known_height_tells_the_axis() -> None:
-    assert up_by_height(np.array([0.065, 0.043, 0.148]), 0.148, "y") == "z"
-    assert up_by_height(np.array([0.072, 0.19, 0.073]), 0.19, "y") == "y"
-    assert up_by_height(np.array([0.1, 0.1, 0.1]), 0.1, "y") == "y"
+    assert up_by_height(np.array([0.065, 0.043, 0.148]), 0.148, "y", []) == "z"
+    assert up_by_height(np.array([0.072, 0.19, 0.073]), 0.19, "y", []) == "y"
+    assert up_by_height(np.array([0.1, 0.1, 0.1]), 0.1, "y", []) == "y"
 
 
 @settings(max_examples=30, deadline=None)

@@ -31,21 +31,21 @@ def test_turned_lost_and_duplicate_faces_are_repaired(turned: set[int], lost: in
         faces = np.delete(faces, lost, axis=0)
     if twice:
         faces = np.concatenate([faces, faces[:5], [[0, 0, 1]]])
-    repaired = repair_mesh(solid(faces))
-    mesh: Any = trimesh.Trimesh(repaired.solid.vertices, repaired.solid.faces, process=False)
-    assert repaired.watertight and mesh.is_volume
-    assert mesh_volume(repaired.solid.vertices, repaired.solid.faces) == pytest.approx(SPHERE.volume, rel=1e-6)
-    assert repaired.solid.uvs.shape == (len(repaired.solid.faces), 3, 2)
+    repaired, watertight, _ = repair_mesh(solid(faces))
+    mesh: Any = trimesh.Trimesh(repaired.vertices, repaired.faces, process=False)
+    assert watertight and mesh.is_volume
+    assert mesh_volume(repaired.vertices, repaired.faces) == pytest.approx(SPHERE.volume, rel=1e-6)
+    assert repaired.uvs.shape == (len(repaired.faces), 3, 2)
 
 
 def test_coordinates_turn_with_their_face() -> None:
     faces = np.asarray(SPHERE.faces, np.int64).copy()
     faces[7] = faces[7, ::-1]
     before = solid(faces)
-    repaired = repair_mesh(before).solid
+    repaired, _, _ = repair_mesh(before)
     at, after = (
-        {int(corner): tuple(uv) for corner, uv in zip(one.faces[7], one.uvs[7], strict=True)}
-        for one in (before, repaired)
+        {int(corner): tuple(uv) for corner, uv in zip(mesh.faces[7], mesh.uvs[7], strict=True)}
+        for mesh in (before, repaired)
     )
     assert at == after
 
@@ -55,7 +55,7 @@ def test_an_opening_stays_an_opening() -> None:
     sides = np.abs(pipe.face_normals[:, 2]) < 0.5
     faces = np.asarray(pipe.faces, np.int64)[sides]
     uvs = np.zeros((len(faces), 3, 2))
-    repaired = repair_mesh(
+    _, watertight, notes = repair_mesh(
         TexturedMesh(np.asarray(pipe.vertices, np.float64), faces, uvs, np.zeros((2, 2, 3), np.uint8))
     )
-    assert not repaired.watertight and "not watertight" in repaired.notes[-1]
+    assert not watertight and "not watertight" in notes[-1]
