@@ -19,7 +19,7 @@ from grs_agents.agents.reply import ReplyError, parse_json, render
 from grs_agents.base import Frozen
 from grs_agents.files import write_json
 from grs_agents.library import Asset, Library
-from grs_agents.library.asset_views import AssetView, asset_views, random_directions
+from grs_agents.library.asset_rendering import AssetView, asset_views, random_directions
 from grs_agents.library.colors import color_name
 from grs_agents.library.contact_sheet import over_white
 from grs_agents.models import ReplyProblem, invoke

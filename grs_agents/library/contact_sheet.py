@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset
-from grs_agents.library.asset_views import AssetView, asset_views, ring_directions
+from grs_agents.library.asset_rendering import AssetView, asset_views, ring_directions
 from grs_agents.library.library import Library
 
 Image = npt.NDArray[np.uint8]

@@ -13,7 +13,7 @@ import numpy as np
 from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset
-from grs_agents.library.asset_views import read_texture
+from grs_agents.library.asset_rendering import read_texture
 from grs_agents.library.importing.convex_parts import convex_hull
 from grs_agents.library.importing.types import Collider, ConvexHull, Floats, RefusedError
 from grs_agents.library.library import Library

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from grs_agents.base import Pose
 from grs_agents.library import Library, Shape
-from grs_agents.library.asset_views import FINER, Lens, painted_shapes, render_samples
+from grs_agents.library.asset_rendering import FINER, Lens, painted_shapes, render_samples
 from grs_agents.library.colors import COLORS
 from grs_agents.library.shapes import moved_shape, rotation_matrix
 from grs_agents.sim.instance.instance import InstanceObject
