@@ -21,7 +21,7 @@ from grs_agents.files import write_json
 from grs_agents.library import Asset, Library
 from grs_agents.library.asset_rendering import AssetView, asset_views, random_directions
 from grs_agents.library.colors import color_name
-from grs_agents.library.contact_sheet import over_white
+from grs_agents.library.contact_sheets import over_white
 from grs_agents.models import ReplyProblem, invoke
 
 PROMPT = "describe_asset"

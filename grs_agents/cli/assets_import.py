@@ -140,7 +140,7 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
 
 def show_library(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:
     """Write a contact sheet; 1 where an asset cannot be drawn."""
-    from grs_agents.library.contact_sheet import MAX_ASSETS, contact_sheet
+    from grs_agents.library.contact_sheets import MAX_ASSETS, contact_sheet
     from grs_agents.library.mesh_files import png_bytes
 
     known, assets = chosen_assets(library, names, shipped)
