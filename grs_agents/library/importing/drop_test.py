@@ -14,7 +14,7 @@ from grs_agents.base import Frozen
 from grs_agents.errors import InputError
 from grs_agents.library.asset import Asset
 from grs_agents.library.asset_rendering import read_texture
-from grs_agents.library.importing.convex_parts import convex_hull
+from grs_agents.library.importing.convex_decomposition import convex_hull
 from grs_agents.library.importing.types import Collider, ConvexHull, Floats, RefusedError
 from grs_agents.library.library import Library
 from grs_agents.library.mesh_files import mesh_volume, read_vertices

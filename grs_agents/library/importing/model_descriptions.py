@@ -13,7 +13,7 @@ from grs_agents.library.asset import Quantity
 from grs_agents.library.formats.mjcf import read_mjcf
 from grs_agents.library.formats.model_file import parse, read_text
 from grs_agents.library.formats.urdf import read_urdf
-from grs_agents.library.importing.convex_parts import MAX_VERTICES, convex_hull, convex_parts
+from grs_agents.library.importing.convex_decomposition import MAX_VERTICES, convex_hull, convex_parts
 from grs_agents.library.importing.mesh_reader import read_mesh
 from grs_agents.library.importing.source_folder import SourceFolder
 from grs_agents.library.importing.texture_atlas import join_parts

@@ -17,7 +17,7 @@ from grs_agents.library.importing.appearance import (
     shipped_hope_asset,
     ycb_mass,
 )
-from grs_agents.library.importing.convex_parts import MAX_VERTICES, convex_hull, convex_parts, repair_mesh
+from grs_agents.library.importing.convex_decomposition import MAX_VERTICES, convex_hull, convex_parts, repair_mesh
 from grs_agents.library.importing.drop_test import collider_volume, drop_test
 from grs_agents.library.importing.mesh_reader import read_mesh
 from grs_agents.library.importing.model_descriptions import read_description

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.library.asset import Quantity
-from grs_agents.library.importing.convex_parts import convex_hull, convex_parts
+from grs_agents.library.importing.convex_decomposition import convex_hull, convex_parts
 from grs_agents.library.importing.discovery import slug_of
 from grs_agents.library.importing.drop_test import collider_volume, drop_test
 from grs_agents.library.importing.preparation import guess_unit, up_by_height

@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library.importing.convex_parts import repair_mesh
+from grs_agents.library.importing.convex_decomposition import repair_mesh
 from grs_agents.library.importing.types import Ints, TexturedMesh
 from grs_agents.library.mesh_files import mesh_volume
 
