@@ -23,7 +23,7 @@ from grs_agents.perception import (
     pose_fields,
     relations,
 )
-from grs_agents.perception.proxies.free_space_map import is_crowded
+from grs_agents.perception.proxies.free_space_grid import is_crowded
 from grs_agents.perception.settling import (
     KnownObject,
     PlacedObject,

@@ -3,7 +3,7 @@
 from grs_agents.perception.background import Background, reconstruct
 from grs_agents.perception.pictures import add_candidates, annotate, load_frame, load_mask, save_candidates, save_frame
 from grs_agents.perception.proxies.box_clipping import EstimatedVolume, clip_boxes
-from grs_agents.perception.proxies.free_space_map import observed_free
+from grs_agents.perception.proxies.free_space_grid import observed_free
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.reading.camera import CameraFile, read_camera
 from grs_agents.perception.reading.masks import read_masks

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from grs_agents.geometry.transforms import about_z
-from grs_agents.perception.proxies.free_space_map import free_space_map, is_crowded, local_points
+from grs_agents.perception.proxies.free_space_grid import free_space_map, is_crowded, local_points
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.proxies.proxy_kind import MeasuredShape
 from grs_agents.perception.proxies.proxy_writer import ProxyTexture
