@@ -7,7 +7,7 @@ from grs_agents.library import Library
 from grs_agents.perception.configuration import DEFAULT, UnseenSupport
 from grs_agents.perception.image_geometry import hull_of
 from grs_agents.perception.proxies.free_space_grid import observed_free
-from grs_agents.perception.registration.surface_inliers import asset_surface_at
+from grs_agents.perception.registration.asset_surfaces import asset_surface_at
 from grs_agents.perception.settling.settling import PlacedObject
 from grs_agents.perception.types import RGBDFrame, TableFrame
 
