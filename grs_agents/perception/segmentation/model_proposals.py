@@ -10,7 +10,7 @@ import numpy as np
 from grs_agents.perception.configuration import DEFAULT, MaskProposals, Segmentation
 from grs_agents.perception.image_geometry import Labels, components
 from grs_agents.perception.segmentation.merging import merge_parts
-from grs_agents.perception.segmentation.patches import bends, borders, foreground, grown, joined, jumps, smoothed
+from grs_agents.perception.segmentation.patch_cutting import bends, borders, foreground, grown, joined, jumps, smoothed
 from grs_agents.perception.segmentation.segmentation import objects_of
 from grs_agents.perception.table import robot_points
 from grs_agents.perception.types import Array, Image, Mask, RGBDFrame, TableFrame

@@ -7,7 +7,7 @@ import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT, OccludedPieces
 from grs_agents.perception.image_geometry import Labels, hull_of, outline_of, percentiles, values_at
-from grs_agents.perception.segmentation.patches import Depth
+from grs_agents.perception.segmentation.patch_cutting import Depth
 from grs_agents.perception.types import Array, Mask, RGBDFrame
 
 

@@ -19,7 +19,7 @@ from grs_agents.perception.image_geometry import (
 from grs_agents.perception.segmentation.hollow_shapes import is_open
 from grs_agents.perception.segmentation.merging import merge_parts
 from grs_agents.perception.segmentation.occluded_pieces import join_occluded
-from grs_agents.perception.segmentation.patches import foreground, patches, smoothed
+from grs_agents.perception.segmentation.patch_cutting import foreground, patches, smoothed
 from grs_agents.perception.table import robot_points
 from grs_agents.perception.types import Array, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import reduced, restored

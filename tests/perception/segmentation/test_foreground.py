@@ -3,7 +3,7 @@
 import numpy as np
 
 from grs_agents.perception import find_table
-from grs_agents.perception.segmentation.patches import foreground, jumps, smoothed
+from grs_agents.perception.segmentation.patch_cutting import foreground, jumps, smoothed
 from grs_agents.perception.table import robot_points
 from tests.perception.conftest import Rendered, Thing, render
 
