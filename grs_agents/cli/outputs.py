@@ -78,7 +78,7 @@ def report_run(folder: Path, out: Path | None) -> None:
 
 def share_run(folder: Path, out: Path | None) -> None:
     """Pack a run into a zip file without keys and home folders, and say what was removed and left out."""
-    from grs_agents.run.share import scrubber, share
+    from grs_agents.run.sharing import scrubber, share
     from grs_agents.views import working
 
     record = read_record(folder)
