@@ -3,7 +3,7 @@
 from grs_agents.sim.arms.ur5e import NEAREST, REACH
 from grs_agents.sim.cliport import pybullet as p
 from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.api_reference import api_reference
+from grs_agents.sim.cliport.api_documentation import api_reference
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import Task, names_task, task_class
 from grs_agents.sim.expert.oracle import Oracle
