@@ -57,7 +57,7 @@ def play_run(folder: Path, out: Path | None, seed: int | None) -> int:
 def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) -> Path:
     """Write a run as one HTML page, ``report.html`` in its folder if nothing else is named."""
     from grs_agents.views.common.scene_objects import run_library
-    from grs_agents.views.report import Sources, report
+    from grs_agents.views.html_report import Sources, report
 
     record, out = read_record(folder), out or folder / "report.html"
     check_output(out)
