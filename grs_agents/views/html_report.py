@@ -22,6 +22,7 @@ from grs_agents.foreign.pictures import read_picture
 from grs_agents.library import Library
 from grs_agents.terminal import visible
 from grs_agents.views.common.event_documents import finding_verdict
+from grs_agents.views.common.event_steps import Step, steps
 from grs_agents.views.common.motion import instance_of
 from grs_agents.views.common.scene_objects import (
     Rectangle,
@@ -33,7 +34,6 @@ from grs_agents.views.common.scene_objects import (
     twin_picture,
 )
 from grs_agents.views.common.step_text import sections
-from grs_agents.views.common.steps import Step, steps
 from grs_agents.views.film.film import Shot, pictures
 
 AuditEvent = TypeVar("AuditEvent", trace.Rollout, trace.Finding)

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from grs_agents.trace import NodeEnded, NodeStarted, Reply, read_events
-from grs_agents.views.common.steps import Steps, steps
+from grs_agents.views.common.event_steps import Steps, steps
 from grs_agents.views.terminal import step_record, steps_tree
 
 

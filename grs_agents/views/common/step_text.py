@@ -8,7 +8,7 @@ from typing import Any
 from grs_agents import trace
 from grs_agents.errors import InputError
 from grs_agents.views.common.event_documents import case_counts, cases_of, finding_verdict
-from grs_agents.views.common.steps import Step
+from grs_agents.views.common.event_steps import Step
 
 
 @dataclass(frozen=True)

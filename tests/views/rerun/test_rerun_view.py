@@ -14,7 +14,7 @@ from rerun.chunk import RrdReader
 from grs_agents.library import Library
 from grs_agents.trace import Decision, Event, NodeStarted, ProgramVersion, Prompt, Reply, Rollout, read_events
 from grs_agents.trace import TestsRun as Tested
-from grs_agents.views.common.steps import line
+from grs_agents.views.common.event_steps import line
 from grs_agents.views.rerun.recording import Paths
 from grs_agents.views.rerun.rerun_view import RerunView, rebuild
 from grs_agents.views.rerun.viewer import rerun_program, viewer_environment
