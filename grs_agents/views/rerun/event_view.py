@@ -11,11 +11,11 @@ from grs_agents.library import Library
 from grs_agents.views.common import event_documents
 from grs_agents.views.common.event_steps import level, line
 from grs_agents.views.common.safe_text import drawable
-from grs_agents.views.rerun.blueprint import blueprint
 from grs_agents.views.rerun.recording import Clock, Paths, Recording
 from grs_agents.views.rerun.rollout_view import RolloutView, duration
 from grs_agents.views.rerun.scene_view import SceneView, log_picture
 from grs_agents.views.rerun.state_machine import MachineView
+from grs_agents.views.rerun.viewer_layout import blueprint
 
 _COLORS = {"+": (90, 220, 110), "-": (255, 105, 105), "@": (110, 170, 255)}
 _GREY = (165, 165, 170)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from grs_agents.library import Library
 from grs_agents.trace import Event, read_events
-from grs_agents.views.rerun.blueprint import comparison
 from grs_agents.views.rerun.event_view import EventView
 from grs_agents.views.rerun.recording import Recording
 from grs_agents.views.rerun.state_machine import MachineView
+from grs_agents.views.rerun.viewer_layout import comparison
 
 TRACE = "trace.rrd"
 
