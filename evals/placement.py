@@ -1,4 +1,4 @@
-"""Whether each object of described scenes has a stand-in of its size where it is: for a folder of runs."""
+"""Check that each object of processed scenes has an asset or a proxy of its measured size and place."""
 
 import json
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ def main(arguments: Sequence[str]) -> int:
     """Check every ``scene.json`` below a folder, as `grs eval real` and `grs scene` leave them.
 
     Returns:
-        0 if every stand-in agrees with what was measured, 1 if not.
+        0 if every asset and proxy agrees with the measured box, 1 if not.
 
     Raises:
         InputError: the folder holds no described scene.

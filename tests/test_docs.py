@@ -106,6 +106,30 @@ def test_every_link_to_a_file_leads_somewhere(file: Path) -> None:
             assert (file.parent / target).exists(), f"{file.name} links to {target}"
 
 
+@pytest.mark.parametrize("file", [page for page in PAGES if page.name != "CHANGELOG.md"], ids=lambda file: file.name)
+def test_every_command_of_a_page_exists(file: Path) -> None:
+    text = file.read_text(encoding="utf-8")
+    lines = re.findall(r"`grs ([a-z][^`]*)`", text) + re.findall(r"^grs ([a-z][^#\n]*)", text, re.MULTILINE)
+    for words in map(str.split, lines):
+        command = commands()[words[0]]
+        if words[0] == "eval":
+            assert all(name == "NAME" or (ROOT / "evals" / f"{name}.py").exists() for name in words[1:2]), words
+            continue
+        if isinstance(command, TyperGroup) and len(words) > 1:
+            command = command.commands[words[1]]
+        options = {"--help", *(option for parameter in command.params for option in parameter.opts)}
+        assert {word for word in words if word.startswith("--")} <= options, words
+
+
+def test_every_module_that_architecture_names_exists() -> None:
+    text = re.sub(r"```.*?```", "", page("architecture.md"), flags=re.DOTALL)
+    paths = re.findall(r"`([a-z_]+(?:/[a-z_0-9]+)+(?:\.\w+)?)`", text)
+    assert len(paths) > 30
+    places = [ROOT, ROOT / "grs_agents"]
+    missing = [path for path in paths if not any((at / path).exists() or (at / f"{path}.py").exists() for at in places)]
+    assert not missing
+
+
 def test_the_site_fetches_nothing_from_elsewhere() -> None:
     settings = (ROOT / "mkdocs.yml").read_text("utf-8")
     scripts = re.search(r"^extra_javascript: \[(.*)\]", settings, re.MULTILINE)
