@@ -53,7 +53,7 @@ FIXED = (Picture("fixes", "3 Tests and fixes", ("decision", -1)),)
 def digest() -> str:
     """The SHA-256 of what the pictures show: the layout of the views, the state machine, the sample scene, rerun."""
     from grs_agents import content
-    from grs_agents.views.rerun.state_machine import expected_nodes, node_positions
+    from grs_agents.views.rerun.state_machine import node_positions
     from grs_agents.views.rerun.viewer_layout import blueprint
 
     sha = hashlib.sha256(f"{version('rerun-sdk')}\n".encode())

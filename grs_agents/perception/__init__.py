@@ -9,7 +9,6 @@ from grs_agents.perception.reading.camera import CameraFile, read_camera
 from grs_agents.perception.reading.masks import read_masks
 from grs_agents.perception.reading.photo_without_depth import DepthEstimate, Estimator
 from grs_agents.perception.reading.source import check_source, read_scene, resolve_scene, scene_name
-from grs_agents.perception.registration.asset_surfaces import AssetSurface, asset_surface_at, surface_inliers
 from grs_agents.perception.registration.registration import Registered, cost_of, register
 from grs_agents.perception.registration.residual_segments import (
     ResidualCandidates,

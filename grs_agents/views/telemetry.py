@@ -10,17 +10,6 @@ from typing import Any
 
 from grs_agents import trace
 from grs_agents.errors import ConfigError
-from grs_agents.trace import (
-    Event,
-    NodeEnded,
-    NodeStarted,
-    Prompt,
-    Reply,
-    Rollout,
-    RunEnded,
-    RunStarted,
-    TestsRun,
-)
 from grs_agents.views.common.event_steps import phrase
 
 _PROVIDERS = {"openai": "openai", "anthropic": "anthropic", "google": "gcp.gemini", "ollama": "ollama"}

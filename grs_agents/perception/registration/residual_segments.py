@@ -10,7 +10,6 @@ import numpy.typing as npt
 from grs_agents.errors import InputError
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import Index, Labels, components
-from grs_agents.perception.registration.asset_surfaces import AssetSurface
 from grs_agents.perception.segmentation.candidates import candidates_of
 from grs_agents.perception.surfaces import Surface
 from grs_agents.perception.table import measured_depth, robot_points_at

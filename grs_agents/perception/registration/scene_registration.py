@@ -5,9 +5,9 @@ from pathlib import Path
 
 from grs_agents.library import Library
 from grs_agents.perception.pictures import add_candidates, load_mask
-from grs_agents.perception.registration.asset_surfaces import asset_surface_at
 from grs_agents.perception.registration.registration import Registered, register
 from grs_agents.perception.registration.residual_segments import residual_candidates
+from grs_agents.perception.surfaces import asset_surface_at
 from grs_agents.perception.types import (
     CandidateRecord,
     DroppedCandidate,

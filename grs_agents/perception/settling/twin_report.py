@@ -11,7 +11,7 @@ import numpy as np
 from grs_agents.library import Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import hull_of
-from grs_agents.perception.proxies.free_space_map import observed_free
+from grs_agents.perception.proxies.free_space_grid import observed_free
 from grs_agents.perception.settling.settling import PlacedObject, RestState, instances, on_table, settle
 from grs_agents.perception.surfaces import asset_surface_at
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, TwinReport
@@ -32,8 +32,8 @@ def fidelity(
     camera, pose = frame.camera, np.asarray(table.T_robot_cam)
     local = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(len(rows))], axis=-1)
     directions = np.asarray((local @ pose[:3, :3].T)[None], np.float64)
-    sight = Sight(instances([placed for placed in objects if on_table(placed)], library), library)
-    picture = cast(sight, pose[:3, 3].copy(), directions)
+    sight = VisibleScene(instances([placed for placed in objects if on_table(placed)], library), library)
+    picture = cast_rays(sight, pose[:3, 3].copy(), directions)
     off = np.abs(picture.depth[0] - frame.depth[rows, columns])
     return float(((off <= CONFIG.near) & (picture.owner[0] >= 0)).mean())
 

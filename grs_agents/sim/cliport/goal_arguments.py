@@ -1,7 +1,7 @@
 """Goals as programs state them: checked, in one shape, and in CLIPort's order of fields."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -47,7 +47,7 @@ def make_goal(
         targets=tuple(targets) or tuple(zone.pose for zone in zones),
         replace=bool(replace),
         rotations=bool(rotations),
-        metric=cast(Literal["pose", "zone"], metric),
+        metric=metric,
         zones=zones,
         max_reward=reward,
         symmetries=_symmetries(symmetries, [symmetry for _, symmetry in pairs]),
