@@ -19,7 +19,7 @@ TOLD = 5  # so many assets are told of each candidate
 
 
 def matchable_assets(library: Library) -> tuple[Asset, ...]:
-    """The assets that may be matched: things that can stand on a table, proxies of other objects aside."""
+    """The assets that may be matched: what can stand on a table, proxies of other objects aside."""
     return tuple(asset for asset in library.everyday_assets() if asset.category != "proxy")
 
 

@@ -22,7 +22,7 @@ _COMMON = (
     "with from small large white black green blue brown yellow orange purple pink dark light "
     "bottle carton canister container"
 )
-"""Words of a description that say how a thing looks rather than what is printed on it; its kind is kept whole."""
+"""Words of a description that say how an object looks rather than what is printed on it; its kind is kept whole."""
 
 
 @lru_cache(maxsize=1)

@@ -13,7 +13,7 @@ from grs_agents.perception.types import Array, Mask, Solid, UprightBox
 
 SLACK = 0.003  # overlaps up to this (m) are left to physics: boxes are measured no better
 STRAY = 0.03  # of what intrudes this share may stay: a rim, a handle
-LOST = 0.7  # a cut may cut off at most this share of a thing's own points
+LOST = 0.7  # a cut may cut off at most this share of an object's own points
 KEPT = 0.8  # and must leave at least this share of the extent over which they were measured: less has not its size
 LONGEST_LOSS = 0.035
 """And may leave out at most this length of it, m: half of it shifts the centre, which is to stay within 2 cm."""
@@ -24,7 +24,7 @@ CELL = 0.008  # a box is taken for points on a grid of at most so many m
 MOST = 14  # at most so many of them along an edge
 ROUNDS = 3
 FLOOR, STEP = 0.7, 0.002
-"""Known things that fill more than this share of the lowest part of a box carry it; looked at in such steps, m."""
+"""Known objects that fill more than this share of the lowest part of a box carry it; looked at in such steps, m."""
 
 
 @dataclass(frozen=True)

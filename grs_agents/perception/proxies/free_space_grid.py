@@ -56,7 +56,7 @@ def free_space_map(
 
 
 def is_crowded(box: UprightBox, around: Surroundings) -> bool:
-    """Whether other things reach deep into a box."""
+    """Whether other objects reach deep into a box."""
     inner = np.array(box.size) - 2 * np.minimum(DEEP, np.array(box.size) / 4)
     middles = _Grid.over(box.model_copy(update={"size": tuple(inner)})).middles()
     return int(around.occupied(middles @ about_z(box.yaw).T + box.center).sum()) >= FEWEST

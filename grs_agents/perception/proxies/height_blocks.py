@@ -26,12 +26,12 @@ class FreeColumns:
 
     floors: Floats  # floors, heights: (R, C) where it begins and ends, m above the bottom of the box
     heights: Floats
-    # (R, C) cells in which another thing stands for certain: there it begins no lower and ends no higher
+    # (R, C) cells in which another object stands for certain: there it begins no lower and ends no higher
     occupied: npt.NDArray[np.bool_]
 
     @classmethod
     def from_heights(cls, heights: Floats) -> "FreeColumns":
-        """From the bottom to heights (R, C), m, with no other thing near."""
+        """From the bottom to heights (R, C), m, with no other object near."""
         return cls(np.zeros_like(heights), heights, np.zeros(heights.shape, np.bool_))
 
 

@@ -1,5 +1,7 @@
 """What a proxy of a candidate needs to know of the photo: the candidate's shape in its own frame, and its look."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -12,7 +14,7 @@ from grs_agents.perception.table import projected, robot_points_at
 from grs_agents.perception.types import Array, Image, Mask, RGBDFrame, TableFrame, UprightBox
 
 _POINTS = 1500
-ON = 0.004  # what is nearer than this (m) to a known thing is its surface
+ON = 0.004  # what is nearer than this (m) to a known object is its surface
 FEWEST = 50  # fewer points tell of no shape
 _LARGEST = 512  # the longer side of a texture has at most so many pixels
 
@@ -31,9 +33,9 @@ def measured_shape(
 
 
 def _own_pixels(frame: RGBDFrame, table: TableFrame, mask: Mask, around: Surroundings) -> Mask:
-    """The pixels (H, W) of a mask that do not show a known thing beside it, if any are left."""
+    """The pixels (H, W) of a mask that do not show a known object beside it, if any are left."""
     rows, columns = np.nonzero(mask & (frame.depth > 0))
-    theirs = around.known_only().occupied(robot_points_at(frame, table, rows, columns), ON)
+    theirs = replace(around, claims=()).occupied(robot_points_at(frame, table, rows, columns), ON)
     own = mask.copy()
     own[rows[theirs], columns[theirs]] = False
     return own if (~theirs).sum() >= FEWEST else mask

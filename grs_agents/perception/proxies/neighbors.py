@@ -1,4 +1,4 @@
-"""What stands around a thing of unknown shape, and so is not its own."""
+"""What stands around an object of unknown shape, and so is not its own."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from grs_agents.perception.types import Array, Mask
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Known things where they stand, and the space that others of unknown shape are thought to fill."""
+    """Known objects where they stand, and the space that others of unknown shape are thought to fill."""
 
     # names of assets, each with the pose of the centre of its bounding box (m, xyzw), robot frame
     known: Sequence[tuple[str, Pose]]
@@ -35,7 +35,3 @@ class Surroundings:
         for claim in self.claims:
             taken |= claim.contains(points)
         return taken
-
-    def known_only(self) -> "Surroundings":
-        """The known things alone."""
-        return Surroundings(self.known, (), self.library)

@@ -71,7 +71,7 @@ def foot_radius(size: Vec3) -> float:
 
 
 def round_size(size: Vec3) -> Vec3:
-    """The extents of a round thing whose diameter is the mean of two."""
+    """The extents of a round object whose diameter is the mean of two."""
     diameter = round((size[0] + size[1]) / 2, 5)
     return (diameter, diameter, round(size[2], 5))
 
@@ -96,7 +96,7 @@ class MeasuredShape:
 
     points: Floats  # (N, 3) m, about the centre of the box, along its axes
     fillable: FreeColumns | None = None  # what it may fill of the box at most; ``None`` if unknown
-    crowded: bool = False  # other things stand in the box
+    crowded: bool = False  # other objects stand in the box
 
 
 def choose_kind(measured: MeasuredShape, size: Vec3, around: bool, hollow: bool) -> ProxyKind:

@@ -185,7 +185,7 @@ def intrinsics_from_matrix(matrix: object, where: str) -> dict[str, float]:
 
 
 def _flat(value: object) -> list[object]:
-    """What is in a list, or in a list of lists, in order; anything else is one thing."""
+    """What is in a list, or in a list of lists, in order; anything else is one item."""
     rows = cast(list[object], value) if isinstance(value, list) else [value]
     return [one for row in rows for one in (cast(list[object], row) if isinstance(row, list) else [row])]
 

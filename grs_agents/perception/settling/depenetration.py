@@ -114,7 +114,10 @@ def _move_out(world: World, number: int, steps: Sequence[float], free: float) ->
     here = world.data.qpos[start : start + 3].copy()
     shortest: Floats | None = None
     for step in steps:
-        depths = [_depth_at(world, number, here + step * direction) for direction in DIRECTIONS]
+        depths: list[float] = []
+        for direction in DIRECTIONS:
+            world.data.qpos[start : start + 3] = here + step * direction
+            depths.append(depth_of(world, number))
         best = int(np.argmin(depths))
         if depths[best] < free:
             shortest = step * DIRECTIONS[best]
@@ -146,10 +149,3 @@ def depth_of(world: World, number: int) -> float:
     owners = np.asarray(world.owners)[data.contact.geom]
     mine = (owners == number).any(axis=1) & (owners[:, 0] != owners[:, 1])
     return max(0.0, float(-data.contact.dist[mine].min(initial=0.0)))
-
-
-def _depth_at(world: World, number: int, position: Sequence[float] | Floats) -> float:
-    """How deep an object overlaps others with its centre at ``position``, m."""
-    start = world.addresses[number]
-    world.data.qpos[start : start + 3] = position
-    return depth_of(world, number)

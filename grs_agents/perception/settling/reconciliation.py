@@ -70,7 +70,9 @@ def reconcile_segments(
     solids = _solids(segments, pieces, library)
     around = Surroundings([asset for solid in solids.values() for asset in solid.known], (), library)
     boxes = _estimated(segments, clouds, pieces, around)
-    claimed = _clipped(boxes, [surfaces[index] for index in solids])
+    obstacles = [surface.points for index in solids if (surface := surfaces[index]) is not None]
+    clipped = clip_boxes(list(boxes.values()), np.concatenate([np.zeros((0, 3)), *obstacles]))
+    claimed = dict(zip(boxes, clipped, strict=True))
     _drop_filled(claimed, pieces, solids)
     masks = {index: segments[index].mask for index in claimed}
     for piece, other in (united or {}).items():
@@ -97,12 +99,6 @@ def _estimated(
         for index, segment in enumerate(segments)
         if segment.known is None and index not in pieces
     }
-
-
-def _clipped(boxes: Mapping[int, EstimatedVolume], surfaces: Sequence[Surface | None]) -> dict[int, EstimatedVolume]:
-    """The boxes, clipped by the surfaces of known objects and by each other."""
-    obstacles = np.concatenate([np.zeros((0, 3)), *(surface.points for surface in surfaces if surface is not None)])
-    return dict(zip(boxes, clip_boxes(list(boxes.values()), obstacles), strict=True))
 
 
 def _drop_filled(
