@@ -23,8 +23,8 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"state"}),
     frozenset({"nodes"}),
     frozenset({"run", "graphs/", "views"}),
-    frozenset({"cli"}),
-    frozenset({"evals/", "serving", "__main__"}),
+    frozenset({"cli", "serving"}),
+    frozenset({"evals/", "__main__"}),
     frozenset({"scripts/"}),
 )
 """From the ground up; a room imports only from floors below its own. A slash marks a content folder."""
