@@ -107,9 +107,6 @@ def read_manifest(root: Path) -> Manifest:
     try:
         return Manifest.model_validate(read_json(path, "correct the manifest"))
     except ValidationError as error:
-        raise InputError(f"cannot read {path}: {_first_line(error)}", "correct the manifest") from error
-
-
-def _first_line(error: ValidationError) -> str:
-    first = error.errors()[0]
-    return f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}"
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(f"cannot read {path}: {where}: {first['msg']}", "correct the manifest") from error

@@ -94,11 +94,7 @@ def link_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
     """Every link of the one tree of fixed joints, with its place in the root link's frame."""
     robot = source.top
     links = {link.get("name", ""): link for link in robot.findall("link")}
-    joints, count = robot.findall("joint"), len(robot.findall("link"))
-    for joint in joints:
-        if joint.get("type") != "fixed":
-            name, kind = joint.get("name", ""), joint.get("type", "of no type")
-            raise source.fault(f"joint {name!r} is {kind}", "make it fixed: an object is one rigid thing")
+    joints, count = _fixed_joints(source), len(robot.findall("link"))
     parents = {_link(joint, "child"): joint for joint in joints}
     roots = [name for name in links if name not in parents]
     one_tree = len(links) == count and len(parents) == len(joints) == count - 1 and len(roots) == 1
@@ -107,6 +103,16 @@ def link_placements(source: ModelFile) -> Iterator[tuple[Element, Placement]]:
         raise source.fault(found, f"give a <robot> of one tree of 1 to {MAX_LINKS} links, each named and joined once")
     for name, link in links.items():
         yield link, _placement(source, name, links, parents)
+
+
+def _fixed_joints(source: ModelFile) -> list[Element]:
+    """The joints, all of them fixed."""
+    joints = source.top.findall("joint")
+    for joint in joints:
+        if joint.get("type") != "fixed":
+            name, kind = joint.get("name", ""), joint.get("type", "of no type")
+            raise source.fault(f"joint {name!r} is {kind}", "make it fixed: an object is one rigid thing")
+    return joints
 
 
 def _link(joint: Element, role: str) -> str:

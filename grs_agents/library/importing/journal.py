@@ -87,7 +87,7 @@ class ImportedAssets:
             self.add(asset)
 
     def add(self, asset: Asset) -> None:
-        """One more."""
+        """Take an asset into the comparison."""
         if asset.origin is not None:
             self._by_content.setdefault(asset.origin.content, asset.name)
             self._origins[asset.name] = asset.origin

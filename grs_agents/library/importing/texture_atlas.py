@@ -70,8 +70,8 @@ def merge_parts(parts: Sequence[MeshPart], edge: int) -> TexturedMesh:
     palette, swatches = _palette([part for part, has_image in zip(parts, textured, strict=True) if not has_image])
     part_uvs: list[Floats] = []
     pictures: list[Image] = []
-    for part, has_image in zip(parts, textured, strict=True):
-        if part.image is not None and part.uvs is not None and has_image:
+    for part in parts:
+        if part.image is not None and part.uvs is not None:
             part_uvs.append(_untiled(part.uvs))
             pictures.append(pad_texture(part.image, part_uvs[-1], edge))
         else:
