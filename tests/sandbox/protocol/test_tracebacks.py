@@ -6,7 +6,7 @@ import pytest
 
 from grs_agents.sandbox import SIMULATION_FILE, TESTS_FILE, describe_error, describe_stack_dump
 
-SIMULATION = "def fail(): return 1 / 0\ndef parse_program(): return int('x')\n"
+SIMULATION = "def fail(): return 1 / 0\ndef parse(): return int('x')\n"
 TESTS = "def test(): fail()\ndef check(): assert False, 'why\\nnot'\n"
 
 
