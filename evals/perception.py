@@ -7,8 +7,8 @@ from pathlib import Path
 from evals.benchmark.perception_runs import MeasurementOptions, orders_of, run_orders, synthesised_orders
 from evals.synthesis.scene import recipes
 from grs_agents.config import load_config
-from grs_agents.perception.configuration import RULES
-from grs_agents.run.experiments import positive
+from grs_agents.perception import RULES
+from grs_agents.run import positive
 from grs_agents.terminal import VisibleParser
 
 

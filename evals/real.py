@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from grs_agents.errors import InputError
-from grs_agents.run.batch import Job
-from grs_agents.run.experiments import experiment_parser, job_settings, run_experiment
+from grs_agents.run import Job, experiment_parser, job_settings, run_experiment
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from evals.benchmark.retrieval import measure_retrieval, retrieval_targets
 from grs_agents.figures import figure_records
-from grs_agents.run.experiments import positive
+from grs_agents.run import positive
 from grs_agents.terminal import VisibleParser
 
 

@@ -18,10 +18,8 @@ from rich.table import Table
 
 from grs_agents import content
 from grs_agents.base import Frozen
-from grs_agents.config import Config
-from grs_agents.config.model import Limits
-from grs_agents.run.experiments import positive
-from grs_agents.run.sandbox_setup import open_sandbox
+from grs_agents.config import Config, Limits
+from grs_agents.run import open_sandbox, positive
 from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import VisibleParser
 

@@ -13,12 +13,10 @@ from pathlib import Path
 from rich.console import Console
 
 from grs_agents import content
-from grs_agents.config import Config
-from grs_agents.config.model import Limits
+from grs_agents.config import Config, Limits
 from grs_agents.figures import Figure, cpu_seconds, figure_records, figure_table
 from grs_agents.library import Library
-from grs_agents.run.experiments import positive
-from grs_agents.run.sandbox_setup import PRELOAD, TOOLS, open_sandbox
+from grs_agents.run import PRELOAD, TOOLS, open_sandbox, positive
 from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import VisibleParser
 from grs_agents.toolkit import ToolContext, load_tool

@@ -176,7 +176,7 @@ def main(arguments: Sequence[str]) -> int:
     Returns:
         0 if every target is kept, 1 if not.
     """
-    from grs_agents.run.experiments import positive  # here, so that the memory figure is of the simulation alone
+    from grs_agents.run import positive
 
     parser = VisibleParser(prog="grs eval sim_speed", description=__doc__)
     parser.add_argument("--repeats", type=positive, default=5, help="how often each timing is repeated")

@@ -26,7 +26,7 @@ from grs_agents.figures import cpu_seconds
 from grs_agents.library import Library
 from grs_agents.nodes import Services
 from grs_agents.policies import load_policy
-from grs_agents.run.sandbox_setup import open_sandbox
+from grs_agents.run import open_sandbox
 from grs_agents.terminal import VisibleParser
 from grs_agents.trace import Event, EventLog, RunEnded, RunStarted, read_events
 
@@ -127,7 +127,7 @@ class TimedLog(EventLog):
 @contextmanager
 def _timed_rows() -> Generator[list[float]]:
     """The CPU time of each sending of rows, which threads of their own do."""
-    from grs_agents.views.rerun.recording import Rows
+    from grs_agents.views.rerun import Rows
 
     spent: list[float] = []
     send = Rows.send
@@ -158,7 +158,7 @@ def measure(scene: Path, folder: Path, fixes: int) -> Cost:
     for module in ("rerun", "rerun.blueprint"):
         importlib.import_module(module)
     imported = cpu_seconds() - begin
-    from grs_agents.views.rerun.rerun_view import TRACE, RerunView
+    from grs_agents.views.rerun import TRACE, RerunView
 
     config = load_config(None, [f"max_fixes={fixes + 1}", "audit.seeds=3", "policy=always_code"]).config
     log = TimedLog(folder / "events.jsonl")

@@ -53,8 +53,7 @@ FIXED = (Picture("fixes", "3 Tests and fixes", ("decision", -1)),)
 def digest() -> str:
     """The SHA-256 of what the pictures show: the layout of the views, the state machine, the sample scene, rerun."""
     from grs_agents import content
-    from grs_agents.views.rerun.state_machine import node_positions
-    from grs_agents.views.rerun.viewer_layout import blueprint
+    from grs_agents.views.rerun import blueprint, node_positions
 
     sha = hashlib.sha256(f"{version('rerun-sdk')}\n".encode())
     sha.update(f"{node_positions(content.load_module('graphs', 'grs').build().nodes)}\n".encode())
@@ -103,7 +102,7 @@ def _viewer(trace: Path) -> Generator[Any]:
     """A viewer without a window, on this machine alone, that shows a recording."""
     from rerun.experimental import ViewerClient
 
-    from grs_agents.views.rerun.viewer import LOOPBACK, WebAddress, rerun_program, viewer_environment
+    from grs_agents.views.rerun import LOOPBACK, WebAddress, rerun_program, viewer_environment
 
     port = WebAddress.free().data
     command = [str(rerun_program()), "--headless", "--bind", LOOPBACK, "--port", str(port), str(trace)]
@@ -151,8 +150,7 @@ def _still(viewer: Any) -> bytes:
 def moments_of(folder: Path) -> dict[str, list[float]]:
     """Where on the timeline ``replay`` each event of a run is, by kind, s."""
     from grs_agents.trace import Rollout, read_events
-    from grs_agents.views.rerun.recording import Clock
-    from grs_agents.views.rerun.rollout_view import duration
+    from grs_agents.views.rerun import Clock, duration
 
     clock, moments = Clock(), defaultdict[str, list[float]](list)
     for event in read_events(folder / "events.jsonl"):

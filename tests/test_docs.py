@@ -12,9 +12,8 @@ import pytest
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from grs_agents.cli.commands import app
-from grs_agents.config import Config
-from grs_agents.config.model import ROLE_ALIASES, ROLES
+from grs_agents.cli import app
+from grs_agents.config import ROLE_ALIASES, ROLES, Config
 from grs_agents.library import Library
 from grs_agents.sim import Goal, Outcome, p
 from grs_agents.sim.instance import goal

@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from grs_agents.agents.examples import Example, read_examples
+from grs_agents.agents import Example, read_examples
 from grs_agents.content import content_root
 from grs_agents.library import Library
 from grs_agents.sim import Task, TaskInstance, instantiate, rollout, task_class

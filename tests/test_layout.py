@@ -7,13 +7,15 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import networkx
 import pytest
+from radon.complexity import cc_visit
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "grs_agents"
 
 FLOORS: tuple[frozenset[str], ...] = (
-    frozenset({"errors", "base", "__version__"}),
+    frozenset({"errors", "base", "doors", "__version__"}),
     frozenset({"files", "engine", "figures", "foreign", "interrupts", "terminal"}),
     frozenset({"trace", "config", "content", "geometry"}),
     frozenset({"library"}),
@@ -29,7 +31,8 @@ FLOORS: tuple[frozenset[str], ...] = (
 )
 """From the ground up; a room imports only from floors below its own. A slash marks a content folder."""
 
-MODULE_LINES, FUNCTION_LINES = 500, 60
+MODULE_LINES, FUNCTION_LINES, COMPLEXITY = 500, 60, 12
+"""The most of a module, of a function, and of a function's complexity as radon counts it."""
 
 
 def floor_of(room: str) -> int:
@@ -101,66 +104,91 @@ def test_only_a_checkout_has_experiments_and_scripts() -> None:
     assert not climbing
 
 
-def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
-    """Groups of names that reach each other (Tarjan's strongly connected components of more than one)."""
-    order: dict[str, int] = {}
-    low: dict[str, int] = {}
-    stack: list[str] = []
-    groups: list[list[str]] = []
+def exports_of(door: str) -> dict[str, str]:
+    """What a room offers: each name, and the module it is from."""
+    source = MODULES[door]
+    stub = source.with_suffix(".pyi")
+    exports: dict[str, str] = {}
+    for node in ast.parse((stub if stub.exists() else source).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom):
+            module = ".".join(filter(None, (door, node.module))) if node.level else str(node.module)
+            for alias in node.names:
+                whole = f"{module}.{alias.name}"
+                exports[alias.asname or alias.name] = whole if whole in MODULES else module
+    return exports
 
-    def visit(name: str) -> None:
-        order[name] = low[name] = len(order)
-        stack.append(name)
-        for other in sorted(arrows[name]):
-            if other not in order:
-                visit(other)
-                low[name] = min(low[name], low[other])
-            elif other in stack:
-                low[name] = min(low[name], order[other])
-        if low[name] == order[name]:
-            group = stack[stack.index(name) :]
-            del stack[stack.index(name) :]
-            if len(group) > 1:
-                groups.append(sorted(group))
 
-    for name in sorted(arrows):
-        if name not in order:
-            visit(name)
-    return groups
+DOORS = {name: exports_of(name) for name, file in MODULES.items() if file.name == "__init__.py"}
+"""Every room of the package: what it offers, and from where."""
 
 
 def module_of(name: str) -> str | None:
-    """The module that an imported dotted name is or lies in; None where it is not ours."""
-    candidates = (name, name.rpartition(".")[0])
-    return next((candidate for candidate in candidates if candidate in MODULES), None)
+    """The module that an imported dotted name is or lies in, behind its door; None where it is not ours."""
+    if name in MODULES:
+        return name
+    room, _, last = name.rpartition(".")
+    return DOORS.get(room, {}).get(last, room if room in MODULES else None)
+
+
+def room_of(module: str) -> str:
+    """The package that a module lies in, which may be itself."""
+    return module if module in DOORS else module.rpartition(".")[0]
+
+
+def around_the_door(name: str, own_room: str) -> bool:
+    """Whether an import takes a module of another room, where that room's door is the way in.
+
+    A room sees its own modules and those of the rooms that it lies in.
+    """
+    module = name if name in MODULES else name.rpartition(".")[0]
+    if module not in MODULES or module in DOORS:
+        return False
+    room = room_of(module)
+    offered = name in MODULES and name.rpartition(".")[2] in DOORS[room] and room != PACKAGE.name
+    return room != PACKAGE.name and not offered and not f"{own_room}.".startswith(f"{room}.")
+
+
+def test_rooms_are_entered_by_their_doors() -> None:
+    around: list[str] = []
+    for folder in (PACKAGE.name, "tools", "graphs", "evals", "scripts", "tests"):
+        for file in sorted((ROOT / folder).rglob("*.py")):
+            me = ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+            own = room_of(me) if folder == PACKAGE.name else folder
+            around += [f"{me} imports {name}" for name in imports(file) if around_the_door(name, own)]
+    assert not around
+
+
+def test_doors_offer_what_is_there() -> None:
+    probe = f"""import importlib
+for room in {sorted(DOORS)!r}:
+    door = importlib.import_module(room)
+    for name in getattr(door, "__all__", ()):
+        assert getattr(door, name) is not None, name"""
+    done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
     # Imports for type checking and inside functions count: they, too, say who knows whom.
-    arrows = {
-        name: {other for other in map(module_of, imports(file)) if other is not None and other != name}
+    arrows = [
+        (name, other)
         for name, file in MODULES.items()
-    }
-    assert circles(arrows) == []
-
-
-def test_circles_are_found() -> None:
-    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a", "d"}}) == [["b", "c"]]
+        for imported in imports(file)
+        if (other := module_of(imported)) is not None and other != name
+    ]
+    circles = networkx.strongly_connected_components(networkx.DiGraph(arrows))
+    assert [sorted(circle) for circle in circles if len(circle) > 1] == []
 
 
 def test_no_exported_name_is_that_of_a_module_beside_it() -> None:
     # ``from room import name`` would give the one or the other, whichever was imported last.
-    doors = {name: file for name, file in MODULES.items() if file.name == "__init__.py"}
     same = {
-        exported.removeprefix(f"{PACKAGE.name}.")
-        for door, file in doors.items()
-        for node in ast.parse(file.read_text(encoding="utf-8")).body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-        if f"{node.module}.{alias.name}" not in MODULES
-        and (exported := f"{door}.{alias.asname or alias.name}") in MODULES
+        f"{door}.{name}"
+        for door, exports in DOORS.items()
+        for name, module in exports.items()
+        if f"{door}.{name}" in MODULES and module != f"{door}.{name}"
     }
-    assert not same
+    assert same == set()
 
 
 def test_private_names_stay_in_their_room() -> None:
@@ -199,6 +227,18 @@ def test_modules_and_functions_stay_small() -> None:
                 if lines > FUNCTION_LINES:
                     large.append(f"{file.relative_to(ROOT)}: {node.name} has {lines} lines, over {FUNCTION_LINES}")
     assert not large
+
+
+def test_functions_stay_simple() -> None:
+    complex_ones = {
+        f"{file.relative_to(ROOT)}:{function.name}": function.complexity
+        for _, file in SOURCES
+        for block in cc_visit(file.read_text(encoding="utf-8"))
+        if block.letter != "C"  # a class has the mean of its methods, which are listed beside it
+        for function in (block, *block.closures)
+        if function.complexity > COMPLEXITY
+    }
+    assert complex_ones == {}
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "graphs").glob("*.py")), ids=lambda file: file.stem)

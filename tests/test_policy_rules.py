@@ -6,7 +6,7 @@ from typing import Any, cast
 import pytest
 
 from grs_agents.agents import Agents, TaskDefinition
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.library import Library
 from grs_agents.policies import RoutingContext, load_policy
 from grs_agents.sandbox import Sandbox

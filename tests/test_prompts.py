@@ -5,7 +5,7 @@ import re
 import pytest
 
 from grs_agents import content
-from grs_agents.models.offline.prompt_text import read_prompt
+from grs_agents.models.offline import read_prompt
 
 VARIABLES = {
     "describe": {"measurements"},

@@ -6,7 +6,7 @@ import pytest
 
 import grs_agents
 from grs_agents import content
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library
 from grs_agents.sandbox import Sandbox

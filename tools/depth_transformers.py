@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import ConfigError
-from grs_agents.perception import Image
-from grs_agents.perception.pretrained import LOCAL, config_of, stumbling, weights_of
+from grs_agents.perception import LOCAL, Image, config_of, stumbling, weights_of
 from grs_agents.toolkit import ToolContext
 
 METRIC = ("depth_pro", "glpn", "zoedepth")

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError
 
 from grs_agents import sandbox
 from grs_agents.base import Frozen
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.sandbox import BatchResult, CallResult, Trace
 from grs_agents.sim import InstanceError, TaskInstance, first_fault, names_task, read_instance
 from grs_agents.toolkit import ToolContext, open_library, readable

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from grs_agents.base import Frozen, Vec3
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.sandbox import CallResult

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from grs_agents.base import Frozen
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.errors import GrsError
 from grs_agents.files import write_bytes
 from grs_agents.sandbox import CallResult

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from grs_agents import sandbox
 from grs_agents.base import Frozen
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.sandbox import TestReport, TestRun
 from grs_agents.toolkit import ToolContext, open_library, readable
 

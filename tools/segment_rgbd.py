@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from grs_agents.perception import Candidate, RGBDFrame, TableFrame, candidates_of, segment
-from grs_agents.perception.configuration import DEFAULT, Segmentation
+from grs_agents.perception import DEFAULT, Candidate, RGBDFrame, Segmentation, TableFrame, candidates_of, segment
 from grs_agents.toolkit import ToolContext
 
 

@@ -10,17 +10,20 @@ import numpy as np
 
 from grs_agents.errors import ConfigError
 from grs_agents.perception import (
+    DEFAULT,
     Candidate,
     Image,
     Mask,
     Proposal,
     RGBDFrame,
+    Segmentation,
     TableFrame,
     candidates_of,
+    config_of,
     segment_proposed,
+    stumbling,
+    weights_of,
 )
-from grs_agents.perception.configuration import DEFAULT, Segmentation
-from grs_agents.perception.pretrained import config_of, stumbling, weights_of
 from grs_agents.toolkit import ToolContext
 
 KINDS = ("sam2", "sam2_video")

@@ -8,9 +8,8 @@ import numpy as np
 
 from grs_agents.errors import InputError
 from grs_agents.foreign import exists, is_folder, names_in, read_json
-from grs_agents.perception.reading.bop import METRES_PER_MILLIMETRE, PREFIX, bop_image
-from grs_agents.perception.reading.point_files import read_ply
-from grs_agents.perception.types import Array
+from grs_agents.perception import Array
+from grs_agents.perception.reading import METRES_PER_MILLIMETRE, PREFIX, bop_image, read_ply
 
 MODELS = ("models_eval", "models", "models_cad", "models_reconst")
 MOST_POINTS = 4000

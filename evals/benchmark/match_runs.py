@@ -12,7 +12,7 @@ from evals.benchmark.types import Order
 from evals.benchmark.worker_processes import error_of, fingerprint, run_jobs, run_worker
 from grs_agents import content, terminal
 from grs_agents.errors import InputError
-from grs_agents.run.experiments import table
+from grs_agents.run import table
 from grs_agents.terminal import say, say_json
 
 METHODS: dict[str, Method] = {

@@ -13,12 +13,11 @@ from evals.benchmark.match_types import Matching, MatchOrder, Outcome, ScoredAns
 from evals.benchmark.segmentation_metrics import overlaps
 from grs_agents import content
 from grs_agents.agents import Agents, Description, NoReply, roles
-from grs_agents.config import Config, load_config
-from grs_agents.config.model import Limits
+from grs_agents.config import Config, Limits, load_config
 from grs_agents.errors import GrsError
 from grs_agents.files import write_json
 from grs_agents.library import Library
-from grs_agents.nodes.asset_matching import measurements, model_matcher
+from grs_agents.nodes import measurements, model_matcher
 from grs_agents.perception import (
     Candidate,
     CandidateRecord,
@@ -29,7 +28,7 @@ from grs_agents.perception import (
     save_candidates,
     save_frame,
 )
-from grs_agents.perception.matching.types import MatchResult, Segment
+from grs_agents.perception.matching import MatchResult, Segment
 from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import say
 from grs_agents.toolkit import ToolContext, load_tool

@@ -18,9 +18,8 @@ from evals.synthesis.scene import Recipe
 from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.figures import figure_table
-from grs_agents.perception.reading import scene_name
-from grs_agents.perception.reading.bop import is_bop
-from grs_agents.run.experiments import table
+from grs_agents.perception.reading import is_bop, scene_name
+from grs_agents.run import table
 from grs_agents.terminal import say_json
 
 _SHOWN = ("scene", "objects", "segments", "F1@.5", "IoU", "centre mm", "CPU s")

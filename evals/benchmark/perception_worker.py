@@ -21,12 +21,11 @@ from evals.benchmark.segmentation_metrics import score_segmentation
 from evals.benchmark.twin_run import TwinRun, settle_true_assets
 from evals.benchmark.types import Order, Result, SceneFigures, dumped, result_file
 from grs_agents import content
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.errors import ConfigError, GrsError
 from grs_agents.files import write_bytes, write_json
 from grs_agents.library import Library
-from grs_agents.perception import Candidate, TableFrame, find_table
-from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception import DEFAULT, Candidate, TableFrame, find_table
 from grs_agents.sandbox import Sandbox
 from grs_agents.terminal import say
 from grs_agents.toolkit import Tool, ToolContext, load_tool

@@ -10,11 +10,8 @@ from evals.benchmark.segmentation_metrics import MATCHED, overlaps
 from evals.benchmark.twin_run import TwinRun
 from evals.benchmark.types import FrameFigures, ObjectFigures
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.library.posed_meshes import posed_triangles
-from grs_agents.library.shapes import rotation_matrix
-from grs_agents.perception import Aabb, Candidate, TableFrame, find_table, place_asset
-from grs_agents.perception.surfaces import symmetry_of
+from grs_agents.library import Library, posed_triangles, rotation_matrix
+from grs_agents.perception import Aabb, Candidate, TableFrame, find_table, place_asset, symmetry_of
 
 Floats = npt.NDArray[np.float64]
 

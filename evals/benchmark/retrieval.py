@@ -17,16 +17,16 @@ import numpy as np
 from evals.benchmark.worker_processes import error_of, run_worker
 from grs_agents.errors import GrsError, InputError
 from grs_agents.figures import Figure
-from grs_agents.perception.matching.asset_index import (
+from grs_agents.perception.matching import (
     DIMENSIONS,
     WEIGHTS,
     AssetIndex,
     Vectors,
+    histograms,
     look_vector,
     size_vectors,
     words_vector,
 )
-from grs_agents.perception.matching.color_histogram import histograms
 
 _KINDS, _WORDS, _TOLD, _COLORS = 300, 8000, 9, 400
 _MIXED = 6

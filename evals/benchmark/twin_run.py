@@ -25,9 +25,7 @@ from grs_agents.perception import (
     register,
     residual_candidates,
 )
-from grs_agents.perception.proxies.measurement import measured_shape
-from grs_agents.perception.proxies.proxy_kind import choose_kind
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.proxies import choose_kind, measured_shape, write_proxy
 from grs_agents.perception.settling import (
     KnownObject,
     Placed,

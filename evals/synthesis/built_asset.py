@@ -9,10 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.files import write_bytes, write_text
-from grs_agents.library.asset import Asset
-from grs_agents.library.colors import COLORS
-from grs_agents.library.formats.urdf import urdf_text
-from grs_agents.library.shapes import Rgba, Shape
+from grs_agents.library import COLORS, Asset, Rgba, Shape
+from grs_agents.library.formats import urdf_text
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,9 @@ import numpy.typing as npt
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.engine import mujoco
 from grs_agents.errors import GrsError
-from grs_agents.library import Library
-from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
-from grs_agents.sim.instance.instance import InstanceObject
-from grs_agents.sim.world.compilation import World, build, place
+from grs_agents.library import Library, quaternion_from_rpy, rotation_matrix
+from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.world import World, build, place
 
 Floats = npt.NDArray[np.float64]
 CENTER: Final = (0.5, 0.0)

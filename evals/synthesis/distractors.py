@@ -15,9 +15,7 @@ from evals.synthesis.meshes import Mesh, annulus, loft, prism, superellipse, wed
 from evals.synthesis.polygons import convex_pieces
 from grs_agents.base import Vec3
 from grs_agents.files import write_json
-from grs_agents.library import Asset, Shape
-from grs_agents.library.asset import MANIFEST, Manifest
-from grs_agents.library.shapes import Rgba, quaternion_from_rpy
+from grs_agents.library import MANIFEST, Asset, Manifest, Rgba, Shape, quaternion_from_rpy
 
 Floats = npt.NDArray[np.float64]
 FOLDER = "distractor"

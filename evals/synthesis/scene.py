@@ -21,8 +21,7 @@ from evals.synthesis.sensors import SENSORS, SensorKind
 from evals.synthesis.sensors.common import noisy_rgb
 from grs_agents.base import Frozen, Vec3
 from grs_agents.files import write_bytes, write_json, write_text
-from grs_agents.library import Library
-from grs_agents.library.posed_meshes import Triangles, posed_triangles
+from grs_agents.library import Library, Triangles, posed_triangles
 from grs_agents.perception import Aabb, Camera
 
 _SHINY = 0.15

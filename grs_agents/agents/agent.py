@@ -20,8 +20,7 @@ from grs_agents import content
 from grs_agents.agents.reply import ReplyError, render
 from grs_agents.agents.types import NoReply
 from grs_agents.config import Config, ModelConfig
-from grs_agents.foreign import member
-from grs_agents.foreign.pictures import read_picture
+from grs_agents.foreign import member, read_picture
 from grs_agents.models import OFFLINE, Answer, ReplyProblem, Retries, chat_model, invoke
 from grs_agents.trace import Event, EventLog, NodeStarted, Note, Prompt, Reply
 

@@ -18,10 +18,7 @@ from grs_agents.agents.agent import jpeg_block
 from grs_agents.agents.reply import ReplyError, parse_json, render
 from grs_agents.base import Frozen
 from grs_agents.files import write_json
-from grs_agents.library import Asset, Library
-from grs_agents.library.asset_rendering import AssetView, asset_views, random_directions
-from grs_agents.library.colors import color_name
-from grs_agents.library.contact_sheets import over_white
+from grs_agents.library import Asset, AssetView, Library, asset_views, color_name, over_white, random_directions
 from grs_agents.models import ReplyProblem, invoke
 
 PROMPT = "describe_asset"

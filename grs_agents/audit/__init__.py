@@ -1,7 +1,5 @@
 """What makes a result trustworthy: checks on task instances, measured by trusted code."""
 
-from grs_agents.audit.checks import audit
-from grs_agents.audit.photo_changes import changes
-from grs_agents.audit.types import AuditReport, Change, Finding
+from grs_agents.doors import door
 
-__all__ = ["AuditReport", "Change", "Finding", "audit", "changes"]
+__getattr__, __dir__, __all__ = door(__name__, __file__)

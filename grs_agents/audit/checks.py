@@ -10,8 +10,8 @@ from grs_agents.config import AuditConfig
 from grs_agents.library import Library
 from grs_agents.perception import SceneDescription
 from grs_agents.sim import Goal, Rollout, TaskInstance
-from grs_agents.sim.instance.episode import Episode
-from grs_agents.sim.world.compilation import TIMESTEP
+from grs_agents.sim.instance import Episode
+from grs_agents.sim.world import TIMESTEP
 
 IDLE = 0.5
 """Doing nothing must earn less than this share of the reward: most of a task is left to do."""

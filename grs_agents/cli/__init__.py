@@ -1,5 +1,5 @@
 """The ``grs`` command."""
 
-from grs_agents.cli.entry import main
+from grs_agents.doors import door
 
-__all__ = ["main"]
+__getattr__, __dir__, __all__ = door(__name__, __file__)

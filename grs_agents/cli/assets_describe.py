@@ -10,18 +10,17 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from grs_agents import terminal
-from grs_agents.agents.asset_describer import describe_assets, plan, with_words
+from grs_agents.agents import describe_assets, plan, with_words
 from grs_agents.cli.assets_import import chosen_assets, library_root
 from grs_agents.config import Config
 from grs_agents.errors import ConfigError, GrsError, InputError
-from grs_agents.library import Asset, Library
-from grs_agents.library.asset import read_manifest
-from grs_agents.library.importing.journal import write_entries
+from grs_agents.library import Asset, Library, read_manifest
+from grs_agents.library.importing import write_entries
 from grs_agents.models import chat_model
 from grs_agents.terminal import say, say_json
 
 if TYPE_CHECKING:
-    from grs_agents.perception.matching.asset_index import AssetIndex
+    from grs_agents.perception.matching import AssetIndex
 
 ROLE = "describe"
 
@@ -88,8 +87,7 @@ def _confirm() -> None:
 
 def index_assets(folder: Path, again: bool, as_json: bool) -> int:
     """Bring an index in a folder up to date with the library; 1 if an asset could not be looked at."""
-    from grs_agents.perception.matching.asset_index import AssetIndex
-    from grs_agents.perception.matching.feature_matcher import matchable_assets
+    from grs_agents.perception.matching import AssetIndex, matchable_assets
 
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is no folder", "name a new folder, or one that holds an index")
@@ -115,8 +113,7 @@ def index_assets(folder: Path, again: bool, as_json: bool) -> int:
 
 def _add_to_index(index: "AssetIndex", assets: Sequence[Asset], library: Library) -> dict[str, str]:
     """Add the vectors of each asset, and return why an asset has none, by its name."""
-    from grs_agents.perception.matching.asset_appearance import appearance_of
-    from grs_agents.perception.matching.asset_index import Vectors, embed
+    from grs_agents.perception.matching import Vectors, appearance_of, embed
 
     vectors: dict[str, Vectors] = {}
     broken: dict[str, str] = {}

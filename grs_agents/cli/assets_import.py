@@ -12,12 +12,20 @@ from grs_agents import content, terminal
 from grs_agents.errors import InputError
 from grs_agents.files import replaceable, write_bytes
 from grs_agents.library import Asset, Library
-from grs_agents.library.importing.archives import ImportSource, open_source
-from grs_agents.library.importing.discovery import slug_of
-from grs_agents.library.importing.importer import ImportRun
-from grs_agents.library.importing.objaverse import ObjaverseEntry, download, load_package, search_objaverse
-from grs_agents.library.importing.source_folder import SourceFolder
-from grs_agents.library.importing.types import ImportOptions, ImportOutcome, SourceItem
+from grs_agents.library.importing import (
+    ImportOptions,
+    ImportOutcome,
+    ImportRun,
+    ImportSource,
+    ObjaverseEntry,
+    SourceFolder,
+    SourceItem,
+    download,
+    load_package,
+    open_source,
+    search_objaverse,
+    slug_of,
+)
 from grs_agents.terminal import say, say_json
 
 DEFAULT = Path("grs-content")
@@ -140,8 +148,7 @@ def list_library(library: Path | None, names: Sequence[str], shipped: bool, as_j
 
 def show_library(library: Path | None, names: Sequence[str], shipped: bool, out: Path, views: int) -> int:
     """Write a contact sheet; 1 where an asset cannot be drawn."""
-    from grs_agents.library.contact_sheets import MAX_ASSETS, contact_sheet
-    from grs_agents.library.mesh_files import png_bytes
+    from grs_agents.library import MAX_ASSETS, contact_sheet, png_bytes
 
     known, assets = chosen_assets(library, names, shipped)
     sheets = [assets[start : start + MAX_ASSETS] for start in range(0, len(assets), MAX_ASSETS)]
@@ -159,7 +166,7 @@ def show_library(library: Path | None, names: Sequence[str], shipped: bool, out:
 
 def verify_library(library: Path | None, names: Sequence[str], shipped: bool, as_json: bool) -> int:
     """Check assets; 1 where one is broken."""
-    from grs_agents.library.importing.drop_test import verify_asset
+    from grs_agents.library.importing import verify_asset
 
     known, assets = chosen_assets(library, names, shipped)
     verdicts = [verify_asset(known, asset) for asset in assets]

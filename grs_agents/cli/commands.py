@@ -270,6 +270,6 @@ def evaluate(
     context: typer.Context, name: Annotated[str, typer.Argument(help="An experiment's name; see grs list.")]
 ) -> None:
     """Run an experiment; what follows its name is passed on to it, --help included: grs eval NAME --help."""
-    from grs_agents.run.experiments import load_experiment
+    from grs_agents.run import load_experiment
 
     sys.exit(load_experiment(name).main(context.args))

@@ -15,8 +15,7 @@ from grs_agents import terminal
 from grs_agents.config import UNSAFE, Config, Limits
 from grs_agents.library import Library
 from grs_agents.models import PROVIDERS, installed
-from grs_agents.run import versions
-from grs_agents.run.sandbox_setup import open_sandbox
+from grs_agents.run import open_sandbox, versions
 from grs_agents.sandbox import BACKEND_REMEDIES, BackendChoice, SandboxError, backend_candidates
 from grs_agents.terminal import say_json
 from grs_agents.toolkit import ToolContext, load_tool

@@ -26,7 +26,7 @@ def rebuild_trace(folder: Path) -> None:
 
 def send_spans(folder: Path) -> None:
     """Send a run as OpenTelemetry spans to where the ``OTEL_*`` variables say."""
-    from grs_agents.views.telemetry import SpanView, otlp_provider
+    from grs_agents.views import SpanView, otlp_provider
 
     read_record(folder)
     events = read_events(folder / "events.jsonl")
@@ -40,8 +40,8 @@ def send_spans(folder: Path) -> None:
 def play_run(folder: Path, out: Path | None, seed: int | None) -> int:
     """Play a rollout of a run in MuJoCo's window, or into the file ``out``."""
     from grs_agents.views import working
-    from grs_agents.views.common.scene_objects import run_library
-    from grs_agents.views.film.film import Shot, rollout_of, watch, write_film
+    from grs_agents.views.common import run_library
+    from grs_agents.views.film import Shot, rollout_of, watch, write_film
 
     robot = str(read_record(folder).config.get("robot", "ur5e"))
     rollout = rollout_of(read_events(folder / "events.jsonl"), folder, seed)
@@ -56,8 +56,8 @@ def play_run(folder: Path, out: Path | None, seed: int | None) -> int:
 
 def write_report(folder: Path, out: Path | None, show: Callable[[str], None]) -> Path:
     """Write a run as one HTML page, ``report.html`` in its folder if nothing else is named."""
-    from grs_agents.views.common.scene_objects import run_library
-    from grs_agents.views.html_report import Sources, report
+    from grs_agents.views import Sources, report
+    from grs_agents.views.common import run_library
 
     record, out = read_record(folder), out or folder / "report.html"
     check_output(out)
@@ -78,7 +78,7 @@ def report_run(folder: Path, out: Path | None) -> None:
 
 def share_run(folder: Path, out: Path | None) -> None:
     """Pack a run into a zip file without keys and home folders, and say what was removed and left out."""
-    from grs_agents.run.sharing import scrubber, share
+    from grs_agents.run import scrubber, share
     from grs_agents.views import working
 
     record = read_record(folder)

@@ -46,7 +46,7 @@ def show_step(folder: Path, number: int | None, as_json: bool) -> None:
 
 def rebuild_recording(folder: Path) -> Path:
     """The recording of a run, made from its events."""
-    from grs_agents.views.rerun.rerun_view import rebuild
+    from grs_agents.views.rerun import rebuild
 
     read_record(folder)
     recording = rebuild(folder, Library())
@@ -61,7 +61,7 @@ def replay_run(folder: Path, beside: Path | None, web: bool) -> int:
     with tempfile.TemporaryDirectory() as temporary:
         if beside is None:
             return _viewed(_recording(folder, Path(temporary)), web)
-        from grs_agents.views.rerun.rerun_view import compare
+        from grs_agents.views.rerun import compare
 
         read_record(beside)
         runs = [(folder, Library()), (beside, Library())]
@@ -82,7 +82,7 @@ def _viewed(recording: Path, web: bool) -> int:
 def _recording(folder: Path, temporary: Path) -> Path:
     """The recording of a run; of one that was cut short or still goes on, a copy that holds its last event too."""
     from grs_agents.views import working
-    from grs_agents.views.rerun.rerun_view import record
+    from grs_agents.views.rerun import record
 
     events = read_events(folder / "events.jsonl")
     with working("making the recording"):

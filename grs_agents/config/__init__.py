@@ -1,18 +1,5 @@
 """Configuration: one TOML file, ``--set`` and the environment become one frozen ``Config``."""
 
-from grs_agents.config.load import UNSAFE, Effective, flat, load_config, validated
-from grs_agents.config.model import AuditConfig, Config, Limits, ModelConfig, TableChoice, ToolsConfig
+from grs_agents.doors import door
 
-__all__ = [
-    "UNSAFE",
-    "AuditConfig",
-    "Config",
-    "Effective",
-    "Limits",
-    "ModelConfig",
-    "TableChoice",
-    "ToolsConfig",
-    "flat",
-    "load_config",
-    "validated",
-]
+__getattr__, __dir__, __all__ = door(__name__, __file__)

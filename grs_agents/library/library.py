@@ -7,8 +7,7 @@ from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.foreign import member, read_text
 from grs_agents.library.asset import Asset, read_manifest
 from grs_agents.library.colors import color_name
-from grs_agents.library.formats.mjcf import read_mjcf
-from grs_agents.library.formats.urdf import read_urdf
+from grs_agents.library.formats import read_mjcf, read_urdf
 from grs_agents.library.shapes import ObjectModel
 from grs_agents.library.templates import Value, Values, fill_template
 

@@ -1,7 +1,5 @@
 """Chat models: one seam for intelligence, from the embedded ``offline`` model to any provider."""
 
-from grs_agents.models.answer import Answer, ReplyProblem
-from grs_agents.models.factory import OFFLINE, PROVIDERS, chat_model, installed
-from grs_agents.models.retry import Retries, invoke
+from grs_agents.doors import door
 
-__all__ = ["OFFLINE", "PROVIDERS", "Answer", "ReplyProblem", "Retries", "chat_model", "installed", "invoke"]
+__getattr__, __dir__, __all__ = door(__name__, __file__)

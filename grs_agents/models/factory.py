@@ -78,7 +78,7 @@ def chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
         ConfigError: the provider's package is not installed, or its key is not set.
     """
     if config.model == OFFLINE:
-        from grs_agents.models.offline.chat import OfflineChatModel
+        from grs_agents.models.offline import OfflineChatModel
 
         return OfflineChatModel(seed=seed)
     name, colon, model = config.model.partition(":")

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from grs_agents.agents import Agents, Description, NoReply, roles
 from grs_agents.nodes.services import Services
 from grs_agents.perception import CandidateRecord, MatchEvidence, Shown, TableFrame, load_mask
-from grs_agents.perception.matching.types import Ask, MatchResult, Segment
+from grs_agents.perception.matching import Ask, MatchResult, Segment
 from grs_agents.state import RunState
 
 

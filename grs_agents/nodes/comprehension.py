@@ -38,7 +38,7 @@ from grs_agents.perception import (
     save_frame,
 )
 from grs_agents.perception import find_table as table_in
-from grs_agents.sim.world.compilation import arm_at_home
+from grs_agents.sim.world import arm_at_home
 from grs_agents.state import RunState
 from grs_agents.trace import Note, SceneStage
 

@@ -18,18 +18,17 @@ from grs_agents.perception import (
     Mask,
     MatchEvidence,
     SceneObject,
+    Solid,
     Surroundings,
     UprightBox,
     is_certain,
     load_mask,
     place_asset,
+    reachable,
     size_deviation,
     upright_of,
 )
-from grs_agents.perception.proxies.measurement import measured_shape, proxy_texture
-from grs_agents.perception.proxies.proxy_kind import choose_kind
-from grs_agents.perception.proxies.proxy_writer import write_proxy
-from grs_agents.perception.types import Solid, reachable
+from grs_agents.perception.proxies import choose_kind, measured_shape, proxy_texture, write_proxy
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,10 @@ from grs_agents.perception import (
     body_of,
     load_mask,
     pose_fields,
+    reachable,
     relations,
 )
-from grs_agents.perception.proxies.free_space_grid import is_crowded
+from grs_agents.perception.proxies import is_crowded
 from grs_agents.perception.settling import (
     KnownObject,
     PlacedObject,
@@ -34,8 +35,7 @@ from grs_agents.perception.settling import (
     report_of,
     supporting_segments,
 )
-from grs_agents.perception.types import reachable
-from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance import SimulationError
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from grs_agents.library import Library
 from grs_agents.perception import Camera, RGBDFrame, TableFrame, load_frame
 from grs_agents.policies import Policy
 from grs_agents.sandbox import Sandbox
-from grs_agents.sim.arms.registry import ROBOTS, get_arm
+from grs_agents.sim.arms import ROBOTS, get_arm
 from grs_agents.state import RunState
 from grs_agents.toolkit import ToolContext, load_tool
 from grs_agents.trace import EventLog, NodeEnded, NodeStarted, brief

@@ -18,7 +18,7 @@ from grs_agents.base import Vec3
 from grs_agents.errors import ConfigError
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import components, within
-from grs_agents.perception.segmentation.patch_cutting import jump_edges, smoothed
+from grs_agents.perception.segmentation import jump_edges, smoothed
 from grs_agents.perception.table import robot_points, tolerance
 from grs_agents.perception.types import Aabb, Array, Mask, RGBDFrame, TableFrame
 from grs_agents.perception.working_resolution import reduced

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.files import write_bytes
-from grs_agents.foreign.pictures import read_picture
+from grs_agents.foreign import read_picture
 from grs_agents.perception.types import Camera, Candidate, CandidateRecord, Image, Mask, RGBDFrame
 
 COLORS = ((230, 60, 60), (60, 180, 75), (60, 110, 230), (245, 160, 40), (150, 60, 190), (60, 200, 220), (230, 80, 200))

@@ -14,10 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.geometry.transforms import about
-from grs_agents.library import Library
-from grs_agents.library.posed_meshes import visible_corners
-from grs_agents.library.shapes import rotation_matrix
+from grs_agents.geometry import about
+from grs_agents.library import Library, rotation_matrix, visible_corners
 from grs_agents.perception.types import Array
 
 SAMPLES = 2000

@@ -7,8 +7,7 @@ from grs_agents.agents import Agents
 from grs_agents.audit import AuditReport, audit
 from grs_agents.config import Config
 from grs_agents.foreign import read_text
-from grs_agents.nodes import Services
-from grs_agents.nodes.instances import solve_instances
+from grs_agents.nodes import Services, solve_instances
 from grs_agents.perception import read_description
 from grs_agents.policies import load_policy
 from grs_agents.run.sandbox_setup import open_sandbox

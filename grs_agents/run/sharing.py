@@ -13,8 +13,7 @@ from pathlib import Path
 
 from grs_agents.errors import GrsError, InputError
 from grs_agents.files import unwritable, write_bytes, write_document
-from grs_agents.foreign import read_bytes
-from grs_agents.foreign.arrays import words_in
+from grs_agents.foreign import read_bytes, words_in
 from grs_agents.terminal import visible
 
 REMOVED = "[removed]"

@@ -1,37 +1,40 @@
 """The simulation runtime: CLIPort's ``Task`` and ``Environment`` on MuJoCo, goals, an oracle, and tasks as data."""
 
-from grs_agents.sim.arms.ur5e import NEAREST, REACH
+from grs_agents.sim.arms import NEAREST, REACH
+from grs_agents.sim.cliport import Environment, Task, api_reference, names_task, task_class, utils
 from grs_agents.sim.cliport import pybullet as p
-from grs_agents.sim.cliport import utils
-from grs_agents.sim.cliport.api_documentation import api_reference
-from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.cliport.task import Task, names_task, task_class
-from grs_agents.sim.expert.oracle import Oracle
-from grs_agents.sim.instance.episode import (
+from grs_agents.sim.expert import Oracle
+from grs_agents.sim.instance import (
     ActionRecord,
     Episode,
-    NoFreeSpaceError,
-    ObjectLimitError,
-    Outcome,
-    SimulationBudgetError,
-    SimulationError,
-    UnsupportedError,
-    VertexLimitError,
-    clear_episodes,
-    last_episode,
-)
-from grs_agents.sim.instance.goal import Goal, Relation, Zone, aligned, in_zone, inside, near, on, stacked, upright
-from grs_agents.sim.instance.instance import (
+    Goal,
     InstanceError,
     InstanceObject,
     InstanceTie,
+    NoFreeSpaceError,
+    ObjectLimitError,
+    Outcome,
+    Relation,
+    SimulationBudgetError,
+    SimulationError,
     TaskInstance,
+    UnsupportedError,
+    VertexLimitError,
+    Zone,
+    aligned,
+    clear_episodes,
     first_fault,
+    in_zone,
+    inside,
+    last_episode,
+    near,
+    on,
     read_instance,
+    stacked,
+    upright,
 )
 from grs_agents.sim.instance_runs import InstanceTask, Rollout, instantiate, rollout, solve
-from grs_agents.sim.world.budget import begin_test, reached, reached_limit
-from grs_agents.sim.world.templates import configure
+from grs_agents.sim.world import begin_test, configure, reached, reached_limit
 
 __all__ = [
     "NEAREST",

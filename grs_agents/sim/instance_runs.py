@@ -9,14 +9,10 @@ import numpy as np
 from grs_agents.base import Frozen, Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
-from grs_agents.sim.cliport import end_effectors
-from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.cliport.task import Task
-from grs_agents.sim.instance.episode import Episode, stop_from_error
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.instance.instance import TaskInstance
-from grs_agents.sim.motion.placement import ReachTest
-from grs_agents.sim.world.recording import Recording
+from grs_agents.sim.cliport import Environment, Task, end_effectors
+from grs_agents.sim.instance import Episode, Goal, TaskInstance, stop_from_error
+from grs_agents.sim.motion import ReachTest
+from grs_agents.sim.world import Recording
 
 LEAST_IDLE: Final = 2.0
 """Simulated seconds: what falls into place by itself must be seen even if the robot stopped at once."""

@@ -1,47 +1,5 @@
 """What happened in a run: typed events and the log they are written to. Everything people see is made from these."""
 
-from grs_agents.trace.events import (
-    EVENT,
-    Decision,
-    Event,
-    Finding,
-    NodeEnded,
-    NodeStarted,
-    Note,
-    ProgramVersion,
-    Prompt,
-    Reply,
-    Rollout,
-    RunEnded,
-    RunStarted,
-    SceneStage,
-    TaskDefined,
-    TestsRun,
-    brief,
-    event_schema,
-)
-from grs_agents.trace.log import EventLog, Subscriber, read_events
+from grs_agents.doors import door
 
-__all__ = [
-    "EVENT",
-    "Decision",
-    "Event",
-    "EventLog",
-    "Finding",
-    "NodeEnded",
-    "NodeStarted",
-    "Note",
-    "ProgramVersion",
-    "Prompt",
-    "Reply",
-    "Rollout",
-    "RunEnded",
-    "RunStarted",
-    "SceneStage",
-    "Subscriber",
-    "TaskDefined",
-    "TestsRun",
-    "brief",
-    "event_schema",
-    "read_events",
-]
+__getattr__, __dir__, __all__ = door(__name__, __file__)

@@ -17,24 +17,24 @@ import numpy.typing as npt
 
 from grs_agents import trace
 from grs_agents.errors import GrsError
-from grs_agents.foreign import member, present, read_bytes
-from grs_agents.foreign.pictures import read_picture
+from grs_agents.foreign import member, present, read_bytes, read_picture
 from grs_agents.library import Library
 from grs_agents.terminal import visible
-from grs_agents.views.common.event_documents import finding_verdict
-from grs_agents.views.common.event_steps import Step, steps
-from grs_agents.views.common.motion import instance_of
-from grs_agents.views.common.scene_objects import (
+from grs_agents.views.common import (
     Rectangle,
+    Step,
+    finding_verdict,
+    instance_of,
     label_of,
     name_of,
     rectangles,
+    sections,
     size_of,
+    steps,
     twin_objects,
     twin_picture,
 )
-from grs_agents.views.common.step_text import sections
-from grs_agents.views.film.film import Shot, pictures
+from grs_agents.views.film import Shot, pictures
 
 AuditEvent = TypeVar("AuditEvent", trace.Rollout, trace.Finding)
 Verdict = Literal["", "good", "bad"]

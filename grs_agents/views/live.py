@@ -7,7 +7,7 @@ from pathlib import Path
 
 from grs_agents.library import Library
 from grs_agents.trace import Event, EventLog, NodeEnded, RunEnded
-from grs_agents.views.rerun.viewer import live_viewer
+from grs_agents.views.rerun import live_viewer
 from grs_agents.views.terminal import Progress
 
 
@@ -17,7 +17,7 @@ def follow(folder: Path, log: EventLog, view: bool = False, otel: bool = False) 
 
     All are closed whatever happens.
     """
-    from grs_agents.views.rerun.rerun_view import RerunView
+    from grs_agents.views.rerun import RerunView
     from grs_agents.views.telemetry import SpanView, otlp_provider
 
     live = live_viewer()[1] if view else None

@@ -10,7 +10,7 @@ from typing import Any
 
 from grs_agents import trace
 from grs_agents.errors import ConfigError
-from grs_agents.views.common.event_steps import phrase
+from grs_agents.views.common import phrase
 
 _PROVIDERS = {"openai": "openai", "anthropic": "anthropic", "google": "gcp.gemini", "ollama": "ollama"}
 _SCOPE = "grs_agents"

@@ -13,8 +13,7 @@ from rich.text import Text
 
 from grs_agents import terminal
 from grs_agents.trace import Event, NodeEnded, ProgramVersion, Reply, RunEnded, RunStarted
-from grs_agents.views.common.event_steps import Status, Step, Steps
-from grs_agents.views.common.safe_text import one_line
+from grs_agents.views.common import Status, Step, Steps, one_line
 
 MARKS: dict[Status, tuple[str, str]] = {
     "running": ("▶", "yellow"),

@@ -5,7 +5,7 @@ from pathlib import Path
 from evals.synthesis.built_asset import BuiltAsset
 from grs_agents import content
 from grs_agents.files import write_json
-from grs_agents.library.asset import MANIFEST, Manifest
+from grs_agents.library import MANIFEST, Manifest
 from grs_agents.terminal import say
 from scripts.assets.fixtures import build_fixtures
 from scripts.assets.groceries import build_groceries

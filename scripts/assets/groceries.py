@@ -7,9 +7,8 @@ from evals.synthesis.built_asset import BuiltAsset
 from evals.synthesis.colliders import box, stadium
 from evals.synthesis.meshes import Floats, loft, rectangle, superellipse
 from grs_agents.base import Vec3
-from grs_agents.library.asset import Asset
-from grs_agents.library.formats.urdf import urdf_text
-from grs_agents.library.shapes import Shape
+from grs_agents.library import Asset, Shape
+from grs_agents.library.formats import urdf_text
 from scripts.assets.grocery_table import GROCERIES, Grocery
 from scripts.assets.label import label_texture
 

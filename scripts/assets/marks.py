@@ -2,8 +2,7 @@
 
 from evals.synthesis.built_asset import BuiltAsset
 from grs_agents.base import Vec3
-from grs_agents.library.shapes import Rgba
-from grs_agents.library.templates import STROKE_LENGTH, STROKE_WIDTH, Value
+from grs_agents.library import STROKE_LENGTH, STROKE_WIDTH, Rgba, Value
 from scripts.assets.templates import Part, mark_template
 
 _GREEN: Rgba = (0.20, 0.62, 0.25, 1.0)

@@ -4,10 +4,7 @@ from collections.abc import Sequence
 
 from evals.synthesis.built_asset import BuiltAsset
 from grs_agents.base import Vec3
-from grs_agents.library.asset import Asset
-from grs_agents.library.colors import color_name
-from grs_agents.library.shapes import Rgba
-from grs_agents.library.templates import WALL, Value
+from grs_agents.library import WALL, Asset, Rgba, Value, color_name
 
 Part = tuple[str, str]
 """Where a shape is (the words of ``<origin xyz>``) and what it is (its element)."""

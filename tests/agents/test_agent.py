@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from langchain_core.messages import AIMessage, HumanMessage
 
-from grs_agents.agents import Agents, NoReply, RouterReply, TaskDefinition, roles
-from grs_agents.agents.agent import IMAGE_SIDE
+from grs_agents.agents import IMAGE_SIDE, Agents, NoReply, RouterReply, TaskDefinition, roles
 from grs_agents.config import Config, ModelConfig
 from grs_agents.errors import GrsError, InputError
 from grs_agents.trace import EventLog, Prompt, Reply, read_events

@@ -2,8 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.agents import TaskDefinition
-from grs_agents.agents.examples import Example, nearest, read_examples
+from grs_agents.agents import Example, TaskDefinition, nearest, read_examples
 from grs_agents.content import content_root
 from grs_agents.errors import InputError
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.agents.reply import render, variables
+from grs_agents.agents import render, variables
 from grs_agents.errors import ConfigError
 
 

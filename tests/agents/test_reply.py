@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.agents.reply import ReplyError, fenced, parse_json, parse_python, parse_verdict
-from grs_agents.agents.types import Match, TaskDefinition
+from grs_agents.agents import Match, ReplyError, TaskDefinition, fenced, parse_json, parse_python, parse_verdict
 
 
 def test_the_last_block_in_the_language_counts() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.config import Config
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.proxies import write_proxy
 from grs_agents.run import RunRecord
 from grs_agents.sim import instantiate, task_class
 from tests.cli.command import grs

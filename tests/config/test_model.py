@@ -3,8 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from grs_agents.config import Config, ModelConfig, load_config
-from grs_agents.config.model import ROLE_ALIASES, ROLES, PromptsConfig
+from grs_agents.config import ROLE_ALIASES, ROLES, Config, ModelConfig, PromptsConfig, load_config
 from grs_agents.errors import ConfigError
 
 

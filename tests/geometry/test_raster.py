@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.geometry.raster import barycentric, rasterise
+from grs_agents.geometry import barycentric, rasterise
 
 NUMBERS = st.floats(-1, 1)
 

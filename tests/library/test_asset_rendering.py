@@ -5,8 +5,7 @@ import pytest
 
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.library.asset_rendering import AssetView, asset_views, random_directions, ring_directions
+from grs_agents.library import AssetView, Library, asset_views, random_directions, ring_directions
 
 
 @pytest.fixture(scope="module")

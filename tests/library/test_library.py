@@ -7,7 +7,7 @@ import pytest
 from grs_agents import content
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.library import Library
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.perception.proxies import write_proxy
 
 
 @pytest.fixture(scope="module")

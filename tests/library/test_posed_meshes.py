@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.library import Library
-from grs_agents.library.posed_meshes import posed_triangles, smooth_normals
-from grs_agents.library.shapes import IDENTITY_PLACEMENT
+from grs_agents.library import IDENTITY_PLACEMENT, Library, posed_triangles, smooth_normals
 
 
 def test_things_stand_where_they_are_placed() -> None:

@@ -11,8 +11,7 @@ import pytest
 import trimesh
 
 from grs_agents.engine import mujoco
-from grs_agents.library import Asset, Library, Shape
-from grs_agents.library.colors import COLORS
+from grs_agents.library import COLORS, Asset, Library, Shape
 
 LIBRARY = Library()
 ASSETS = LIBRARY.assets()

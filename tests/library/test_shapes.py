@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.library import Shape
-from grs_agents.library.shapes import (
+from grs_agents.library import (
+    Shape,
     joint_bounds,
     quaternion_from_rpy,
     rotation_matrix,

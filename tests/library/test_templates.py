@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import InputError
-from grs_agents.library import Library, fill_template, resolve_template, template_stems
-from grs_agents.library.templates import Values
+from grs_agents.library import Library, Values, fill_template, resolve_template, template_stems
 
 LIBRARY = Library()
 SIZE = (0.06, 0.06, 0.1)

@@ -7,8 +7,7 @@ from langchain_core.messages import HumanMessage
 
 from grs_agents.config import ModelConfig
 from grs_agents.errors import ConfigError, UnknownNameError
-from grs_agents.models import PROVIDERS, chat_model, invoke
-from grs_agents.models.factory import is_loopback
+from grs_agents.models import PROVIDERS, chat_model, invoke, is_loopback
 from grs_agents.models.offline import OfflineChatModel
 from tests.models.conftest import Scripted
 

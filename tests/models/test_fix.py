@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.models.offline import program_edits
-from grs_agents.models.offline.report_evidence import read_evidence
+from grs_agents.models.offline import program_edits, read_evidence
 from tests.models.conftest import Json, rich_scene, scenes
 from tests.models.roles import fixed_code, fixed_tests, simulation_for, task_for, unit_tests_for
 

@@ -13,8 +13,7 @@ from langchain_core.messages import AIMessage, HumanMessage
 
 from grs_agents.config import ModelConfig
 from grs_agents.errors import GrsError
-from grs_agents.models import Answer, ReplyProblem, Retries, chat_model, invoke
-from grs_agents.models.bounds import LONGEST
+from grs_agents.models import LONGEST, Answer, ReplyProblem, Retries, chat_model, invoke
 
 pytest.importorskip("langchain_openai")
 Send = Callable[[BaseHTTPRequestHandler], None]

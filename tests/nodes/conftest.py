@@ -11,8 +11,7 @@ from langchain_core.messages import AIMessage
 from langgraph.runtime import Runtime
 
 from grs_agents.config import AuditConfig, Config
-from grs_agents.nodes import Services
-from grs_agents.nodes.services import Node
+from grs_agents.nodes import Node, Services
 from grs_agents.policies import load_policy
 from grs_agents.sandbox import Sandbox
 from grs_agents.state import RunState

@@ -8,7 +8,7 @@ import pytest
 
 from grs_agents import nodes
 from grs_agents.errors import GrsError
-from grs_agents.nodes.services import Node
+from grs_agents.nodes import Node
 from grs_agents.state import RunState
 from tests.nodes.conftest import SIMULATION, TASK, TESTS, Make, fenced, kinds, run, with_
 

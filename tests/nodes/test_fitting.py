@@ -11,8 +11,7 @@ from grs_agents import content
 from grs_agents.agents import Description
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.nodes.scene_objects import MatchedCandidate, check_sizes, place_object
-from grs_agents.nodes.services import Services
+from grs_agents.nodes import MatchedCandidate, Services, check_sizes, place_object
 from grs_agents.perception import (
     CandidateRecord,
     MatchEvidence,

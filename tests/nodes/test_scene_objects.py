@@ -8,11 +8,16 @@ import cv2
 import pytest
 
 from grs_agents.agents import Description
-from grs_agents.library import Library
-from grs_agents.library.shapes import quaternion_from_rpy
-from grs_agents.nodes.authoring import fixtures_for_prompt, scene_for_prompt
-from grs_agents.nodes.scene_objects import MatchedCandidate, drop_reason, place_object
-from grs_agents.nodes.services import Photo, Services
+from grs_agents.library import Library, quaternion_from_rpy
+from grs_agents.nodes import (
+    MatchedCandidate,
+    Photo,
+    Services,
+    drop_reason,
+    fixtures_for_prompt,
+    place_object,
+    scene_for_prompt,
+)
 from grs_agents.perception import CandidateRecord, MatchEvidence, SceneDescription
 from grs_agents.perception.settling import PlacedObject
 from tests.perception.settling.photo import photo_of

@@ -11,9 +11,7 @@ import pytest
 
 from grs_agents.agents import Description
 from grs_agents.library import Library
-from grs_agents.nodes.scene_objects import MatchedCandidate, place_object
-from grs_agents.nodes.scene_settling import SettledScene, settle_scene
-from grs_agents.nodes.services import Photo, Services
+from grs_agents.nodes import MatchedCandidate, Photo, Services, SettledScene, place_object, settle_scene
 from grs_agents.perception import (
     CandidateRecord,
     MatchEvidence,

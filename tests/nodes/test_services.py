@@ -6,8 +6,8 @@ from typing import Any, cast
 import pytest
 
 from grs_agents.config import Config
-from grs_agents.nodes.services import Services
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.nodes import Services
+from grs_agents.perception.proxies import write_proxy
 
 GRAY = (0.5, 0.5, 0.5)
 

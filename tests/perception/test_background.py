@@ -8,9 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.errors import ConfigError
-from grs_agents.perception import Aabb, Background, find_table, reconstruct
-from grs_agents.perception.background import boxes_around
-from grs_agents.perception.configuration import DEFAULT
+from grs_agents.perception import DEFAULT, Aabb, Background, boxes_around, find_table, reconstruct
 from tests.perception import room
 from tests.perception.room import Floats
 

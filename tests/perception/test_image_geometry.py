@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from grs_agents.perception.image_geometry import (
+from grs_agents.perception import (
     components,
     hull_of,
     inside_hull,
@@ -15,7 +15,7 @@ from grs_agents.perception.image_geometry import (
     values_at,
     window_of,
 )
-from grs_agents.perception.segmentation.hollow_shapes import is_open, is_solid
+from grs_agents.perception.segmentation import is_open, is_solid
 
 POINTS = arrays.arrays(np.float64, st.tuples(st.integers(3, 40), st.just(2)), elements=st.floats(-1, 1, width=32))
 

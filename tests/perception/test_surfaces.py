@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library import Library
-from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
-from grs_agents.perception.surfaces import symmetry_of
+from grs_agents.library import Library, quaternion_from_rpy, rotation_matrix
+from grs_agents.perception import symmetry_of
 
 LIBRARY = Library()
 ANGLES = st.floats(-3.1, 3.1)

@@ -9,8 +9,16 @@ import pytest
 
 from grs_agents.config import TableChoice
 from grs_agents.errors import InputError
-from grs_agents.perception import RGBDFrame, doubts, find_table, read_scene, segment
-from grs_agents.perception.table import projected, robot_points, robot_points_at
+from grs_agents.perception import (
+    RGBDFrame,
+    doubts,
+    find_table,
+    projected,
+    read_scene,
+    robot_points,
+    robot_points_at,
+    segment,
+)
 from tests.perception.conftest import Rendered, Thing, look_at, render
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 

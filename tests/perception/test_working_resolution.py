@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from grs_agents.perception import RGBDFrame, find_table, segment
-from grs_agents.perception.working_resolution import reduced, restored
+from grs_agents.perception import RGBDFrame, find_table, reduced, restored, segment
 from tests.perception.conftest import Rendered
 
 

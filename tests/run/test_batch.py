@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from grs_agents.run.batch import Job, run_jobs
-from grs_agents.run.experiments import markdown, row, summarise, table
+from grs_agents.run import Job, markdown, row, run_jobs, summarise, table
 
 
 def test_good_and_bad_jobs_side_by_side(tmp_path: Path, small_scene: Path) -> None:

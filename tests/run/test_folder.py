@@ -6,8 +6,7 @@ import pytest
 
 from grs_agents.config import Config
 from grs_agents.errors import InputError
-from grs_agents.run.opening import new_folder, resumed_folder
-from grs_agents.run.record import RunRecord, read_record
+from grs_agents.run import RunRecord, new_folder, read_record, resumed_folder
 
 
 def record(source: str, status: str = "running") -> RunRecord:

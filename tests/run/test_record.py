@@ -6,7 +6,7 @@ import pytest
 
 from grs_agents.config import Config
 from grs_agents.errors import InputError
-from grs_agents.run.record import RunRecord, counts, read_record, seconds_by_stage, versions
+from grs_agents.run import RunRecord, counts, read_record, seconds_by_stage, versions
 from grs_agents.trace import NodeEnded, Reply
 
 EVENTS = [

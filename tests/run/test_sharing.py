@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.errors import GrsError
-from grs_agents.run.sharing import REMOVED, Scrubber, picture_alone, scrubber, share
+from grs_agents.run import REMOVED, Scrubber, picture_alone, scrubber, share
 
 KEY = "zq7Qm-very-secret"
 KNOWN = (

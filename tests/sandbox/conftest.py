@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from grs_agents import content
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.sandbox import CallResult, Sandbox, TestReport, TestRun, run_tests
 from tests.needs import needs
 

@@ -11,7 +11,7 @@ import pytest
 
 import grs_agents
 from grs_agents.sandbox import CallResult, Sandbox
-from grs_agents.sandbox.protocol.startup import ENVIRONMENT
+from grs_agents.sandbox.protocol import ENVIRONMENT
 
 Execute = Callable[..., CallResult]
 

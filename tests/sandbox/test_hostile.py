@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 from langgraph.checkpoint.serde.jsonplus import JsonPlusSerializer
 
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.library import Library
 from grs_agents.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.library import Library, write_background
 from grs_agents.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from evals.benchmark.ground_truth import read_labelled
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.errors import ConfigError
 from grs_agents.library import Library
 from grs_agents.perception import MatchEvidence, Shown, candidates_of, find_table
-from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
+from grs_agents.perception.matching import MatchRequest, MatchResult, Segment
 from grs_agents.sandbox import Sandbox
 from grs_agents.toolkit import ToolContext, load_tool
 

@@ -10,8 +10,7 @@ import pytest
 
 from grs_agents import content
 from grs_agents.library import Library
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
+from grs_agents.sim.instance import Goal, InstanceObject, TaskInstance
 from grs_agents.trace import (
     Decision,
     EventLog,

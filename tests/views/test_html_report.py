@@ -14,9 +14,9 @@ import pytest
 from grs_agents.library import Library
 from grs_agents.trace import Decision, EventLog, Finding, Note, TaskDefined, read_events
 from grs_agents.trace import TestsRun as Tested
+from grs_agents.views import Sources, report
 from grs_agents.views import html_report as page
 from grs_agents.views.film import film
-from grs_agents.views.html_report import Sources, report
 from tests.views.conftest import Script
 
 HOSTILE = '<script>alert(1)</script><img src=x onerror=alert(2)>"\'--></style></pre><a href="javascript:x">\x1b[2J\x00'

@@ -11,8 +11,7 @@ from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanE
 
 from grs_agents.errors import ConfigError
 from grs_agents.trace import NodeEnded, NodeStarted, read_events
-from grs_agents.views import telemetry
-from grs_agents.views.telemetry import SpanView, otlp_provider
+from grs_agents.views import SpanView, otlp_provider, telemetry
 
 Spans = list[dict[str, Any]]
 

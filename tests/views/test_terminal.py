@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from grs_agents.trace import NodeStarted, Note
-from grs_agents.views.terminal import Progress, summary_table
+from grs_agents.views import Progress, summary_table
 
 
 def console(terminal: bool) -> Console:

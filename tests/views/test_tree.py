@@ -9,8 +9,8 @@ from typing import Any
 from rich.console import Console
 
 from grs_agents.trace import NodeEnded, NodeStarted, Reply, read_events
-from grs_agents.views.common.event_steps import Steps, steps
-from grs_agents.views.terminal import step_record, steps_tree
+from grs_agents.views import step_record, steps_tree
+from grs_agents.views.common import Steps, steps
 
 
 def shown(rows: list[Any]) -> str:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.geometry.raster import rasterise
+from grs_agents.geometry import rasterise
 from grs_agents.library.asset import Asset
 from grs_agents.library.colors import color_name
 from grs_agents.library.importing.types import Floats, Image, TexturedMesh, texture_colors

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from grs_agents.library.formats.model_file import check_xml
+from grs_agents.library.formats import check_xml
 from grs_agents.library.importing.source_folder import SourceFolder, mtl_pictures
 from grs_agents.library.importing.types import (
     Floats,

@@ -10,9 +10,7 @@ import numpy as np
 from grs_agents.errors import InputError
 from grs_agents.files import write_text
 from grs_agents.library.asset import Quantity
-from grs_agents.library.formats.mjcf import read_mjcf
-from grs_agents.library.formats.model_file import parse, read_text
-from grs_agents.library.formats.urdf import read_urdf
+from grs_agents.library.formats import parse, read_mjcf, read_text, read_urdf
 from grs_agents.library.importing.convex_decomposition import MAX_VERTICES, convex_hull, convex_parts
 from grs_agents.library.importing.mesh_reader import read_mesh
 from grs_agents.library.importing.source_folder import SourceFolder

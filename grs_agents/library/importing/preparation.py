@@ -18,7 +18,7 @@ from grs_agents.library.importing.appearance import (
     ycb_mass,
 )
 from grs_agents.library.importing.convex_decomposition import MAX_VERTICES, convex_hull, convex_parts, repair_mesh
-from grs_agents.library.importing.drop_test import collider_volume, drop_test
+from grs_agents.library.importing.dropping import collider_volume, drop_test
 from grs_agents.library.importing.mesh_reader import read_mesh
 from grs_agents.library.importing.model_descriptions import read_description
 from grs_agents.library.importing.simplification import simplify_textured_mesh

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from grs_agents.geometry.raster import barycentric
+from grs_agents.geometry import barycentric
 from grs_agents.library.importing.types import Floats, Image, Ints, TexturedMesh, texture_colors
 
 _NEAREST: Final = 4

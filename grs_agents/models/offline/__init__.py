@@ -1,5 +1,5 @@
 """The embedded chat model that answers GRS's prompts by rules."""
 
-from grs_agents.models.offline.chat import OfflineChatModel
+from grs_agents.doors import door
 
-__all__ = ["OfflineChatModel"]
+__getattr__, __dir__, __all__ = door(__name__, __file__)

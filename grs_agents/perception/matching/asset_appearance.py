@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import about
-from grs_agents.library import Asset, Library
-from grs_agents.library.posed_meshes import Triangles, posed_triangles
-from grs_agents.library.shapes import IDENTITY_PLACEMENT
+from grs_agents.geometry import about
+from grs_agents.library import IDENTITY_PLACEMENT, Asset, Library, Triangles, posed_triangles
 from grs_agents.perception.matching.color_histogram import histograms, opponent_colors
 from grs_agents.perception.matching.feature_cache import Arrays, cached, key_of, store
 from grs_agents.perception.surfaces import Symmetry, Tree, quarter_turns, sampled, symmetry_of

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import ConfigError, InputError
-from grs_agents.library import Library
-from grs_agents.library.asset_rendering import asset_views, random_directions
+from grs_agents.library import Library, asset_views, random_directions
 from grs_agents.perception.matching.feature_matcher import TOLD, matchable_assets
 from grs_agents.perception.matching.types import MatchRequest, MatchResult, Segment
 from grs_agents.perception.types import Array, MatchEvidence, RGBDFrame

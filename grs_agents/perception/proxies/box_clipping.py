@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from grs_agents.geometry.transforms import about_z, vec3
+from grs_agents.geometry import about_z, vec3
 from grs_agents.perception.image_geometry import THINNEST
 from grs_agents.perception.proxies.proxy_kind import distance_from_solid, in_walls
 from grs_agents.perception.types import Array, Mask, Solid, UprightBox

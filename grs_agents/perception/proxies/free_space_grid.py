@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grs_agents.geometry.transforms import about_z
+from grs_agents.geometry import about_z
 from grs_agents.perception.proxies.height_blocks import FreeColumns
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.table import BEHIND, projected, robot_points_at

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Vec3
-from grs_agents.geometry.transforms import vec3
+from grs_agents.geometry import vec3
 
 Floats = npt.NDArray[np.float64]
 Block = tuple[Vec3, Vec3]  # size and centre of a box, m
-MOST = (24, 14)  # at most so many boxes; fewer where those leave out too much
+MAX_BLOCKS = (24, 14)  # at most so many boxes; fewer where those leave out too much
 KEPT = 0.7  # together they have at least this share of the measured extents
 LEVEL = 0.006  # heights that differ by less than this (m) on average are one
 THINNEST = 0.003  # what is lower than this (m) is nothing
@@ -52,7 +52,7 @@ def fit_height_blocks(fillable: FreeColumns, size: Vec3) -> list[Block]:
 
     They stand, unless there is something below that they may lean on.
     """
-    for apart, most in product((True, False), MOST):
+    for apart, most in product((True, False), MAX_BLOCKS):
         blocks = split_into_blocks(fillable, size, most, apart)
         low, high = bounds_of(blocks) if blocks else (0.0, 0.0)
         if np.all(np.subtract(high, low) >= KEPT * np.array(size)) and (is_stable(blocks) or fillable.floors.any()):
@@ -60,7 +60,7 @@ def fit_height_blocks(fillable: FreeColumns, size: Vec3) -> list[Block]:
     return []
 
 
-def split_into_blocks(fillable: FreeColumns, size: Vec3, most: int = MOST[0], apart: bool = False) -> list[Block]:
+def split_into_blocks(fillable: FreeColumns, size: Vec3, most: int = MAX_BLOCKS[0], apart: bool = False) -> list[Block]:
     """At most so many boxes that fill the columns of a box of ``size`` (m), in its frame about its centre."""
     counts = fillable.heights.shape
     patches = [_patch(fillable, range(counts[0]), range(counts[1]), apart)]

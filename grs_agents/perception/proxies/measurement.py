@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from grs_agents.geometry.transforms import about_z
+from grs_agents.geometry import about_z
 from grs_agents.perception.proxies.free_space_grid import free_space_map, is_crowded, local_points
 from grs_agents.perception.proxies.neighbors import Surroundings
 from grs_agents.perception.proxies.proxy_kind import MeasuredShape

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.library import Library
-from grs_agents.library.shapes import rotation_matrix
+from grs_agents.library import Library, rotation_matrix
 from grs_agents.perception.proxies.box_clipping import EstimatedVolume
 from grs_agents.perception.proxies.meshes import inside_colliders
 from grs_agents.perception.types import Array, Mask

@@ -13,11 +13,8 @@ import numpy.typing as npt
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
 from grs_agents.files import write_bytes, write_json, write_text
-from grs_agents.library.asset import MANIFEST, Asset, Manifest, read_manifest
-from grs_agents.library.colors import color_name
-from grs_agents.library.formats.urdf import urdf_text
-from grs_agents.library.mesh_files import box_inertia, png_bytes
-from grs_agents.library.shapes import Shape
+from grs_agents.library import MANIFEST, Asset, Manifest, Shape, box_inertia, color_name, png_bytes, read_manifest
+from grs_agents.library.formats import urdf_text
 from grs_agents.perception.proxies.height_blocks import Block, fit_height_blocks, stretched_to
 from grs_agents.perception.proxies.meshes import Faceted, box_mesh, hull_mesh, joined, obj_text, turned_mesh
 from grs_agents.perception.proxies.proxy_kind import (

@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import is_folder, names_in
-from grs_agents.foreign.arrays import Numbers, read_npy, read_npz
+from grs_agents.foreign import Numbers, is_folder, names_in, read_npy, read_npz
 from grs_agents.perception.reading.bop import bop_image, is_bop
 from grs_agents.perception.reading.frame_assembly import resize_nearest, same_aspect
 from grs_agents.perception.reading.picture import SUFFIXES, read_label_picture

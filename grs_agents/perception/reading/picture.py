@@ -12,7 +12,7 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from grs_agents.errors import InputError
-from grs_agents.foreign.pictures import MALFORMED, opened_picture
+from grs_agents.foreign import MALFORMED, opened_picture
 from grs_agents.perception.types import Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")

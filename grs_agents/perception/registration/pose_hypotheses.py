@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from grs_agents.geometry.transforms import about_z, pose_of
+from grs_agents.geometry import about_z, pose_of
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.registration.pose_cost import ObservedPoints
 from grs_agents.perception.surfaces import Symmetry, quarter_turns

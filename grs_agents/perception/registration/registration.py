@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
-from grs_agents.geometry.transforms import about, about_z, pose_of, vec3
-from grs_agents.library import Library
-from grs_agents.library.shapes import rotation_matrix
+from grs_agents.geometry import about, about_z, pose_of, vec3
+from grs_agents.library import Library, rotation_matrix
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.registration.pose_cost import ObservedPoints, costs, observed_points, residuals
 from grs_agents.perception.registration.pose_hypotheses import pose_hypotheses, slid_hypotheses
-from grs_agents.perception.segmentation.candidates import place_asset, quaternion
+from grs_agents.perception.segmentation import place_asset, quaternion
 from grs_agents.perception.surfaces import Cloud, Surface, Symmetry, Tree, align, surface_of, symmetry_of
 from grs_agents.perception.types import Array, Mask, PoseMethod, RGBDFrame, TableFrame, UprightBox
 

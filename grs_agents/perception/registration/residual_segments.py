@@ -10,7 +10,7 @@ import numpy.typing as npt
 from grs_agents.errors import InputError
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import Index, Labels, components
-from grs_agents.perception.segmentation.candidates import candidates_of
+from grs_agents.perception.segmentation import candidates_of
 from grs_agents.perception.surfaces import Surface
 from grs_agents.perception.table import measured_depth, robot_points_at
 from grs_agents.perception.types import Array, Candidate, Mask, RGBDFrame, TableFrame

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.geometry.transforms import about_z
-from grs_agents.library import Library
-from grs_agents.library.shapes import rotation_matrix
+from grs_agents.geometry import about_z
+from grs_agents.library import Library, rotation_matrix
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.surfaces import corners_of
 from grs_agents.perception.types import Aabb, SceneObject, Solid, UprightBox

@@ -14,12 +14,12 @@ from grs_agents.base import Pose, Vec3
 from grs_agents.engine import mujoco
 from grs_agents.library import Library
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.registration.registration import Registered, cost_of, register
-from grs_agents.perception.segmentation.candidates import quaternion
+from grs_agents.perception.registration import Registered, cost_of, register
+from grs_agents.perception.segmentation import quaternion
 from grs_agents.perception.settling.depenetration import depth_of, overlaps
 from grs_agents.perception.settling.settling import PlacedObject, instances, on_table, world_of
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, UprightBox
-from grs_agents.sim.world.compilation import World
+from grs_agents.sim.world import World
 
 CONFIG = DEFAULT.settling.repair
 

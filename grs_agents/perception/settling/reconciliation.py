@@ -9,9 +9,8 @@ import numpy as np
 from grs_agents.base import Pose
 from grs_agents.library import Library
 from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.proxies.box_clipping import EstimatedVolume, clip_boxes
-from grs_agents.perception.proxies.neighbors import Surroundings
-from grs_agents.perception.registration.residual_segments import surface_inliers
+from grs_agents.perception.proxies import EstimatedVolume, Surroundings, clip_boxes
+from grs_agents.perception.registration import surface_inliers
 from grs_agents.perception.settling.settling import PlacedObject
 from grs_agents.perception.surfaces import Surface, Tree, asset_surface_at
 from grs_agents.perception.table import robot_points_at

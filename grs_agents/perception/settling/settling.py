@@ -7,13 +7,12 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.engine import mujoco
-from grs_agents.geometry.transforms import vec3
-from grs_agents.library import Library
-from grs_agents.library.shapes import rotation_matrix
+from grs_agents.geometry import vec3
+from grs_agents.library import Library, rotation_matrix
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.settling.depenetration import Separation, deepest_overlap, separate
-from grs_agents.sim.instance.instance import InstanceObject
-from grs_agents.sim.world.compilation import World, build, place
+from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.world import World, build, place
 
 CONFIG = DEFAULT.settling
 

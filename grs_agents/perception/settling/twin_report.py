@@ -11,11 +11,11 @@ import numpy as np
 from grs_agents.library import Library
 from grs_agents.perception.configuration import DEFAULT
 from grs_agents.perception.image_geometry import hull_of
-from grs_agents.perception.proxies.free_space_grid import observed_free
+from grs_agents.perception.proxies import observed_free
 from grs_agents.perception.settling.settling import PlacedObject, RestState, instances, on_table, settle
 from grs_agents.perception.surfaces import asset_surface_at
 from grs_agents.perception.types import Mask, RGBDFrame, TableFrame, TwinReport
-from grs_agents.sim.world.rendering import VisibleScene, cast_rays
+from grs_agents.sim.world import VisibleScene, cast_rays
 
 CONFIG, SUPPORT = DEFAULT.settling, DEFAULT.support
 

@@ -18,12 +18,8 @@ from typing import Any, NoReturn
 from grs_agents import content
 from grs_agents.sandbox.harness import channel
 from grs_agents.sandbox.harness.captured_error import CapturedError
-from grs_agents.sandbox.isolation import kernel
-from grs_agents.sandbox.isolation.hardening import HardeningError, file_rules, harden, prepare
-from grs_agents.sandbox.isolation.privileges import Allowance, limit
-from grs_agents.sandbox.protocol import startup, wire
-from grs_agents.sandbox.protocol.report import Limits
-from grs_agents.sandbox.protocol.startup import Settings
+from grs_agents.sandbox.isolation import Allowance, HardeningError, file_rules, harden, kernel, limit, prepare
+from grs_agents.sandbox.protocol import Limits, Settings, startup, wire
 
 _DESCRIPTORS = 128
 _FRAMES, _TRACE = 3, 4

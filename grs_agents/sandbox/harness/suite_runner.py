@@ -26,7 +26,7 @@ from grs_agents.sandbox.harness.assertion_count import COUNTER, Counter, with_co
 from grs_agents.sandbox.harness.captured_error import CapturedError
 from grs_agents.sandbox.harness.channel import progress
 from grs_agents.sandbox.harness.tampering import Integrity, overridden, shadowed
-from grs_agents.sandbox.protocol.tracebacks import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe_error
+from grs_agents.sandbox.protocol import SIMULATION_FILE, TESTS_FILE, RaisedIn, describe_error
 
 _KEPT_OUTPUT = 4000
 

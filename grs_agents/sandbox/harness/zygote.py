@@ -21,11 +21,7 @@ from pathlib import Path
 
 from grs_agents.sandbox.harness import child
 from grs_agents.sandbox.isolation import usage
-from grs_agents.sandbox.protocol import startup, wire
-from grs_agents.sandbox.protocol.report import Limits
-from grs_agents.sandbox.protocol.scratch import empty_folder
-from grs_agents.sandbox.protocol.startup import EXPLAIN, Settings
-from grs_agents.sandbox.protocol.wire import Order
+from grs_agents.sandbox.protocol import EXPLAIN, Limits, Order, Settings, empty_folder, startup, wire
 
 
 class Forked:

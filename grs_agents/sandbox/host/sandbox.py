@@ -13,18 +13,16 @@ from grs_agents import content
 from grs_agents.sandbox.host import probe
 from grs_agents.sandbox.host.streams import exchange
 from grs_agents.sandbox.host.zygote_process import DOCTOR, Plan, SandboxError, Zygote
-from grs_agents.sandbox.isolation import allowlist
-from grs_agents.sandbox.isolation.backends import (
+from grs_agents.sandbox.isolation import (
     BACKEND_REMEDIES,
     LAYERS,
     Backend,
     BackendChoice,
     absent,
+    allowlist,
     backend_candidates,
 )
-from grs_agents.sandbox.protocol import wire
-from grs_agents.sandbox.protocol.report import CallResult, Limits
-from grs_agents.sandbox.protocol.scratch import sweep
+from grs_agents.sandbox.protocol import CallResult, Limits, sweep, wire
 
 
 class Sandbox:

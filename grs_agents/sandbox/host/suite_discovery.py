@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import UnionType
 
-from grs_agents.sandbox.harness.assertion_count import called_name, is_assertion
+from grs_agents.sandbox.harness import called_name, is_assertion
 
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
 MAX_SOURCE = 1 << 20

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from grs_agents.base import Vec3
 from grs_agents.errors import InputError
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.arm_model import ArmModel, Collision, model_without_rest_contacts
 from grs_agents.sim.arms.joint_paths import evenly_spaced_rows, hermite_spline, rotations_about_z, waypoint_rows
 from grs_agents.sim.arms.reach_table import ReachTable, tabulate_reach

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.engine import mujoco
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.robot import DOWN
 
 _TOLERANCE: Final = 1e-4

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray
 
 _SPACING: Final = 0.04
 """Between two poses that are solved, metres; a radian of turning counts as 0.25 m."""

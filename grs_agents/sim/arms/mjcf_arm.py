@@ -8,7 +8,7 @@ import numpy as np
 
 from grs_agents.engine import mujoco
 from grs_agents.errors import InputError
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.arm import Arm
 from grs_agents.sim.arms.robot import ROBOT_CONTYPE, add_actuator, add_tool
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray
 from grs_agents.sim.arms.arm import HOME, Arm
 from grs_agents.sim.arms.robot import DOWN, TOOL_LENGTH, Capsule, Link, add_chain
 

@@ -4,14 +4,13 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.arms import get_arm
 from grs_agents.sim.cliport import pybullet, utils
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.task import Task
-from grs_agents.sim.expert.oracle import Oracle
+from grs_agents.sim.expert import Oracle
 from grs_agents.sim.instance import goal
-from grs_agents.sim.world import templates
-from grs_agents.sim.world.colors import COLORS
+from grs_agents.sim.world import COLORS, templates
 
 _TASK = ("add_goal", "get_random_pose", "get_random_size", "fill_template", "make_piles", "make_ropes")
 _ENVIRONMENT = ("add_object", "get_object_pose", "get_object_size", "set_color", "reset", "step")

@@ -10,13 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.engine import mujoco
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray, transforms
 from grs_agents.library import Library
-from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.instance import InstanceObject
-from grs_agents.sim.world import rendering
-from grs_agents.sim.world.rendering import FRONT, LEFT, RIGHT, View
+from grs_agents.sim.instance import InstanceObject, SimulationError
+from grs_agents.sim.world import FRONT, LEFT, RIGHT, View, rendering
 
 CameraConfig = dict[str, Any]
 

@@ -7,26 +7,15 @@ from typing import Any, Protocol
 from grs_agents.base import Pose
 from grs_agents.errors import GrsError
 from grs_agents.library import Library
-from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.arms import get_arm
 from grs_agents.sim.cliport import end_effectors, pybullet
 from grs_agents.sim.cliport.cameras import Observation
 from grs_agents.sim.cliport.goal_arguments import as_goal
 from grs_agents.sim.cliport.workcell import Workcell
-from grs_agents.sim.goals.strict_score import StrictScorer
-from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance.episode import (
-    ActionRecord,
-    Episode,
-    Recorder,
-    SimulationError,
-    set_last_recorder,
-    stop_from_error,
-)
-from grs_agents.sim.motion.pick_place import PickPlace, PickPlaceResult
-from grs_agents.sim.motion.push import Push, PushResult
-from grs_agents.sim.world import templates
-from grs_agents.sim.world.budget import DEFAULT_BUDGET, Budget
-from grs_agents.sim.world.tabletop import as_pose
+from grs_agents.sim.goals import ScoredTask, StrictScorer
+from grs_agents.sim.instance import ActionRecord, Episode, Recorder, SimulationError, set_last_recorder, stop_from_error
+from grs_agents.sim.motion import PickPlace, PickPlaceResult, Push, PushResult
+from grs_agents.sim.world import DEFAULT_BUDGET, Budget, as_pose, templates
 
 Action = Mapping[str, Any]
 Info = dict[Any, Any]

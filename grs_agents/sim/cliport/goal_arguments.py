@@ -6,9 +6,8 @@ from typing import Any, cast
 import numpy as np
 
 from grs_agents.base import Pose
-from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.goal import Goal, Zone
-from grs_agents.sim.world.tabletop import as_pose, is_number, is_vector
+from grs_agents.sim.instance import Goal, SimulationError, Zone
+from grs_agents.sim.world import as_pose, is_number, is_vector
 
 
 def make_goal(

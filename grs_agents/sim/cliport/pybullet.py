@@ -9,10 +9,8 @@ from typing import Any, Final, Literal
 
 from grs_agents.base import Quat, Vec3
 from grs_agents.geometry import transforms
-from grs_agents.sim.instance.episode import SimulationError, UnsupportedError
-from grs_agents.sim.instance.instance import InstanceTie
-from grs_agents.sim.world import templates
-from grs_agents.sim.world.tabletop import Tabletop
+from grs_agents.sim.instance import InstanceTie, SimulationError, UnsupportedError
+from grs_agents.sim.world import Tabletop, templates
 
 GEOM_SPHERE, GEOM_BOX, GEOM_CYLINDER, GEOM_MESH = 2, 3, 4, 5
 _TEMPLATES: Final = {

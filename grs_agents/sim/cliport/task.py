@@ -8,21 +8,16 @@ from typing import Any
 import numpy as np
 
 from grs_agents.base import Pose, Quat
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray
 from grs_agents.sim.cliport import end_effectors
 from grs_agents.sim.cliport.environment import Environment
 from grs_agents.sim.cliport.goal_arguments import make_goal
 from grs_agents.sim.cliport.task_helpers import TaskKit, kitting_objects
-from grs_agents.sim.expert.oracle import Oracle
-from grs_agents.sim.expert.push_oracle import PushOracle
-from grs_agents.sim.goals import task_accounting
-from grs_agents.sim.goals.task_accounting import TaskAccounting
-from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
+from grs_agents.sim.expert import Oracle, PushOracle
+from grs_agents.sim.goals import TaskAccounting, task_accounting
+from grs_agents.sim.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE, Goal, NoFreeSpaceError, SimulationError
 from grs_agents.sim.motion import placement
-from grs_agents.sim.world import templates
-from grs_agents.sim.world.footprints import Prism, prisms
+from grs_agents.sim.world import Prism, prisms, templates
 
 _PATIENCE = 200
 _ORIGIN: Pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))

@@ -13,18 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose, Quat
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.cliport import cameras
 from grs_agents.sim.cliport.environment import Environment
-from grs_agents.sim.goals.task_accounting import TaskAccounting
-from grs_agents.sim.instance.episode import NoFreeSpaceError, SimulationError
-from grs_agents.sim.instance.instance import InstanceTie
+from grs_agents.sim.goals import TaskAccounting
+from grs_agents.sim.instance import InstanceTie, NoFreeSpaceError, SimulationError
 from grs_agents.sim.motion import placement
-from grs_agents.sim.world import templates
-from grs_agents.sim.world.colors import COLORS
-from grs_agents.sim.world.footprints import rotation_2d
-from grs_agents.sim.world.tabletop import Tabletop, as_pose
+from grs_agents.sim.world import COLORS, Tabletop, as_pose, rotation_2d, templates
 
 _BEAD: Final = "sphere/sphere_rope.urdf"
 _BEAD_RADIUS: Final = 0.005

@@ -4,8 +4,7 @@ import random
 from collections.abc import Sequence
 
 from grs_agents.base import Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.world import colors
 
 IDENTITY = transforms.IDENTITY

@@ -9,16 +9,12 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray, transforms
 from grs_agents.sim.expert import placement_planner
-from grs_agents.sim.goals.scene_view import SceneView, has_toppled
-from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.motion.grasp import find_grasp
-from grs_agents.sim.motion.placement import Blocked, ReachTest, Spot, point_text, reach_note
-from grs_agents.sim.world.tabletop import Tabletop
+from grs_agents.sim.goals import SceneView, ScoredTask, has_toppled
+from grs_agents.sim.instance import Goal, Stop
+from grs_agents.sim.motion import Blocked, ReachTest, Spot, find_grasp, point_text, reach_note
+from grs_agents.sim.world import Tabletop
 
 _SAMPLES: Final = 24
 _MISS: Final = 0.02

@@ -11,20 +11,10 @@ from grs_agents.geometry import transforms
 from grs_agents.sim.expert.pose_placement import pose_target
 from grs_agents.sim.expert.relation_placement import RelationPlanner
 from grs_agents.sim.expert.zone_packing import explain_no_spot, pack_zone, unplaced_members
-from grs_agents.sim.goals.scene_view import SceneView
-from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance.goal import Goal, Zone
-from grs_agents.sim.motion.placement import (
-    Blocked,
-    ReachTest,
-    Region,
-    Spot,
-    Target,
-    find_spot,
-    turned_outline,
-    wrap_angle,
-)
-from grs_agents.sim.world.footprints import Prism, rest_heights
+from grs_agents.sim.goals import SceneView, ScoredTask
+from grs_agents.sim.instance import Goal, Zone
+from grs_agents.sim.motion import Blocked, ReachTest, Region, Spot, Target, find_spot, turned_outline, wrap_angle
+from grs_agents.sim.world import Prism, rest_heights
 
 _CLIMB: Final = 0.012
 """What is put aside comes to rest no more than this above where it was: never on top of its neighbours, metres."""

@@ -8,11 +8,9 @@ import numpy as np
 
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals.scene_view import SceneView, is_stable
-from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.motion.placement import (
+from grs_agents.sim.goals import SceneView, ScoredTask, is_stable
+from grs_agents.sim.instance import Goal, Stop
+from grs_agents.sim.motion import (
     TALLEST_STACK,
     Blocked,
     FloatArray,
@@ -24,7 +22,7 @@ from grs_agents.sim.motion.placement import (
     turned_outline,
     wrap_angle,
 )
-from grs_agents.sim.world.footprints import Prism, inside_margin, nearby, rest_height, rotation_2d, signed_gaps
+from grs_agents.sim.world import Prism, inside_margin, nearby, rest_height, rotation_2d, signed_gaps
 
 _ROOM: Final = 0.002
 """Room that neighbours are given, metres: blocks at targets one width apart do not jam."""

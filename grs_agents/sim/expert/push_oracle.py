@@ -10,18 +10,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
-from grs_agents.sim.arms.robot import BLADE_THICKNESS, BLADE_WIDTH
+from grs_agents.geometry import FloatArray, transforms
+from grs_agents.sim.arms import BLADE_THICKNESS, BLADE_WIDTH
 from grs_agents.sim.expert.oracle import Action, Oracle
-from grs_agents.sim.goals.relation_rules import zone_covered_by
-from grs_agents.sim.goals.scene_view import SceneView
-from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.motion.push import HEIGHT, action_points
-from grs_agents.sim.world.footprints import rectangle, rotation_2d, signed_gaps
-from grs_agents.sim.world.tabletop import Tabletop
+from grs_agents.sim.goals import SceneView, ScoredTask, zone_covered_by
+from grs_agents.sim.instance import Goal, Stop
+from grs_agents.sim.motion import HEIGHT, action_points
+from grs_agents.sim.world import Tabletop, rectangle, rotation_2d, signed_gaps
 
 BoolArray = npt.NDArray[np.bool_]
 _LANES: Final = 11

@@ -11,12 +11,9 @@ import numpy.typing as npt
 from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.expert.zone_packing import explain_no_spot, pack_zone, region_of, turns_to_try
-from grs_agents.sim.goals.relation_rules import shortfall, shortfalls, zone_covered_by
-from grs_agents.sim.goals.scene_view import SceneView
-from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.motion.placement import (
+from grs_agents.sim.goals import SceneView, ScoredTask, shortfall, shortfalls, zone_covered_by
+from grs_agents.sim.instance import Goal, Stop
+from grs_agents.sim.motion import (
     Blocked,
     FloatArray,
     ReachTest,
@@ -29,7 +26,7 @@ from grs_agents.sim.motion.placement import (
     turned_outline,
     wrap_angle,
 )
-from grs_agents.sim.world.footprints import Prism, rest_heights, signed_gaps
+from grs_agents.sim.world import Prism, rest_heights, signed_gaps
 
 _GAPS: Final = (0.015, 0.006, 0.003)
 _MARGIN: Final = 0.3

@@ -7,11 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.geometry import transforms
-from grs_agents.sim.goals.scene_view import SceneView
-from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance.episode import Stop
-from grs_agents.sim.instance.goal import Zone
-from grs_agents.sim.motion.placement import (
+from grs_agents.sim.goals import SceneView, ScoredTask
+from grs_agents.sim.instance import Stop, Zone
+from grs_agents.sim.motion import (
     TALLEST_STACK,
     Blocked,
     FloatArray,
@@ -25,7 +23,7 @@ from grs_agents.sim.motion.placement import (
     turned_outline,
     wrap_angle,
 )
-from grs_agents.sim.world.footprints import Prism, inside_margin, signed_gaps
+from grs_agents.sim.world import Prism, inside_margin, signed_gaps
 
 GAPS: Final = (0.025, 0.012, 0.006, 0.003)
 """Free space asked for between neighbours in a zone, metres: as generous as fits."""

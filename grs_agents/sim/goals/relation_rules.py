@@ -8,10 +8,8 @@ import numpy.typing as npt
 
 from grs_agents.geometry import transforms
 from grs_agents.sim.goals.scene_view import SceneView, has_toppled, is_at_rest, objects_below
-from grs_agents.sim.instance.goal import UPRIGHT_WITHIN, Goal, Kind, Zone
-from grs_agents.sim.instance.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE
-from grs_agents.sim.world.collision_volumes import share_inside
-from grs_agents.sim.world.footprints import inside_margin, outline_distance
+from grs_agents.sim.instance import POSITION_TOLERANCE, ROTATION_TOLERANCE, UPRIGHT_WITHIN, Goal, Kind, Zone
+from grs_agents.sim.world import inside_margin, outline_distance, share_inside
 
 WHOLE: Final = 0.985
 """Share of an object's volume from which on it counts as wholly in a zone."""

@@ -11,13 +11,13 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray, transforms
 from grs_agents.library import ObjectModel
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.world.collision_volumes import Volume
-from grs_agents.sim.world.footprints import (
+from grs_agents.sim.instance import Goal
+from grs_agents.sim.world import (
     Prism,
+    Tabletop,
+    Volume,
     convex_hull,
     footprint,
     inside_margin,
@@ -27,7 +27,6 @@ from grs_agents.sim.world.footprints import (
     rotation_2d,
     signed_gaps,
 )
-from grs_agents.sim.world.tabletop import Tabletop
 
 _POINT = np.zeros((1, 2))
 

@@ -32,10 +32,8 @@ from grs_agents.sim.goals.scene_view import (
     objects_below,
 )
 from grs_agents.sim.goals.task_accounting import ScoredTask
-from grs_agents.sim.instance.goal import Goal
-from grs_agents.sim.world.collision_volumes import share_inside
-from grs_agents.sim.world.footprints import footprint, inside_margin
-from grs_agents.sim.world.tabletop import Tabletop
+from grs_agents.sim.instance import Goal
+from grs_agents.sim.world import Tabletop, footprint, inside_margin, share_inside
 
 _HEIGHT: Final = 0.015
 """Farthest from the height that a target says, metres, whatever ``pos_eps`` is; less than half the least of levels."""

@@ -12,11 +12,17 @@ from grs_agents.base import Pose
 from grs_agents.geometry import transforms
 from grs_agents.sim.goals.relation_rules import shortfalls
 from grs_agents.sim.goals.scene_view import SceneView
-from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.goal import LONGEST_SENTENCE, Goal, normalised_rewards
-from grs_agents.sim.instance.instance import LARGEST_POS_EPS, LARGEST_ROT_EPS, POSITION_TOLERANCE, ROTATION_TOLERANCE
-from grs_agents.sim.world.collision_volumes import share_inside
-from grs_agents.sim.world.tabletop import Tabletop
+from grs_agents.sim.instance import (
+    LARGEST_POS_EPS,
+    LARGEST_ROT_EPS,
+    LONGEST_SENTENCE,
+    POSITION_TOLERANCE,
+    ROTATION_TOLERANCE,
+    Goal,
+    SimulationError,
+    normalised_rewards,
+)
+from grs_agents.sim.world import Tabletop, share_inside
 
 
 def angle_between(first: float, second: float, symmetry: float) -> float:

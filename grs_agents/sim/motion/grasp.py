@@ -8,10 +8,9 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.geometry.transforms import FloatArray
-from grs_agents.sim.arms.robot import CUP_RADIUS
-from grs_agents.sim.world.footprints import Prism, inside_margin, nearby, nearest_point
-from grs_agents.sim.world.physics import Physics
+from grs_agents.geometry import FloatArray
+from grs_agents.sim.arms import CUP_RADIUS
+from grs_agents.sim.world import Physics, Prism, inside_margin, nearby, nearest_point
 
 _SPACING: Final = 0.009
 _MOST: Final = 120

@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
-from grs_agents.sim.arms.robot import CUP_RADIUS
+from grs_agents.geometry import FloatArray, transforms
+from grs_agents.sim.arms import CUP_RADIUS
 from grs_agents.sim.motion import grasp
 from grs_agents.sim.motion.placement import point_text
 from grs_agents.sim.motion.tool_paths import (
@@ -25,9 +24,7 @@ from grs_agents.sim.motion.tool_paths import (
     split_yaw_tilt,
     tool_up_axis,
 )
-from grs_agents.sim.world.footprints import Prism
-from grs_agents.sim.world.physics import Physics
-from grs_agents.sim.world.suction import HOLDING_FORCE
+from grs_agents.sim.world import HOLDING_FORCE, Physics, Prism
 
 FREE_SPEED: Final = 1.2
 HELD_SPEED: Final = 0.8

@@ -1,1 +1,5 @@
 """The simulated table: compiled models, physics, collision volumes, rendering."""
+
+from grs_agents.doors import door
+
+__getattr__, __dir__, __all__ = door(__name__, __file__)

@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from grs_agents.config import Limits
-from grs_agents.library import Library, ObjectModel
-from grs_agents.library.mesh_files import read_vertices
-from grs_agents.sim.instance.episode import (
+from grs_agents.library import Library, ObjectModel, read_vertices
+from grs_agents.sim.instance import (
     ObjectLimitError,
     SimulationBudgetError,
     SimulationError,

@@ -8,12 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.base import Pose
-from grs_agents.geometry import transforms
-from grs_agents.geometry.hulls import half_spaces
-from grs_agents.geometry.transforms import FloatArray
-from grs_agents.library import Library, ObjectModel, Shape
-from grs_agents.library.mesh_files import read_vertices
-from grs_agents.sim.instance.goal import Zone
+from grs_agents.geometry import FloatArray, half_spaces, transforms
+from grs_agents.library import Library, ObjectModel, Shape, read_vertices
+from grs_agents.sim.instance import Zone
 from grs_agents.sim.world.footprints import cached_per_model
 
 _POINTS: Final = 600

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from grs_agents.sim.instance.episode import SimulationError
+from grs_agents.sim.instance import SimulationError
 
 
 def rgba(color: str | Sequence[float]) -> tuple[float, float, float, float]:

@@ -12,15 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.engine import mujoco
-from grs_agents.library import Library, ObjectModel, Shape
-from grs_agents.library.mesh_files import convex_volume
-from grs_agents.library.mujoco_shapes import add_shape
-from grs_agents.library.shapes import shape_volume
-from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.registry import get_arm
-from grs_agents.sim.arms.robot import ROBOT_CONTYPE, fit_spatula
-from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.instance import InstanceObject, InstanceTie
+from grs_agents.library import Library, ObjectModel, Shape, add_shape, convex_volume, shape_volume
+from grs_agents.sim.arms import ROBOT_CONTYPE, Arm, fit_spatula, get_arm
+from grs_agents.sim.instance import InstanceObject, InstanceTie, SimulationError
 from grs_agents.sim.world import templates
 from grs_agents.sim.world.colors import COLORS
 

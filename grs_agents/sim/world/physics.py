@@ -7,12 +7,9 @@ import numpy as np
 
 from grs_agents.base import Pose, Quat, Vec3
 from grs_agents.engine import mujoco
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
-from grs_agents.sim.arms import joint_paths
-from grs_agents.sim.arms.robot import DOWN
-from grs_agents.sim.instance.episode import SimulationError
-from grs_agents.sim.instance.instance import InstanceObject
+from grs_agents.geometry import FloatArray, transforms
+from grs_agents.sim.arms import DOWN, joint_paths
+from grs_agents.sim.instance import InstanceObject, SimulationError
 from grs_agents.sim.world.budget import Budget
 from grs_agents.sim.world.compilation import World, place
 from grs_agents.sim.world.suction import Cup

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from grs_agents.base import Pose, Vec3
 from grs_agents.engine import mujoco
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray
 from grs_agents.library import Library
-from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.instance.instance import InstanceObject
+from grs_agents.sim.arms import Arm
+from grs_agents.sim.instance import InstanceObject
 from grs_agents.sim.world import compilation
 
 _LIGHT = np.array([0.2, -0.3, 0.93])

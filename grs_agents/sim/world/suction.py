@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from grs_agents.engine import mujoco
-from grs_agents.sim.arms.robot import ROBOT_CONTYPE
+from grs_agents.sim.arms import ROBOT_CONTYPE
 from grs_agents.sim.world.compilation import World
 
 HOLDING_FORCE: Final = 15.0

@@ -7,12 +7,10 @@ from typing import Any, Literal
 import numpy as np
 
 from grs_agents.base import Pose, Vec3
-from grs_agents.geometry import transforms
-from grs_agents.geometry.transforms import FloatArray
+from grs_agents.geometry import FloatArray, transforms
 from grs_agents.library import Library, ObjectModel
-from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.instance.episode import NoFreeSpaceError, Recorder, SimulationError
-from grs_agents.sim.instance.instance import InstanceObject, InstanceTie
+from grs_agents.sim.arms import Arm
+from grs_agents.sim.instance import InstanceObject, InstanceTie, NoFreeSpaceError, Recorder, SimulationError
 from grs_agents.sim.world import budget, compilation, footprints, templates
 from grs_agents.sim.world.collision_volumes import Volume, volume_of
 from grs_agents.sim.world.colors import rgba

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from grs_agents.config import Limits
 from grs_agents.errors import InputError
 from grs_agents.library import Library, resolve_template, template_stems
-from grs_agents.sim.arms.registry import DEFAULT
-from grs_agents.sim.instance.instance import LARGEST_VALUE
+from grs_agents.sim.arms import DEFAULT
+from grs_agents.sim.instance import LARGEST_VALUE
 from grs_agents.sim.world import budget
 
 Values = Mapping[str, tuple[float | str, ...]]

@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from grs_agents.errors import InputError
-from grs_agents.foreign import read_bytes
-from grs_agents.foreign.arrays import read_npz
-from grs_agents.sim.instance.instance import MAX_BYTES, InstanceError, TaskInstance, read_instance
+from grs_agents.foreign import read_bytes, read_npz
+from grs_agents.sim.instance import MAX_BYTES, InstanceError, TaskInstance, read_instance
 
 Array = npt.NDArray[np.float32]
 _REMEDY = "restore the file or run again"

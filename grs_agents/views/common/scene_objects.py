@@ -15,12 +15,19 @@ import numpy.typing as npt
 from pydantic import ValidationError
 
 from grs_agents.base import Pose
-from grs_agents.library import Library, Shape
-from grs_agents.library.asset_rendering import FINER, Lens, painted_shapes, render_samples
-from grs_agents.library.colors import COLORS
-from grs_agents.library.shapes import moved_shape, rotation_matrix
-from grs_agents.sim.instance.instance import InstanceObject
-from grs_agents.sim.world.compilation import model_of
+from grs_agents.library import (
+    COLORS,
+    FINER,
+    Lens,
+    Library,
+    Shape,
+    moved_shape,
+    painted_shapes,
+    render_samples,
+    rotation_matrix,
+)
+from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.world import model_of
 
 Rectangle = tuple[int, int, int, int]
 """Left, top, width and height in pixels."""

@@ -18,8 +18,8 @@ from grs_agents.files import replaceable, unwritable
 from grs_agents.foreign import member, present
 from grs_agents.library import Library
 from grs_agents.trace import Event, Rollout
-from grs_agents.views.common.motion import Motion, read_motion
-from grs_agents.views.rerun.viewer import has_display
+from grs_agents.views.common import Motion, read_motion
+from grs_agents.views.rerun import has_display
 
 Image = npt.NDArray[np.uint8]
 SUFFIXES = (".mp4", ".gif")

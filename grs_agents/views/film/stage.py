@@ -12,14 +12,11 @@ import numpy.typing as npt
 
 from grs_agents.engine import mujoco
 from grs_agents.errors import InputError
-from grs_agents.library import Library, Shape
-from grs_agents.library.mujoco_shapes import add_shape
-from grs_agents.sim.arms.arm import Arm
-from grs_agents.sim.arms.robot import fit_spatula
-from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
-from grs_agents.sim.world import compilation
-from grs_agents.sim.world.colors import COLORS
-from grs_agents.views.common.motion import Motion
+from grs_agents.library import Library, Shape, add_shape
+from grs_agents.sim.arms import Arm, fit_spatula
+from grs_agents.sim.instance import InstanceObject, TaskInstance
+from grs_agents.sim.world import COLORS, compilation
+from grs_agents.views.common import Motion
 
 FloatArray = npt.NDArray[np.float64]
 _GREY = (0.7, 0.7, 0.7, 1.0)

@@ -29,8 +29,8 @@ Image = npt.NDArray[np.uint8]
 def _stage(order: dict[str, Any], textures: bool) -> tuple[Any, Any, Any]:
     """The stage, the motion and the joints of the arm in it."""
     from grs_agents.library import Library
-    from grs_agents.sim.arms.registry import get_arm
-    from grs_agents.views.common.motion import instance_of, read_motion
+    from grs_agents.sim.arms import get_arm
+    from grs_agents.views.common import instance_of, read_motion
     from grs_agents.views.film.stage import Stage, joint_positions, props_of
 
     instance = instance_of(Path(order["instance"]))
@@ -77,7 +77,7 @@ def _gl_painter(mujoco: Any, stage: Any, order: dict[str, Any]) -> Callable[[], 
 
 
 def _ray_painter(stage: Any, order: dict[str, Any]) -> Callable[[], Image]:
-    from grs_agents.sim.world.rendering import View, camera_rays
+    from grs_agents.sim.world import View, camera_rays
     from grs_agents.views.film.stage import paint
 
     azimuth, elevation = np.deg2rad(order["azimuth"]), np.deg2rad(order["elevation"])

@@ -8,9 +8,7 @@ import rerun as rr
 from grs_agents import trace
 from grs_agents.foreign import member, read_bytes
 from grs_agents.library import Library
-from grs_agents.views.common import event_documents
-from grs_agents.views.common.event_steps import level, line
-from grs_agents.views.common.safe_text import drawable
+from grs_agents.views.common import drawable, event_documents, level, line
 from grs_agents.views.rerun.recording import Clock, Paths, Recording
 from grs_agents.views.rerun.rollout_view import RolloutView, duration
 from grs_agents.views.rerun.scene_view import SceneView, log_picture

@@ -13,17 +13,12 @@ import trimesh
 
 from grs_agents.base import Pose
 from grs_agents.errors import InputError
-from grs_agents.foreign import member, present
-from grs_agents.foreign.pictures import read_picture
-from grs_agents.library import Library, Shape
-from grs_agents.library.mesh_files import read_surface
-from grs_agents.library.shapes import rotation_matrix
-from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
-from grs_agents.sim.world.compilation import model_of
+from grs_agents.foreign import member, present, read_picture
+from grs_agents.library import Library, Shape, read_surface, rotation_matrix
+from grs_agents.sim.instance import InstanceObject, TaskInstance
+from grs_agents.sim.world import model_of
 from grs_agents.trace import Rollout
-from grs_agents.views.common.motion import Motion, find_grasps, instance_of, read_motion, read_seconds
-from grs_agents.views.common.safe_text import drawable
-from grs_agents.views.common.scene_objects import run_library
+from grs_agents.views.common import Motion, drawable, find_grasps, instance_of, read_motion, read_seconds, run_library
 from grs_agents.views.rerun.recording import Paths, Recording
 
 TEXTURE_EDGE = 256

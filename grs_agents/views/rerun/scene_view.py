@@ -14,9 +14,11 @@ from grs_agents.foreign import member
 from grs_agents.foreign import pictures as foreign
 from grs_agents.library import Library
 from grs_agents.trace import SceneStage
-from grs_agents.views.common.safe_text import cell, document, drawable
-from grs_agents.views.common.scene_objects import (
+from grs_agents.views.common import (
+    cell,
     changed,
+    document,
+    drawable,
     label_of,
     name_of,
     rectangles,

@@ -12,9 +12,7 @@ from evals.benchmark.ground_truth_bop import bop_sources
 from evals.benchmark.pose_errors import object_figures
 from evals.synthesis import Recipe, SynthesisedScene, synthesise
 from grs_agents.errors import InputError
-from grs_agents.library import Library
-from grs_agents.library.posed_meshes import posed_triangles
-from grs_agents.library.shapes import IDENTITY_PLACEMENT, rotation_matrix
+from grs_agents.library import IDENTITY_PLACEMENT, Library, posed_triangles, rotation_matrix
 from grs_agents.perception import candidates_of, find_table
 
 RECIPE = Recipe(seed=11, objects=4, distractors=0, tilt=55.0, sensor="time_of_flight", width=320, height=240)

@@ -8,9 +8,7 @@ import pytest
 from evals.benchmark.ground_truth import LabelledScene, read_labelled
 from evals.synthesis.drawing import PerfectImage, draw_scene
 from evals.synthesis.scenery import random_scenery
-from grs_agents.library import Library
-from grs_agents.library.posed_meshes import posed_triangles
-from grs_agents.library.shapes import Placement
+from grs_agents.library import Library, Placement, posed_triangles
 from tests.pictures import read_picture
 
 

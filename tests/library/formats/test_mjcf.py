@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from grs_agents.engine import mujoco
 from grs_agents.errors import InputError
-from grs_agents.library.formats.mjcf import read_mjcf
-from grs_agents.library.shapes import rotation_matrix
+from grs_agents.library import rotation_matrix
+from grs_agents.library.formats import read_mjcf
 
 CUBE = (
     "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n"

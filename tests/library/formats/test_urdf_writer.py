@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.library import ObjectModel, Shape, read_urdf, urdf_text
-from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
+from grs_agents.library import ObjectModel, Shape, quaternion_from_rpy, read_urdf, rotation_matrix, urdf_text
 
 SIZES = st.floats(0.001, 2.0)
 VECTORS = st.tuples(*[st.floats(-1, 1)] * 3)

@@ -9,11 +9,7 @@ from pathlib import Path
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.library.importing.appearance import shipped_hope_asset
-from grs_agents.library.importing.archives import HOPE, open_source
-from grs_agents.library.importing.drop_test import verify_asset
-from grs_agents.library.importing.importer import ImportRun
-from grs_agents.library.importing.types import ImportOptions
+from grs_agents.library.importing import HOPE, ImportOptions, ImportRun, open_source, shipped_hope_asset, verify_asset
 from tests.needs import needs
 
 FOLDER = os.environ.get("HOPE_MESHES", "")

@@ -5,12 +5,17 @@ from pathlib import Path
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.library.importing.archives import open_source
-from grs_agents.library.importing.drop_test import colliders_of, drop_test, verify_asset
-from grs_agents.library.importing.importer import ImportRun
-from grs_agents.library.importing.journal import Journal
-from grs_agents.library.importing.types import ImportOptions, ImportOutcome
-from grs_agents.library.importing.writing import view_path
+from grs_agents.library.importing import (
+    ImportOptions,
+    ImportOutcome,
+    ImportRun,
+    Journal,
+    colliders_of,
+    drop_test,
+    open_source,
+    verify_asset,
+    view_path,
+)
 from tests.library.importing import models
 
 

@@ -15,7 +15,7 @@ import pytest
 import trimesh
 
 from grs_agents.errors import InputError
-from grs_agents.library.importing.objaverse import download, load_package, search_objaverse
+from grs_agents.library.importing import download, load_package, search_objaverse
 from tests.needs import require
 
 TOLD: dict[str, dict[str, object]] = {

@@ -9,15 +9,24 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.library.asset import Quantity
-from grs_agents.library.importing.convex_decomposition import convex_hull, convex_parts
-from grs_agents.library.importing.discovery import slug_of
-from grs_agents.library.importing.drop_test import collider_volume, drop_test
-from grs_agents.library.importing.preparation import guess_unit, up_by_height
-from grs_agents.library.importing.simplification import simplify_textured_mesh
-from grs_agents.library.importing.source_folder import SourceFolder
-from grs_agents.library.importing.texture_atlas import merge_parts
-from grs_agents.library.importing.types import UP_TO_Z, ConvexHull, MeshPart, RefusedError, Up
+from grs_agents.library import Quantity
+from grs_agents.library.importing import (
+    UP_TO_Z,
+    ConvexHull,
+    MeshPart,
+    RefusedError,
+    SourceFolder,
+    Up,
+    collider_volume,
+    convex_hull,
+    convex_parts,
+    drop_test,
+    guess_unit,
+    merge_parts,
+    simplify_textured_mesh,
+    slug_of,
+    up_by_height,
+)
 from tests.library.importing import models
 
 

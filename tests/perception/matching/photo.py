@@ -7,7 +7,7 @@ import numpy as np
 from evals.synthesis import Recipe, synthesise
 from grs_agents.library import Library
 from grs_agents.perception import MatchEvidence, RGBDFrame, candidates_of, find_table
-from grs_agents.perception.matching.types import MatchRequest, Segment
+from grs_agents.perception.matching import MatchRequest, Segment
 
 
 def unasked(*_: object) -> MatchEvidence:

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grs_agents.library import Library
-from grs_agents.perception.matching.asset_appearance import appearance_of
-from grs_agents.perception.surfaces import Tree
+from grs_agents.perception import Tree
+from grs_agents.perception.matching import appearance_of
 
 LIBRARY = Library()
 ROUND, CUBE, BOX, MUG = "HOPE/Corn.urdf", "block/red_block.urdf", "HOPE/Popcorn.urdf", "mug/mug.urdf"

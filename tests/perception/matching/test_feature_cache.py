@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grs_agents.library import Library
-from grs_agents.perception.matching.feature_cache import cached, folder, key_of, store
+from grs_agents.perception.matching import cached, folder, key_of, store
 
 ARRAYS = {"points": np.arange(6.0).reshape(2, 3), "cell": np.array(0.5)}
 

@@ -4,10 +4,8 @@ from pathlib import Path
 
 from evals.synthesis import Recipe
 from grs_agents.library import Library
-from grs_agents.library.importing.archives import open_source
-from grs_agents.library.importing.importer import ImportRun
-from grs_agents.library.importing.types import ImportOptions
-from grs_agents.perception.matching.feature_matcher import match_by_features
+from grs_agents.library.importing import ImportOptions, ImportRun, open_source
+from grs_agents.perception.matching import match_by_features
 from tests.library.importing import models
 from tests.perception.matching.photo import request_of
 

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.perception import EstimatedVolume, UprightBox, clip_boxes
-from grs_agents.perception.types import Array
+from grs_agents.perception import Array, EstimatedVolume, UprightBox, clip_boxes
 
 NOTHING: Array = np.zeros((0, 3))
 

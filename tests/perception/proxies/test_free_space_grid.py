@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.perception import Surroundings, UprightBox
-from grs_agents.perception.proxies.free_space_grid import CELL, MOST, free_space_map, is_crowded
+from grs_agents.perception.proxies import CELL, MOST, free_space_map, is_crowded
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 BOTH = UprightBox(center=(0.5, 0.03, 0.096), size=(0.08, 0.16, 0.192), yaw=0.0)

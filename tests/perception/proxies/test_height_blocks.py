@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from grs_agents.base import Vec3
-from grs_agents.perception.proxies.height_blocks import (
-    MOST,
+from grs_agents.perception.proxies import (
+    MAX_BLOCKS,
     FreeColumns,
     bounds_of,
     distance_from_blocks,
@@ -60,7 +60,7 @@ def test_where_another_thing_stands_for_certain_there_is_no_box_however_small_th
 @given(arrays(np.float64, (7, 5), elements=st.floats(0.02, 0.12)))
 def test_the_boxes_fill_the_footprint_once_and_stay_in_the_measured_box(heights: np.ndarray) -> None:
     blocks = split_into_blocks(FreeColumns.from_heights(heights), SIZE)
-    assert 1 <= len(blocks) <= MOST[0]
+    assert 1 <= len(blocks) <= MAX_BLOCKS[0]
     assert sum(size[0] * size[1] for size, _ in blocks) == pytest.approx(SIZE[0] * SIZE[1])
     for size, center in blocks:
         assert all(abs(center[axis]) + size[axis] / 2 <= SIZE[axis] / 2 + 1e-9 for axis in range(3))

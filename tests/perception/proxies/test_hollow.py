@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from grs_agents.base import Vec3
-from grs_agents.perception.proxies.proxy_kind import (
-    WALL,
-    bowl_profile,
-    bowl_wall_pieces,
-    foot_radius,
-    open_box_walls,
-    round_size,
-)
+from grs_agents.perception.proxies import WALL, bowl_profile, bowl_wall_pieces, foot_radius, open_box_walls, round_size
 
 SIZE: Vec3 = (0.2, 0.16, 0.07)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from grs_agents.perception import Surroundings, UprightBox
-from grs_agents.perception.proxies.measurement import measured_shape
+from grs_agents.perception.proxies import measured_shape
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.library import Library, ObjectModel, Shape
-from grs_agents.perception.proxies.meshes import inside_colliders
+from grs_agents.perception.proxies import inside_colliders
 
 LIBRARY = Library()
 COORDINATE = st.floats(-0.2, 0.2)

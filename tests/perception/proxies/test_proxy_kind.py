@@ -3,8 +3,7 @@
 import numpy as np
 
 from grs_agents.base import Vec3
-from grs_agents.perception.proxies.height_blocks import FreeColumns
-from grs_agents.perception.proxies.proxy_kind import MeasuredShape, choose_kind, with_unseen_side
+from grs_agents.perception.proxies import FreeColumns, MeasuredShape, choose_kind, with_unseen_side
 
 SIZE: Vec3 = (0.12, 0.12, 0.08)
 RNG = np.random.default_rng(0)

@@ -7,9 +7,7 @@ import pytest
 
 from grs_agents.base import Vec3
 from grs_agents.library import Library
-from grs_agents.perception.proxies.height_blocks import FreeColumns
-from grs_agents.perception.proxies.proxy_kind import MeasuredShape, ProxyKind
-from grs_agents.perception.proxies.proxy_writer import ProxyTexture, write_proxy
+from grs_agents.perception.proxies import FreeColumns, MeasuredShape, ProxyKind, ProxyTexture, write_proxy
 
 SIZE: Vec3 = (0.12, 0.12, 0.08)
 RNG = np.random.default_rng(0)

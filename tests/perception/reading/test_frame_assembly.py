@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
 from grs_agents.perception import read_scene
-from grs_agents.perception.reading.frame_assembly import resize_depth, same_aspect
+from grs_agents.perception.reading import resize_depth, same_aspect
 from tests.perception.reading.conftest import CAMERA, Truth, npy_of, png, write
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from grs_agents.errors import InputError
 from grs_agents.perception import read_scene
-from grs_agents.perception.reading.point_files import lzf_unpacked
+from grs_agents.perception.reading import lzf_unpacked
 from tests.perception.reading.conftest import CAMERA, Truth, lzf_packed, npy_of, pcd_of, ply_of, png, write
 
 

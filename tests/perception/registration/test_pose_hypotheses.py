@@ -4,14 +4,11 @@ import math
 
 import numpy as np
 
-from grs_agents.geometry.transforms import pose_of
-from grs_agents.library import Library
-from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
-from grs_agents.perception.registration.pose_cost import observed_points
-from grs_agents.perception.registration.pose_hypotheses import leaning_axes, slid_hypotheses
+from grs_agents.geometry import pose_of
+from grs_agents.library import Library, quaternion_from_rpy, rotation_matrix
+from grs_agents.perception import Cloud, Mask
+from grs_agents.perception.registration import leaning_axes, observed_points, slid_hypotheses
 from grs_agents.perception.settling import PlacedObject
-from grs_agents.perception.surfaces import Cloud
-from grs_agents.perception.types import Mask
 from tests.perception.settling.photo import photo_of
 
 LIBRARY = Library()

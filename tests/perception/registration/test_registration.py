@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 
 from grs_agents.base import Quat
-from grs_agents.library import Library
-from grs_agents.library.shapes import quaternion_from_rpy, rotation_matrix
-from grs_agents.perception import UprightBox, register
-from grs_agents.perception.proxies.proxy_writer import write_proxy
+from grs_agents.library import Library, quaternion_from_rpy, rotation_matrix
+from grs_agents.perception import Mask, UprightBox, register, symmetry_of
+from grs_agents.perception.proxies import write_proxy
 from grs_agents.perception.settling import PlacedObject
-from grs_agents.perception.surfaces import symmetry_of
-from grs_agents.perception.types import Mask
 from tests.perception.settling.photo import photo_of
 
 LIBRARY = Library()

@@ -4,7 +4,7 @@ import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.perception import asset_surface_at, residual_candidates
-from grs_agents.perception.registration.residual_segments import ResidualCandidates, residual_labels
+from grs_agents.perception.registration import ResidualCandidates, residual_labels
 from grs_agents.perception.settling import PlacedObject
 from tests.perception.settling.photo import photo_of
 

@@ -22,7 +22,7 @@ from grs_agents.perception import (
     place_robot,
     read_scene,
 )
-from grs_agents.perception.segmentation.candidates import quaternion
+from grs_agents.perception.segmentation import quaternion
 from tests.perception.conftest import Rendered, Thing, render
 
 SIDE = st.floats(0.02, 0.3)

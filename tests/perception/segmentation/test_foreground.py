@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from grs_agents.perception import find_table
-from grs_agents.perception.segmentation.patch_cutting import foreground, jumps, smoothed
-from grs_agents.perception.table import robot_points
+from grs_agents.perception import find_table, robot_points
+from grs_agents.perception.segmentation import foreground, jumps, smoothed
 from tests.perception.conftest import Rendered, Thing, render
 
 

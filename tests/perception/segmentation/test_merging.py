@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from grs_agents.perception.segmentation.merging import covered, gap, merge_parts, part_of
+from grs_agents.perception.segmentation import covered, gap, merge_parts, part_of
 
 
 def _plate(x: float, y: float, z: float, side: float = 0.05) -> np.ndarray:

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.perception import Image, Mask, Proposal, RGBDFrame, find_table, segment_proposed
-from grs_agents.perception.configuration import DEFAULT
-from grs_agents.perception.segmentation.model_proposals import distinct
+from grs_agents.perception import DEFAULT, Image, Mask, Proposal, RGBDFrame, find_table, segment_proposed
+from grs_agents.perception.segmentation import distinct
 from tests.perception.conftest import Rendered
 
 ALIKE = DEFAULT.segmentation.proposals.alike

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.perception import RGBDFrame, find_table
-from grs_agents.perception.segmentation.occluded_pieces import join_occluded
-from grs_agents.perception.table import robot_points
+from grs_agents.perception import RGBDFrame, find_table, robot_points
+from grs_agents.perception.segmentation import join_occluded
 from tests.perception.conftest import Thing, render
 
 

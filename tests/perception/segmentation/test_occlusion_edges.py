@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from grs_agents.perception import find_table, segment
-from grs_agents.perception.segmentation.occlusion_edges import OcclusionEdges
-from grs_agents.perception.table import robot_points
+from grs_agents.perception import find_table, robot_points, segment
+from grs_agents.perception.segmentation import OcclusionEdges
 from tests.perception.conftest import Rendered, Thing, render
 
 NEAR, FAR = 1, 2

@@ -3,7 +3,7 @@
 import numpy as np
 
 from grs_agents.perception import RGBDFrame
-from grs_agents.perception.segmentation.patch_cutting import bends, grown, patches, smoothed
+from grs_agents.perception.segmentation import bends, grown, patches, smoothed
 from tests.perception.conftest import Rendered
 
 

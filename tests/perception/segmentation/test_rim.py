@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.perception.segmentation.rim import rim_of
+from grs_agents.perception.segmentation import rim_of
 
 Floats = npt.NDArray[np.float64]
 

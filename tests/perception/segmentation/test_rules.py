@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from grs_agents.errors import UnknownNameError
-from grs_agents.perception import RGBDFrame, find_table, segment
-from grs_agents.perception.configuration import DEFAULT, RULES
-from grs_agents.perception.segmentation.merging import merge_parts
+from grs_agents.perception import DEFAULT, RULES, RGBDFrame, find_table, segment
+from grs_agents.perception.segmentation import merge_parts
 from tests.perception.conftest import Thing, render
 
 FRONT = Thing("box", (0.44, 0.0), (0.02, 0.05, 0.08))

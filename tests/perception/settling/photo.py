@@ -7,12 +7,9 @@ import numpy as np
 
 from grs_agents.engine import mujoco
 from grs_agents.library import Library
-from grs_agents.perception import Camera, RGBDFrame, TableFrame
-from grs_agents.perception.settling import PlacedObject
-from grs_agents.perception.settling.settling import instances, prepare
-from grs_agents.perception.types import Mask
-from grs_agents.sim.world.compilation import World, build, place
-from grs_agents.sim.world.rendering import VisibleScene, cast_rays
+from grs_agents.perception import Camera, Mask, RGBDFrame, TableFrame
+from grs_agents.perception.settling import PlacedObject, instances, prepare
+from grs_agents.sim.world import VisibleScene, World, build, cast_rays, place
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 300.0
 LIBRARY = Library()

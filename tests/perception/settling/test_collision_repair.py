@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grs_agents.perception import Mask, UprightBox
+from grs_agents.perception import Mask, RGBDFrame, TableFrame, UprightBox
 from grs_agents.perception.settling import CollisionRepairs, KnownObject, PlacedObject, repair_collisions
-from grs_agents.perception.types import RGBDFrame, TableFrame
 from tests.perception.settling.photo import LIBRARY, MILK, photo_of, standing
 
 SOUP = "HOPE/AlphabetSoup.urdf"

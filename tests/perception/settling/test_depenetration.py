@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from grs_agents.perception.settling.depenetration import Separation, deepest_overlap, overlaps, separate
-from grs_agents.sim.world.compilation import World
+from grs_agents.perception.settling import Separation, deepest_overlap, overlaps, separate
+from grs_agents.sim.world import World
 from tests.perception.settling.photo import BLOCK, MILK, standing, world_of
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from grs_agents.engine import mujoco
-from grs_agents.perception.settling.depenetration import deepest_overlap
-from grs_agents.perception.settling.settling import ease, fall
+from grs_agents.perception.settling import deepest_overlap, ease, fall
 from tests.perception.settling.photo import BLOCK, standing, world_of
 
 

@@ -1,7 +1,6 @@
 """What falls and may stand on something that the photo does not show stays where it is; what is shown to hang falls."""
 
-from grs_agents.perception.settling import PlacedObject, report_of, settle
-from grs_agents.perception.settling.twin_report import may_have_unseen_support
+from grs_agents.perception.settling import PlacedObject, may_have_unseen_support, report_of, settle
 from tests.perception.settling.photo import BLOCK, LIBRARY, MILK, photo_of, standing
 
 

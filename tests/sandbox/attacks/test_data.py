@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.library import Library
 from grs_agents.toolkit import ToolContext, load_tool
 from tests.sandbox.attacks import descriptions

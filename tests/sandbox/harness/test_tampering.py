@@ -8,8 +8,7 @@ import unittest
 import numpy as np
 import pytest
 
-from grs_agents.sandbox.harness import channel, suite_runner
-from grs_agents.sandbox.harness.tampering import Integrity, overridden, shadowed
+from grs_agents.sandbox.harness import Integrity, channel, overridden, shadowed, suite_runner
 
 
 def nothing(*_: object) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.sandbox import BatchResult, Sandbox, call_batch
 
 CODE = """

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.errors import UnknownNameError
 from grs_agents.sandbox import Sandbox, SandboxError
 from tests.sandbox.processes import ends

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grs_agents.sandbox import expected_tests, parse_program
-from grs_agents.sandbox.host.suite_discovery import MAX_SOURCE
+from grs_agents.sandbox.host import MAX_SOURCE
 
 SOURCE = """
 import unittest, numpy as np

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from grs_agents.config.model import Limits
+from grs_agents.config import Limits
 from grs_agents.sandbox import CallOutcome, CallResult, Sandbox, TestReport, TestRun, run_tests
 
 Check = Callable[..., TestReport]

@@ -11,8 +11,7 @@ from typing import get_args
 import pytest
 
 import grs_agents
-from grs_agents.config import Config
-from grs_agents.config.model import Limits
+from grs_agents.config import Config, Limits
 from grs_agents.sandbox import BackendChoice, Sandbox, SandboxError, TestReport
 from grs_agents.sandbox.isolation import hardening
 from tests.sandbox.processes import ends

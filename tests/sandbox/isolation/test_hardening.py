@@ -21,8 +21,7 @@ import numpy as np
 import pytest
 
 from grs_agents.engine import mujoco
-from grs_agents.sandbox.isolation import hardening, kernel, landlock, seccomp
-from grs_agents.sandbox.isolation.privileges import Allowance
+from grs_agents.sandbox.isolation import Allowance, hardening, kernel, landlock, seccomp
 from tests.needs import needs
 from tests.sandbox.confined import NOBODY, PACKAGE, PYTHON, USERS, Got, forked, hardened
 

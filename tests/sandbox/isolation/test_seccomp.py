@@ -16,9 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.isolation import kernel, seccomp
-from grs_agents.sandbox.isolation.kernel import NUMBERS
-from grs_agents.sandbox.isolation.seccomp import assemble, encode
+from grs_agents.sandbox.isolation import NUMBERS, assemble, encode, kernel, seccomp
 from tests.needs import needs
 from tests.sandbox import classic_bpf
 from tests.sandbox.confined import Got, forked, without_new_privileges

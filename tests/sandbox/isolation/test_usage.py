@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.isolation.usage import ENTRY_BYTES, scratch_bytes, threads
-from grs_agents.sandbox.protocol.scratch import empty_folder
+from grs_agents.sandbox.isolation import ENTRY_BYTES, scratch_bytes, threads
+from grs_agents.sandbox.protocol import empty_folder
 
 MOST = 1 << 30
 

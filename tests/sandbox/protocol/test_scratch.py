@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from grs_agents.sandbox.protocol.scratch import Scratch, remove_folder, sweep
+from grs_agents.sandbox.protocol import Scratch, remove_folder, sweep
 
 
 @pytest.fixture(autouse=True)

@@ -4,8 +4,7 @@ from itertools import product
 
 import pytest
 
-from grs_agents.library import Library
-from grs_agents.library.shapes import shape_bounds
+from grs_agents.library import Library, shape_bounds
 
 LIBRARY = Library()
 

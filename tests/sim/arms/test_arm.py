@@ -9,8 +9,7 @@ from sim_scenes import Scripted, at
 from grs_agents.content import content_root
 from grs_agents.errors import InputError, UnknownNameError
 from grs_agents.sim import Environment, solve, task_class
-from grs_agents.sim.arms.arm_model import ArmModel
-from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.arms import ArmModel, get_arm
 
 GANTRY = """
 <mujoco>

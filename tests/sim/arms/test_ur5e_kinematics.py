@@ -2,8 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.sim.arms import ur5e
-from grs_agents.sim.arms.arm_model import ArmModel
+from grs_agents.sim.arms import ArmModel, ur5e
 
 ARM = ArmModel(ur5e.UR5e().add)
 

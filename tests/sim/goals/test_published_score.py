@@ -5,7 +5,7 @@ from sim_scenes import Scripted, at
 from grs_agents.library import Library
 from grs_agents.sim import Environment, Zone, utils
 from grs_agents.sim.goals import task_accounting
-from grs_agents.sim.world.collision_volumes import share_inside, volume_of
+from grs_agents.sim.world import share_inside, volume_of
 
 LIBRARY = Library()
 COLORS = ("red", "blue")

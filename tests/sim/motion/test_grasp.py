@@ -6,7 +6,7 @@ import pytest
 from sim_scenes import Scripted, at
 
 from grs_agents.sim import Environment
-from grs_agents.sim.motion.grasp import find_grasp
+from grs_agents.sim.motion import find_grasp
 
 URDF = """<robot name="thing"><link name="thing">
   <inertial><mass value="{mass}"/></inertial>

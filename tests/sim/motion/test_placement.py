@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from sim_scenes import Scripted
 
 from grs_agents.sim import Environment, NoFreeSpaceError
-from grs_agents.sim.world.footprints import footprint, signed_gaps
+from grs_agents.sim.world import footprint, signed_gaps
 
 
 @settings(max_examples=10, deadline=None)

@@ -7,8 +7,7 @@ import pytest
 
 from grs_agents.library import Library, write_background
 from grs_agents.sim import Environment, InstanceObject, InstanceTask, TaskInstance
-from grs_agents.sim.world import rendering
-from grs_agents.sim.world.compilation import arm_at_home
+from grs_agents.sim.world import arm_at_home, rendering
 
 SHELF = np.array([[[0.4, -0.3, 0.10], [0.6, -0.1, 0.12]]])
 MESH = (np.array([[0.4, -0.3, 0.12], [0.6, -0.3, 0.12], [0.6, -0.1, 0.12], [0.4, -0.1, 0.12]]),)

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from grs_agents.geometry.hulls import half_spaces
+from grs_agents.geometry import half_spaces
 from grs_agents.library import Library, ObjectModel, Shape
 from grs_agents.sim import Zone, utils
-from grs_agents.sim.world.collision_volumes import share_inside, volume_of
+from grs_agents.sim.world import share_inside, volume_of
 
 LIBRARY = Library()
 AT_ORIGIN = ((0.0, 0.0, 0.0), utils.IDENTITY)

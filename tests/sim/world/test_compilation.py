@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 from sim_scenes import at
 
-from grs_agents.library import Library
-from grs_agents.library.mesh_files import convex_volume
-from grs_agents.perception.proxies.meshes import box_mesh, obj_text, turned_mesh
-from grs_agents.sim.instance.instance import InstanceObject
-from grs_agents.sim.world.compilation import build
+from grs_agents.library import Library, convex_volume
+from grs_agents.perception.proxies import box_mesh, obj_text, turned_mesh
+from grs_agents.sim.instance import InstanceObject
+from grs_agents.sim.world import build
 
 HAMMER = """<robot name="hammer"><link name="hammer">
 <inertial><mass value="0.4"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>

@@ -2,7 +2,7 @@
 
 from grs_agents.library import Library
 from grs_agents.sim import InstanceObject, InstanceTie
-from grs_agents.sim.world.compilation import build, ids_tied_at_points
+from grs_agents.sim.world import build, ids_tied_at_points
 
 FLAT = (0.0, 0.0, 0.0, 1.0)
 ORIGIN = ((0.0, 0.0, 0.0), FLAT)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from grs_agents.trace import Decision, Finding, NodeEnded, Note, RunEnded, read_events
-from grs_agents.views.common.event_steps import level, line
+from grs_agents.views.common import level, line
 
 
 def test_every_event_of_a_run_has_words(script: Callable[[], Any]) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from grs_agents.trace import NodeEnded, NodeStarted, Note, RunEnded, read_events
-from grs_agents.views.common.event_steps import Steps, steps
+from grs_agents.views.common import Steps, steps
 
 
 def test_a_run_becomes_one_step_a_visit(script: Callable[[], Any]) -> None:

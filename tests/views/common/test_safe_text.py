@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grs_agents.views.common.safe_text import LONGEST, cell, document, drawable, fenced, one_line
+from grs_agents.views.common import LONGEST, cell, document, drawable, fenced, one_line
 
 
 @given(st.text())

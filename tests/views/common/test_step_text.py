@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from grs_agents.errors import InputError
 from grs_agents.terminal import visible
 from grs_agents.trace import Finding, NodeEnded, NodeStarted, read_events
-from grs_agents.views.common.event_steps import Step, Steps, steps
-from grs_agents.views.common.step_text import failed_step, find_step, sections
+from grs_agents.views.common import Step, Steps, failed_step, find_step, sections, steps
 from tests.views.conftest import DIFF, SECOND
 
 

@@ -11,12 +11,10 @@ from grs_agents.engine import mujoco
 from grs_agents.errors import GrsError, InputError
 from grs_agents.library import Library
 from grs_agents.sim import TaskInstance, rollout
-from grs_agents.sim.arms.registry import get_arm
+from grs_agents.sim.arms import get_arm
 from grs_agents.trace import NodeStarted, Rollout
-from grs_agents.views.common.motion import find_grasps, read_motion
-from grs_agents.views.film import film
-from grs_agents.views.film.film import Shot, pictures, rollout_of, watch, write_film
-from grs_agents.views.film.stage import Stage, joint_positions, props_of
+from grs_agents.views.common import find_grasps, read_motion
+from grs_agents.views.film import Shot, Stage, film, joint_positions, pictures, props_of, rollout_of, watch, write_film
 from tests.views.conftest import write_rollout
 
 

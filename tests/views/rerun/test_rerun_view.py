@@ -14,10 +14,8 @@ from rerun.chunk import RrdReader
 from grs_agents.library import Library
 from grs_agents.trace import Decision, Event, NodeStarted, ProgramVersion, Prompt, Reply, Rollout, read_events
 from grs_agents.trace import TestsRun as Tested
-from grs_agents.views.common.event_steps import line
-from grs_agents.views.rerun.recording import Paths
-from grs_agents.views.rerun.rerun_view import RerunView, rebuild
-from grs_agents.views.rerun.viewer import rerun_program, viewer_environment
+from grs_agents.views.common import line
+from grs_agents.views.rerun import Paths, RerunView, rebuild, rerun_program, viewer_environment
 from tests.needs import needs
 from tests.views.looking import connected, picture, viewer
 

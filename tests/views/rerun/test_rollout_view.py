@@ -8,11 +8,9 @@ from rerun.chunk import RrdReader
 
 from grs_agents.errors import InputError
 from grs_agents.library import Library
-from grs_agents.sim.instance.instance import InstanceObject, TaskInstance
+from grs_agents.sim.instance import InstanceObject, TaskInstance
 from grs_agents.trace import Rollout
-from grs_agents.views.rerun.recording import Paths, Recording
-from grs_agents.views.rerun.rollout_view import RolloutView, duration
-from grs_agents.views.rerun.viewer_layout import blueprint
+from grs_agents.views.rerun import Paths, Recording, RolloutView, blueprint, duration
 
 
 def rollout(folder: Path, color: tuple[float, float, float, float] | None) -> Rollout:

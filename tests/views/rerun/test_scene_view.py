@@ -10,9 +10,7 @@ from rerun.chunk import RrdReader
 from grs_agents.errors import InputError
 from grs_agents.library import Library
 from grs_agents.trace import SceneStage
-from grs_agents.views.rerun.recording import Paths, Recording
-from grs_agents.views.rerun.scene_view import SceneView
-from grs_agents.views.rerun.viewer_layout import blueprint
+from grs_agents.views.rerun import Paths, Recording, SceneView, blueprint
 
 CAMERA = {"fx": 50.0, "fy": 50.0, "cx": 16.0, "cy": 12.0, "width": 32, "height": 24, "depth_scale": 0.001}
 

@@ -4,7 +4,7 @@ import pytest
 import rerun as rr
 
 from grs_agents.library import Library, Shape
-from grs_agents.views.rerun.rollout_view import TEXTURE_EDGE, geometry
+from grs_agents.views.rerun import TEXTURE_EDGE, geometry
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,7 @@ from pathlib import Path
 from rerun.chunk import RrdReader
 
 from grs_agents.trace import NodeStarted, RunEnded, RunStarted
-from grs_agents.views.rerun.recording import Moment, Paths, Recording
-from grs_agents.views.rerun.state_machine import MachineView
-from grs_agents.views.rerun.viewer_layout import blueprint
+from grs_agents.views.rerun import MachineView, Moment, Paths, Recording, blueprint
 
 
 def test_the_graph_of_the_run_is_shown_with_visits(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from grs_agents.errors import InputError
 from grs_agents.views import WebAddress, viewer_command, viewing
-from grs_agents.views.rerun.viewer import WEB_PORT, has_display, recordings, viewer_environment
+from grs_agents.views.rerun import WEB_PORT, has_display, recordings, viewer_environment
 from tests.needs import needs
 
 

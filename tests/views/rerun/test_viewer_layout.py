@@ -8,14 +8,14 @@ import numpy as np
 
 from grs_agents.library import Library
 from grs_agents.trace import NodeStarted, Rollout, read_events
-from grs_agents.views.rerun.rerun_view import compare, rebuild
+from grs_agents.views.rerun import compare, rebuild
 from tests.needs import needs
 from tests.views.looking import headless, picture
 
 
 def moment(folder: Path, wanted: Callable[[Any], bool]) -> float:
     """Where on the timeline ``replay`` an event is that fits."""
-    from grs_agents.views.rerun.recording import Clock
+    from grs_agents.views.rerun import Clock
 
     clock = Clock()
     for event in read_events(folder / "events.jsonl"):

@@ -1,0 +1,14 @@
+from .load import UNSAFE as UNSAFE
+from .load import Effective as Effective
+from .load import flat as flat
+from .load import load_config as load_config
+from .load import validated as validated
+from .model import ROLE_ALIASES as ROLE_ALIASES
+from .model import ROLES as ROLES
+from .model import AuditConfig as AuditConfig
+from .model import Config as Config
+from .model import Limits as Limits
+from .model import ModelConfig as ModelConfig
+from .model import PromptsConfig as PromptsConfig
+from .model import TableChoice as TableChoice
+from .model import ToolsConfig as ToolsConfig

@@ -1,0 +1,10 @@
+from . import transforms as transforms
+from .hulls import half_spaces as half_spaces
+from .raster import Buffer as Buffer
+from .raster import barycentric as barycentric
+from .raster import rasterise as rasterise
+from .transforms import FloatArray as FloatArray
+from .transforms import about as about
+from .transforms import about_z as about_z
+from .transforms import pose_of as pose_of
+from .transforms import vec3 as vec3

@@ -1,0 +1,10 @@
+from .answer import Answer as Answer
+from .answer import ReplyProblem as ReplyProblem
+from .bounds import LONGEST as LONGEST
+from .factory import OFFLINE as OFFLINE
+from .factory import PROVIDERS as PROVIDERS
+from .factory import chat_model as chat_model
+from .factory import installed as installed
+from .factory import is_loopback as is_loopback
+from .retry import Retries as Retries
+from .retry import invoke as invoke

@@ -1,0 +1,17 @@
+from .bop import METRES_PER_MILLIMETRE as METRES_PER_MILLIMETRE
+from .bop import PREFIX as PREFIX
+from .bop import bop_image as bop_image
+from .bop import is_bop as is_bop
+from .camera import CameraFile as CameraFile
+from .camera import read_camera as read_camera
+from .frame_assembly import resize_depth as resize_depth
+from .frame_assembly import same_aspect as same_aspect
+from .masks import read_masks as read_masks
+from .photo_without_depth import DepthEstimate as DepthEstimate
+from .photo_without_depth import Estimator as Estimator
+from .point_files import lzf_unpacked as lzf_unpacked
+from .point_files import read_ply as read_ply
+from .source import check_source as check_source
+from .source import read_scene as read_scene
+from .source import resolve_scene as resolve_scene
+from .source import scene_name as scene_name

@@ -1,0 +1,9 @@
+from .pose_cost import observed_points as observed_points
+from .pose_hypotheses import leaning_axes as leaning_axes
+from .pose_hypotheses import slid_hypotheses as slid_hypotheses
+from .registration import Registered as Registered
+from .registration import cost_of as cost_of
+from .registration import register as register
+from .residual_segments import ResidualCandidates as ResidualCandidates
+from .residual_segments import residual_labels as residual_labels
+from .residual_segments import surface_inliers as surface_inliers

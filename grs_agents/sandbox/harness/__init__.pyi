@@ -1,0 +1,11 @@
+from . import channel as channel
+from . import suite_runner as suite_runner
+from .assertion_count import COUNTER as COUNTER
+from .assertion_count import Counter as Counter
+from .assertion_count import called_name as called_name
+from .assertion_count import is_assertion as is_assertion
+from .assertion_count import with_counter_calls as with_counter_calls
+from .captured_error import CapturedError as CapturedError
+from .tampering import Integrity as Integrity
+from .tampering import overridden as overridden
+from .tampering import shadowed as shadowed

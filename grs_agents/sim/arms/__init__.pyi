@@ -1,0 +1,17 @@
+from . import joint_paths as joint_paths
+from . import ur5e as ur5e
+from .arm import Arm as Arm
+from .arm_model import ArmModel as ArmModel
+from .joint_paths import rotations_about_z as rotations_about_z
+from .joint_paths import trapezoidal_profile as trapezoidal_profile
+from .registry import DEFAULT as DEFAULT
+from .registry import ROBOTS as ROBOTS
+from .registry import get_arm as get_arm
+from .robot import BLADE_THICKNESS as BLADE_THICKNESS
+from .robot import BLADE_WIDTH as BLADE_WIDTH
+from .robot import CUP_RADIUS as CUP_RADIUS
+from .robot import DOWN as DOWN
+from .robot import ROBOT_CONTYPE as ROBOT_CONTYPE
+from .robot import fit_spatula as fit_spatula
+from .ur5e import NEAREST as NEAREST
+from .ur5e import REACH as REACH

@@ -1,0 +1,14 @@
+from . import end_effectors as end_effectors
+from . import import_hook as import_hook
+from . import pybullet as pybullet
+from . import utils as utils
+from .api_documentation import api_reference as api_reference
+from .end_effectors import Spatula as Spatula
+from .end_effectors import push as push
+from .environment import Environment as Environment
+from .goal_arguments import as_goal as as_goal
+from .goal_arguments import make_goal as make_goal
+from .task import Task as Task
+from .task import names_task as names_task
+from .task import task_class as task_class
+from .task_helpers import SYMMETRIES as SYMMETRIES

@@ -1,0 +1,9 @@
+from . import film as film
+from .film import Shot as Shot
+from .film import pictures as pictures
+from .film import rollout_of as rollout_of
+from .film import watch as watch
+from .film import write_film as write_film
+from .stage import Stage as Stage
+from .stage import joint_positions as joint_positions
+from .stage import props_of as props_of
