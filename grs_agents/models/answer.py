@@ -22,25 +22,17 @@ Kind = Literal["empty", "refusal", "length", "unfinished", "malformed", "too_lon
 
 @dataclass(frozen=True)
 class Answer:
-    """One reply.
+    """One reply."""
 
-    Attributes:
-        text: what the model wrote.
-        finish_reason: why it ended, in the provider's words; empty where it does not tell.
-        refusal: why the model refuses, where the provider tells that apart from the text.
-        encodable: whether UTF-8 can hold what the model wrote.
-        input_tokens, output_tokens, cached_tokens: as the provider counts; 0 where it does not tell.
-        cost: US dollars; None where the provider does not tell.
-    """
-
-    text: str
-    finish_reason: str = ""
-    refusal: str = ""
-    encodable: bool = True
+    text: str  # what the model wrote
+    finish_reason: str = ""  # why it ended, in the provider's words; empty where it does not tell
+    refusal: str = ""  # why the model refuses, where the provider tells that apart from the text
+    encodable: bool = True  # whether UTF-8 can hold what the model wrote
+    # input_tokens, output_tokens, cached_tokens: as the provider counts; 0 where it does not tell
     input_tokens: int = 0
     output_tokens: int = 0
     cached_tokens: int = 0
-    cost: float | None = None
+    cost: float | None = None  # US dollars; None where the provider does not tell
 
 
 class ReplyProblem(GrsError):

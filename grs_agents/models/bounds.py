@@ -17,15 +17,10 @@ LONGEST = 16 * 2**20
 
 @dataclass
 class _Call:
-    """A call that is under way.
+    """A call that is under way."""
 
-    Attributes:
-        over: whether nobody waits for it any more.
-        problem: why its body was not read to the end.
-    """
-
-    over: bool = False
-    problem: ReplyProblem | None = None
+    over: bool = False  # whether nobody waits for it any more
+    problem: ReplyProblem | None = None  # why its body was not read to the end
 
 
 _call: ContextVar[_Call | None] = ContextVar("call", default=None)

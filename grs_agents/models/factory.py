@@ -23,25 +23,17 @@ PLACEHOLDER_KEY = "not-needed"
 
 @dataclass(frozen=True)
 class Provider:
-    """How one provider's LangChain client is made; the extra of ``grs-agents`` that installs it has its name.
+    """How one provider's LangChain client is made; the extra of ``grs-agents`` that installs it has its name."""
 
-    Attributes:
-        module: the package to import.
-        model_class: the chat model in it.
-        http_client: where the model holds its HTTP client, so that the length of replies can be bounded. Only two of
-            the four packages take a client or hooks when a model is made.
-        key_variable: the environment variable that holds the key by default; empty where none is needed.
-        key_argument: the constructor's name for the key.
-        length_argument: the constructor's name for the longest reply.
-        defaults: further arguments; the client's own retries are switched off, ours are in ``retry``.
-    """
-
-    module: str
-    model_class: str
+    module: str  # the package to import
+    model_class: str  # the chat model in it
+    # where the model holds its HTTP client, so that the length of replies can be bounded. Only two of the four packages
+    # take a client or hooks when a model is made.
     http_client: str
-    key_variable: str
-    key_argument: str = "api_key"
-    length_argument: str = "max_tokens"
+    key_variable: str  # the environment variable that holds the key by default; empty where none is needed
+    key_argument: str = "api_key"  # the constructor's name for the key
+    length_argument: str = "max_tokens"  # the constructor's name for the longest reply
+    # further arguments; the client's own retries are switched off, ours are in `retry`
     defaults: Mapping[str, Any] = field(default_factory=lambda: {"max_retries": 0})
 
 

@@ -32,21 +32,14 @@ DEADLINE = 120.0
 
 @dataclass(frozen=True)
 class Retries:
-    """How long to keep trying.
+    """How long to keep trying."""
 
-    Attributes:
-        tries: calls in all.
-        deadline: seconds for each call, from the request to the last byte of the reply; None for as long as it takes.
-        first: seconds before the second try; doubled each time.
-        longest: the most seconds ever waited, whatever a Retry-After says.
-        sleep: waits so many seconds.
-    """
-
-    tries: int = 3
+    tries: int = 3  # calls in all
+    # seconds for each call, from the request to the last byte of the reply; None for as long as it takes
     deadline: float | None = DEADLINE
-    first: float = 1.0
-    longest: float = 30.0
-    sleep: Callable[[float], None] = time.sleep
+    first: float = 1.0  # seconds before the second try; doubled each time
+    longest: float = 30.0  # the most seconds ever waited, whatever a Retry-After says
+    sleep: Callable[[float], None] = time.sleep  # waits so many seconds
 
     def wait(self, attempt: int, error: BaseException) -> None:
         """Wait before try ``attempt + 1`` (the first is 0), as long as the provider asks, within bounds."""

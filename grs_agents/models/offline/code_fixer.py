@@ -75,19 +75,12 @@ def _sufficient_steps(source: str) -> int:
 
 @dataclass(frozen=True)
 class Replan:
-    """One way to plan the task anew.
+    """One way to plan the task anew."""
 
-    Attributes:
-        without: names of objects to leave out.
-        away: names of objects to put elsewhere than the photo shows them.
-        spots: give each object a spot of its own.
-        margin: factor on the free space around objects.
-    """
-
-    without: frozenset[str] = frozenset()
-    away: frozenset[str] = frozenset()
-    spots: bool = False
-    margin: float = 1.0
+    without: frozenset[str] = frozenset()  # names of objects to leave out
+    away: frozenset[str] = frozenset()  # names of objects to put elsewhere than the photo shows them
+    spots: bool = False  # give each object a spot of its own
+    margin: float = 1.0  # factor on the free space around objects
 
     def applied_to(self, objects: Sequence[SceneObject]) -> list[SceneObject]:
         """The objects that are left, those to put elsewhere marked as out of reach."""

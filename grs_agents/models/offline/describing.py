@@ -64,13 +64,7 @@ def describe(prompt: PromptText, pictures: Sequence[bytes]) -> str:
     if not is_object:
         description = f"A {names[0]} segment of {extent}, too thin or too large to be an object."
     return _fenced(
-        {
-            "is_object": is_object,
-            "description": description,
-            "color": names[0],
-            "shape": shape,
-            "category": category,
-        }
+        {"is_object": is_object, "description": description, "color": names[0], "shape": shape, "category": category}
     )
 
 

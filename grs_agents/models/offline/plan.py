@@ -21,26 +21,17 @@ Family = Literal["pack", "stack", "sort", "line", "place", "match", "clear"]
 
 @dataclass(frozen=True)
 class Target:
-    """A place on the table that goals refer to.
+    """A place on the table that goals refer to."""
 
-    Attributes:
-        name: a Python identifier, e.g. ``red_zone``.
-        kind: ``container`` (a filled template), ``zone`` (a flat mark), ``free`` (bare table) or ``object`` (an
-            object of the scene that serves where it stands).
-        size: extents in metres.
-        place: (x, y) of a place known to be free.
-        color: its colour's name.
-        moves: whether each seed draws another place for it.
-        obj: the object, for kind ``object``.
-    """
-
-    name: str
+    name: str  # a Python identifier, e.g. `red_zone`
+    # `container` (a filled template), `zone` (a flat mark), `free` (bare table) or `object` (an object of the scene
+    # that serves where it stands)
     kind: Literal["container", "zone", "free", "object"]
-    size: Vector
-    place: tuple[float, float]
-    color: str = ""
-    moves: bool = True
-    obj: SceneObject | None = None
+    size: Vector  # extents in metres
+    place: tuple[float, float]  # (x, y) of a place known to be free
+    color: str = ""  # its colour's name
+    moves: bool = True  # whether each seed draws another place for it
+    obj: SceneObject | None = None  # the object, for kind `object`
 
     @property
     def label(self) -> str:
@@ -57,36 +48,22 @@ class Target:
 
 @dataclass(frozen=True)
 class Move:
-    """One pick-and-place.
+    """One pick-and-place."""
 
-    Attributes:
-        object: what is moved.
-        target: where to.
-        offset: the object's centre from the frame's place at table height, metres.
-    """
-
-    obj: SceneObject
-    target: Target
-    offset: Vector
+    obj: SceneObject  # what is moved
+    target: Target  # where to
+    offset: Vector  # the object's centre from the frame's place at table height, metres
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A whole task.
+    """A whole task."""
 
-    Attributes:
-        family: the kind of task.
-        targets: the places, in the order in which they are laid out.
-        moves: what the robot does, in order.
-        criterion: how objects are told apart or ordered, e.g. ``color``.
-        exact: whether each object must stand at its very spot, rather than anywhere inside its frame.
-    """
-
-    family: Family
-    targets: tuple[Target, ...]
-    moves: tuple[Move, ...]
-    criterion: str = ""
-    exact: bool = False
+    family: Family  # the kind of task
+    targets: tuple[Target, ...]  # the places, in the order in which they are laid out
+    moves: tuple[Move, ...]  # what the robot does, in order
+    criterion: str = ""  # how objects are told apart or ordered, e.g. `color`
+    exact: bool = False  # whether each object must stand at its very spot, rather than anywhere inside its frame
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
@@ -112,17 +89,12 @@ MAX_ZONE_HEIGHT = 0.25
 
 @dataclass(frozen=True)
 class Rows:
-    """Rectangles laid side by side in rows.
+    """Rectangles laid side by side in rows."""
 
-    Attributes:
-        offsets: centre of each rectangle from the centre of the whole, in the order given.
-        width: extent of the whole along x.
-        depth: extent of the whole along y.
-    """
-
+    # centre of each rectangle from the centre of the whole, in the order given
     offsets: tuple[tuple[float, float], ...]
-    width: float
-    depth: float
+    width: float  # extent of the whole along x
+    depth: float  # extent of the whole along y
 
 
 def in_rows(footprints: Sequence[tuple[float, float]], rows: int = 0, gap: float = GAP) -> Rows:

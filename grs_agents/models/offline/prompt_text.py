@@ -17,14 +17,10 @@ _FENCE = re.compile(r"^(`{3,}|~{3,})")
 
 @dataclass(frozen=True)
 class PromptText:
-    """A prompt taken apart.
+    """A prompt taken apart."""
 
-    Attributes:
-        role: what the ``# Role:`` line says.
-        sections: lower-case title -> body: the content of the section's first fenced block, or its plain text.
-    """
-
-    role: str
+    role: str  # what the `# Role:` line says
+    # lower-case title -> body: the content of the section's first fenced block, or its plain text
     sections: Mapping[str, str]
 
     def body(self, title: str) -> str:
@@ -130,31 +126,18 @@ class Rect:
 
 @dataclass(frozen=True)
 class SceneObject:
-    """One object of the scene, as the photo shows it.
+    """One object of the scene, as the photo shows it."""
 
-    Attributes:
-        name: unique in the scene.
-        asset: library name of what stands for it.
-        category: what kind of object it is, lower case.
-        color: name of its dominant colour.
-        position: centre, metres, robot frame.
-        orientation: rotation (xyzw).
-        size: extents along the robot's axes as it stands, metres.
-        reachable: whether the arm can pick it there.
-        hollow: whether other objects can be put inside or on it.
-        relocated: whether the program puts it elsewhere than the photo.
-    """
-
-    name: str
-    asset: str
-    category: str
-    color: str
-    position: Vector
-    orientation: Quaternion
-    size: Vector
-    reachable: bool
-    hollow: bool
-    relocated: bool = False
+    name: str  # unique in the scene
+    asset: str  # library name of what stands for it
+    category: str  # what kind of object it is, lower case
+    color: str  # name of its dominant colour
+    position: Vector  # centre, metres, robot frame
+    orientation: Quaternion  # rotation (xyzw)
+    size: Vector  # extents along the robot's axes as it stands, metres
+    reachable: bool  # whether the arm can pick it there
+    hollow: bool  # whether other objects can be put inside or on it
+    relocated: bool = False  # whether the program puts it elsewhere than the photo
 
     @property
     def rect(self) -> Rect:

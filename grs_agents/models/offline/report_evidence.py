@@ -29,44 +29,26 @@ class Case:
 
 @dataclass(frozen=True)
 class Oracle:
-    """How the oracle fared once.
+    """How the oracle fared once."""
 
-    Attributes:
-        outcome: e.g. ``step_limit``.
-        steps: actions taken.
-        most: actions allowed.
-        detail: the sentence that explains it.
-        objects: asset names concerned.
-    """
-
-    outcome: str
-    steps: int
-    most: int
-    detail: str
-    objects: tuple[str, ...]
+    outcome: str  # e.g. `step_limit`
+    steps: int  # actions taken
+    most: int  # actions allowed
+    detail: str  # the sentence that explains it
+    objects: tuple[str, ...]  # asset names concerned
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a report says.
+    """What a report says."""
 
-    Attributes:
-        text: the whole report.
-        cases: the tests that did not pass.
-        oracles: the oracle's episodes that fell short.
-        solved: how many episodes reached success.
-        errors: (type, message) of each exception, in order.
-        where: the program that the first failure came from: ``simulation``, ``tests``, ``library`` or empty.
-        findings: failed checks of the audit and what they measured.
-    """
-
-    text: str
-    cases: tuple[Case, ...]
-    oracles: tuple[Oracle, ...]
-    solved: int
-    errors: tuple[tuple[str, str], ...]
-    where: str
-    findings: dict[str, str]
+    text: str  # the whole report
+    cases: tuple[Case, ...]  # the tests that did not pass
+    oracles: tuple[Oracle, ...]  # the oracle's episodes that fell short
+    solved: int  # how many episodes reached success
+    errors: tuple[tuple[str, str], ...]  # (type, message) of each exception, in order
+    where: str  # the program that the first failure came from: `simulation`, `tests`, `library` or empty
+    findings: dict[str, str]  # failed checks of the audit and what they measured
 
 
 def read_evidence(text: str) -> Evidence:

@@ -13,19 +13,12 @@ PALETTE = ("green", "blue", "red", "yellow", "purple", "orange")
 
 @dataclass(frozen=True)
 class TaskRequest:
-    """What is asked for besides the objects to move.
+    """What is asked for besides the objects to move."""
 
-    Attributes:
-        color: the colour of the first container or zone.
-        containers: hollow objects of the scene that may serve as containers.
-        criterion: how to tell objects apart, where that matters.
-        margin: factor on the free space inside containers and zones.
-    """
-
-    color: str = "green"
-    containers: tuple[SceneObject, ...] = ()
-    criterion: str = ""
-    margin: float = 1.0
+    color: str = "green"  # the colour of the first container or zone
+    containers: tuple[SceneObject, ...] = ()  # hollow objects of the scene that may serve as containers
+    criterion: str = ""  # how to tell objects apart, where that matters
+    margin: float = 1.0  # factor on the free space inside containers and zones
 
 
 def pack(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:

@@ -33,26 +33,16 @@ _KEPT_OUTPUT = 4000
 
 @dataclass
 class Session:
-    """What all results of one worker share.
+    """What all results of one worker share."""
 
-    Attributes:
-        begin: called before each test: seeds, clears.
-        episode: what to keep with each test.
-        limit: says in words which limit a test reached, if any.
-        counter: of the assertions that are reached.
-        integrity: of the machinery.
-        names: ids of the tests by ``id()`` of their test cases.
-        ended: ids of the tests that were reported.
-        spoilt: why nothing that still runs in this process can be trusted, None if all is well.
-    """
-
-    begin: Callable[[], Any]
-    episode: Callable[[], Any]
-    limit: Callable[[], Any]
-    counter: Counter
-    integrity: Integrity
-    names: dict[int, str] = field(default_factory=dict[int, str])
-    ended: set[str] = field(default_factory=set[str])
+    begin: Callable[[], Any]  # called before each test: seeds, clears
+    episode: Callable[[], Any]  # what to keep with each test
+    limit: Callable[[], Any]  # says in words which limit a test reached, if any
+    counter: Counter  # of the assertions that are reached
+    integrity: Integrity  # of the machinery
+    names: dict[int, str] = field(default_factory=dict[int, str])  # ids of the tests by `id()` of their test cases
+    ended: set[str] = field(default_factory=set[str])  # ids of the tests that were reported
+    # why nothing that still runs in this process can be trusted, None if all is well
     spoilt: BaseException | None = None
 
 

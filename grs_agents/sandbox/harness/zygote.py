@@ -133,23 +133,14 @@ def main() -> None:
 
 @dataclass(eq=False)
 class _Running:
-    """One call.
+    """One call."""
 
-    Attributes:
-        pid: the child.
-        control: the socket that the host holds the other end of.
-        scratch: the child's folder.
-        limits: what it may hold.
-        memory: what it held to begin with, in bytes, where the kernel keeps no limit on it.
-        stopped: the limit it broke, as far as this process saw.
-    """
-
-    pid: int
-    control: socket.socket
-    scratch: Path
-    limits: Limits
-    memory: int
-    stopped: str = ""
+    pid: int  # the child
+    control: socket.socket  # the socket that the host holds the other end of
+    scratch: Path  # the child's folder
+    limits: Limits  # what it may hold
+    memory: int  # what it held to begin with, in bytes, where the kernel keeps no limit on it
+    stopped: str = ""  # the limit it broke, as far as this process saw
 
 
 class _Zygote:

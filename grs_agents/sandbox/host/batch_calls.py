@@ -11,22 +11,14 @@ from grs_agents.sandbox.protocol import CallResult, Limits
 
 @dataclass(frozen=True)
 class BatchResult:
-    """What became of each item.
+    """What became of each item."""
 
-    Attributes:
-        ended: item -> the event that the tool reported at its end.
-        stopped: item -> the call that ended while the item ran.
-        repeated: items that started or ended a second time.
-        strange: events for an item that was not asked for.
-        untimely: items whose end was reported while they were not running.
-        calls: every call, in order; the last one's value is the tool's own result, if it got that far.
-    """
-
-    ended: dict[str, dict[str, Any]]
-    stopped: dict[str, CallResult]
-    repeated: frozenset[str]
-    strange: tuple[str, ...]
-    untimely: frozenset[str]
+    ended: dict[str, dict[str, Any]]  # item -> the event that the tool reported at its end
+    stopped: dict[str, CallResult]  # item -> the call that ended while the item ran
+    repeated: frozenset[str]  # items that started or ended a second time
+    strange: tuple[str, ...]  # events for an item that was not asked for
+    untimely: frozenset[str]  # items whose end was reported while they were not running
+    # every call, in order; the last one's value is the tool's own result, if it got that far
     calls: tuple[CallResult, ...]
 
     @property

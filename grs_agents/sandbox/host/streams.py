@@ -25,17 +25,11 @@ Ending = tuple[CallOutcome, dict[str, Any] | None, str]
 
 @dataclass(frozen=True)
 class Exit:
-    """How a child ended, as the zygote tells.
+    """How a child ended, as the zygote tells."""
 
-    Attributes:
-        status: its wait status.
-        cpu_seconds: the processor time of its call, without that of its imports.
-        stopped: the limit that the zygote saw broken, or the empty string.
-    """
-
-    status: int
-    cpu_seconds: float
-    stopped: str
+    status: int  # its wait status
+    cpu_seconds: float  # the processor time of its call, without that of its imports
+    stopped: str  # the limit that the zygote saw broken, or the empty string
 
 
 class Streams:

@@ -15,21 +15,15 @@ MAX_SOURCE = 1 << 20
 
 @dataclass(frozen=True)
 class ExpectedTests:
-    """The tests of one file.
+    """The tests of one file."""
 
-    Attributes:
-        ids: ``Class.method`` in the order of the file.
-        without_assertion: those whose body, helpers of the same file included, asserts nothing.
-        duplicates: those that a class has twice, or whose class is there twice: the first of them never runs.
-        lines: where the code of each begins, but for those that a decorator may have put something in front of.
-        chooses: whether the file has a ``load_tests`` of its own, which says what there is to run.
-    """
-
-    ids: tuple[str, ...]
-    without_assertion: frozenset[str]
+    ids: tuple[str, ...]  # `Class.method` in the order of the file
+    without_assertion: frozenset[str]  # those whose body, helpers of the same file included, asserts nothing
+    # those that a class has twice, or whose class is there twice: the first of them never runs
     duplicates: frozenset[str] = frozenset()
+    # where the code of each begins, but for those that a decorator may have put something in front of
     lines: Mapping[str, int] = field(default_factory=dict[str, int])
-    chooses: bool = False
+    chooses: bool = False  # whether the file has a `load_tests` of its own, which says what there is to run
 
 
 def parse_program(source: str, filename: str) -> ast.Module:

@@ -50,30 +50,21 @@ _MAX_EPISODE = 256 << 10
 
 
 class TestRun(Frozen):
-    """Two programs and how to run the one against the other.
-
-    Attributes:
-        simulation: source of the program under test, imported as ``task_code``.
-        tests: source of its ``unittest`` cases.
-        simulation_name: another name under which the tests may import the program.
-        seed: seeds ``random`` and ``numpy.random`` before each test.
-        clear: ``module:function`` called before each test, or None.
-        episode: ``module:function`` called after each test; a JSON object it returns is kept with the case.
-        limit: ``module:function`` called after each test, or None; a string it returns says which limit of its own
-            the test reached, and is the message of a failure.
-        extra: plain JSON for the tool's own ``inside``.
-    """
+    """Two programs and how to run the one against the other."""
 
     __test__ = False
 
-    simulation: str
-    tests: str
-    simulation_name: str = "task_code"
-    seed: int = Field(default=0, ge=0, lt=2**32)
-    clear: str | None = None
+    simulation: str  # source of the program under test, imported as `task_code`
+    tests: str  # source of its `unittest` cases
+    simulation_name: str = "task_code"  # another name under which the tests may import the program
+    seed: int = Field(default=0, ge=0, lt=2**32)  # seeds `random` and `numpy.random` before each test
+    clear: str | None = None  # `module:function` called before each test, or None
+    # `module:function` called after each test; a JSON object it returns is kept with the case
     episode: str | None = None
+    # `module:function` called after each test, or None; a string it returns says which limit of its own the test
+    # reached, and is the message of a failure
     limit: str | None = None
-    extra: dict[str, Any] = Field(default_factory=dict[str, Any])
+    extra: dict[str, Any] = Field(default_factory=dict[str, Any])  # plain JSON for the tool's own `inside`
 
 
 def run_tests(

@@ -26,20 +26,14 @@ class SandboxError(GrsError):
 
 @dataclass(frozen=True)
 class Plan:
-    """What a zygote is for.
+    """What a zygote is for."""
 
-    Attributes:
-        preload, tools: what it imports before the first call.
-        limits: what a call may hold; scratch folders have this size.
-        slots: how many calls may run at once.
-        readable: files and folders that workers may read beside those they need to run.
-    """
-
+    # preload, tools: what it imports before the first call
     preload: tuple[str, ...]
     tools: tuple[str, ...]
-    limits: Limits
-    slots: int
-    readable: tuple[Path, ...]
+    limits: Limits  # what a call may hold; scratch folders have this size
+    slots: int  # how many calls may run at once
+    readable: tuple[Path, ...]  # files and folders that workers may read beside those they need to run
 
 
 class Zygote:

@@ -87,23 +87,17 @@ def _in_bounding_set(capability: int) -> bool | None:
 
 @dataclass(frozen=True)
 class Allowance:
-    """What may be used from now on.
+    """What may be used from now on."""
 
-    Attributes:
-        cpu_seconds: processor time of the whole process, rounded up to whole seconds. ``SIGXCPU`` tells it, and
-            ``SIGKILL`` ends it a second later.
-        memory_mib: address space on top of what is held. Each thread's stack takes 8 MiB of it.
-        file_mib: the largest file that can be written.
-        descriptors: the lowest number that no descriptor can have.
-        threads: how many may be started. The kernel counts all threads of a *user*, other processes' too, so that
-            those of today are added, root's included (a process which hides itself looks like root's): a bound on
-            damage, no exact number. It is exact for a process alone in its count.
-    """
-
+    # processor time of the whole process, rounded up to whole seconds. `SIGXCPU` tells it, and `SIGKILL` ends it a
+    # second later.
     cpu_seconds: float = 50
-    memory_mib: int = 1024
-    file_mib: int = 64
-    descriptors: int = 128
+    memory_mib: int = 1024  # address space on top of what is held. Each thread's stack takes 8 MiB of it.
+    file_mib: int = 64  # the largest file that can be written
+    descriptors: int = 128  # the lowest number that no descriptor can have
+    # how many may be started. The kernel counts all threads of a *user*, other processes' too, so that those of today
+    # are added, root's included (a process which hides itself looks like root's): a bound on damage, no exact number.
+    # It is exact for a process alone in its count.
     threads: int = 64
 
 

@@ -41,59 +41,38 @@ MEANING: dict[str, str] = {
 
 
 class TestCase(Frozen):
-    """One test.
-
-    Attributes:
-        id: ``Class.method``.
-        outcome: only ``passed`` counts; what others mean is in ``MEANING``.
-        seconds: how long it ran.
-        message: one line.
-        traceback: without the frames of unittest.
-        output: the first 4,000 characters it printed.
-        raised_in: which file the failure came from.
-        assertions: how many it came to.
-        episode: the last oracle episode it ran, opaque JSON here.
-    """
+    """One test."""
 
     __test__ = False  # pytest: not a test of ours
 
-    id: str
-    outcome: CaseOutcome
-    seconds: float = 0.0
-    message: str = ""
-    traceback: str = ""
-    output: str = ""
-    raised_in: RaisedIn | None = None
-    assertions: Annotated[int, Field(ge=0)] = 0
-    episode: dict[str, Any] | None = None
+    id: str  # `Class.method`
+    outcome: CaseOutcome  # only `passed` counts; what others mean is in `MEANING`
+    seconds: float = 0.0  # how long it ran
+    message: str = ""  # one line
+    traceback: str = ""  # without the frames of unittest
+    output: str = ""  # the first 4,000 characters it printed
+    raised_in: RaisedIn | None = None  # which file the failure came from
+    assertions: Annotated[int, Field(ge=0)] = 0  # how many it came to
+    episode: dict[str, Any] | None = None  # the last oracle episode it ran, opaque JSON here
 
 
 class TestReport(Frozen):
-    """All tests of a file.
-
-    Attributes:
-        outcome: ``error`` if a program does not parse or import, ``timeout``, ``crashed`` or ``exited`` if a test (or
-            the import) did, ``no_tests`` for an empty suite, ``load_tests`` for one that chooses by itself,
-            ``tampered`` and ``forged`` if the verdicts cannot be trusted.
-        cases: one for each test of the source, in its order; then those that are not in it (``extra``).
-        message: why there is no better outcome, where it is not one test's affair.
-        traceback: of the import, if that failed.
-        raised_in: which file the first failure came from.
-        seconds: wall time of all calls.
-        cpu_seconds: processor time of all workers, their start included.
-        backend: what separated the tests from the host.
-    """
+    """All tests of a file."""
 
     __test__ = False
 
+    # `error` if a program does not parse or import, `timeout`, `crashed` or `exited` if a test (or the import) did,
+    # `no_tests` for an empty suite, `load_tests` for one that chooses by itself, `tampered` and `forged` if the
+    # verdicts cannot be trusted
     outcome: ReportOutcome
+    # one for each test of the source, in its order; then those that are not in it (`extra`)
     cases: tuple[TestCase, ...] = ()
-    message: str = ""
-    traceback: str = ""
-    raised_in: RaisedIn | None = None
-    seconds: float = 0.0
-    cpu_seconds: float = 0.0
-    backend: str = "process"
+    message: str = ""  # why there is no better outcome, where it is not one test's affair
+    traceback: str = ""  # of the import, if that failed
+    raised_in: RaisedIn | None = None  # which file the first failure came from
+    seconds: float = 0.0  # wall time of all calls
+    cpu_seconds: float = 0.0  # processor time of all workers, their start included
+    backend: str = "process"  # what separated the tests from the host
 
     @property
     def ok(self) -> bool:
@@ -150,31 +129,18 @@ EXITED = "the process ended itself"
 
 
 class CallResult(Frozen):
-    """How one call ended.
+    """How one call ended."""
 
-    Attributes:
-        outcome: ``ok``, or what stopped it.
-        value: what the tool returned; None unless the outcome is ``ok``.
-        error: why there is no value, with the traceback if there is one.
-        output: the last 64 KiB written to standard output and standard error since the last event.
-        stack: where the code was when it crashed or ran out of time, as ``faulthandler`` writes it.
-        events: what the tool reported while it ran, in order.
-        seconds: wall time of the call.
-        cpu_seconds: processor time of the worker.
-        backend: what separated the worker from the host.
-        retried: the process that forks the workers was killed during a first try.
-    """
-
-    outcome: CallOutcome
-    value: dict[str, Any] | None = None
-    error: str = ""
-    output: str = ""
-    stack: str = ""
-    events: tuple[dict[str, Any], ...] = ()
-    seconds: float = 0.0
-    cpu_seconds: float = 0.0
-    backend: str = "none"
-    retried: bool = False
+    outcome: CallOutcome  # `ok`, or what stopped it
+    value: dict[str, Any] | None = None  # what the tool returned; None unless the outcome is `ok`
+    error: str = ""  # why there is no value, with the traceback if there is one
+    output: str = ""  # the last 64 KiB written to standard output and standard error since the last event
+    stack: str = ""  # where the code was when it crashed or ran out of time, as `faulthandler` writes it
+    events: tuple[dict[str, Any], ...] = ()  # what the tool reported while it ran, in order
+    seconds: float = 0.0  # wall time of the call
+    cpu_seconds: float = 0.0  # processor time of the worker
+    backend: str = "none"  # what separated the worker from the host
+    retried: bool = False  # the process that forks the workers was killed during a first try
 
 
 __all__ = ["EXITED", "CallOutcome", "CallResult", "Limits"]

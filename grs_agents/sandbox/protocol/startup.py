@@ -23,31 +23,19 @@ ENVIRONMENT = {
 
 
 class Settings(Frozen):
-    """How a zygote serves its calls.
+    """How a zygote serves its calls."""
 
-    Attributes:
-        preload: modules to import before the first call.
-        overlays: content of the user's own, laid over the shipped one from the first on.
-        tools: tool files to import before the first call.
-        layers: whether children harden themselves with Landlock, seccomp and without privileges.
-        readable: files and folders that children may read.
-        scratch: folder with one scratch folder for each slot, named by its number.
-        slots: how many calls may run at once.
-        scratch_is_sized: whether each of these is a file system of its own, of ``scratch_bytes``.
-        scratch_bytes: the size of such a file system.
-        single_use: empty where children are forked. Otherwise each call has a process that was started for it alone,
-            ahead of time: for each slot, what to put before the command of its processes.
-    """
-
-    preload: tuple[str, ...] = ()
-    overlays: tuple[Path, ...] = ()
-    tools: tuple[str, ...] = ()
-    layers: bool = True
-    readable: tuple[Path, ...] = ()
-    scratch: Path
-    slots: int = 1
-    scratch_is_sized: bool = False
-    scratch_bytes: int = 0
+    preload: tuple[str, ...] = ()  # modules to import before the first call
+    overlays: tuple[Path, ...] = ()  # content of the user's own, laid over the shipped one from the first on
+    tools: tuple[str, ...] = ()  # tool files to import before the first call
+    layers: bool = True  # whether children harden themselves with Landlock, seccomp and without privileges
+    readable: tuple[Path, ...] = ()  # files and folders that children may read
+    scratch: Path  # folder with one scratch folder for each slot, named by its number
+    slots: int = 1  # how many calls may run at once
+    scratch_is_sized: bool = False  # whether each of these is a file system of its own, of `scratch_bytes`
+    scratch_bytes: int = 0  # the size of such a file system
+    # empty where children are forked. Otherwise each call has a process that was started for it alone, ahead of time:
+    # for each slot, what to put before the command of its processes.
     single_use: tuple[tuple[str, ...], ...] = ()
 
 

@@ -22,19 +22,12 @@ _FRAME = re.compile(r'^ {2}File "(?P<file>[^"]*)", line (?P<line>[0-9]{1,9}) in 
 
 @dataclass(frozen=True)
 class Trace:
-    """A traceback as text.
+    """A traceback as text."""
 
-    Attributes:
-        message: the exception's type and text, one line.
-        text: the traceback, innermost frame last, without the frames of unittest and the sandbox.
-        raised_in: the file of the innermost frame that belongs to a generated program, else ``library``.
-        functions: the functions that were running, innermost last.
-    """
-
-    message: str
-    text: str
-    raised_in: RaisedIn
-    functions: tuple[str, ...] = ()
+    message: str  # the exception's type and text, one line
+    text: str  # the traceback, innermost frame last, without the frames of unittest and the sandbox
+    raised_in: RaisedIn  # the file of the innermost frame that belongs to a generated program, else `library`
+    functions: tuple[str, ...] = ()  # the functions that were running, innermost last
 
 
 def describe_error(error: BaseException) -> Trace:

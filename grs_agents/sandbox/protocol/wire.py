@@ -192,15 +192,10 @@ _BYTES = 1024
 
 
 class Order(Frozen):
-    """One call to serve.
+    """One call to serve."""
 
-    Attributes:
-        slot: the number of its scratch folder.
-        limits: what it may cost.
-    """
-
-    slot: int
-    limits: Limits
+    slot: int  # the number of its scratch folder
+    limits: Limits  # what it may cost
 
 
 def send(channel: socket.socket, order: Order, descriptors: Sequence[int]) -> None:
