@@ -18,6 +18,7 @@ _REFUSED = frozenset({"refusal", "content_filter", "safety", "prohibited_content
 _MOST_TOKENS = 2**53
 
 Kind = Literal["empty", "refusal", "length", "unfinished", "malformed", "too_long"]
+"""``unfinished``: no finish reason, the stream was cut off; ``malformed``: not what the provider's protocol says."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +37,7 @@ class Answer:
 
 
 class ReplyProblem(GrsError):
-    """A reply that arrived but cannot be used; asking again may help.
-
-    Attributes:
-        kind: ``empty``, ``refusal``, ``length``, ``unfinished`` (no finish reason: the stream was cut off),
-            ``malformed`` (not what the provider's protocol says) or ``too_long``.
-        answer: the reply, as far as it could be read.
-    """
+    """A reply that arrived but cannot be used; asking again may help. ``answer`` is what could be read of it."""
 
     def __init__(self, kind: Kind, message: str, remedy: str = "", answer: Answer | None = None) -> None:
         super().__init__(message, remedy)
@@ -68,11 +63,7 @@ def read_answer(message: AIMessage) -> Answer:
 
 
 def checked(answer: Answer) -> Answer:
-    """``answer`` if it is whole.
-
-    Raises:
-        ReplyProblem: it is not.
-    """
+    """``answer`` if it is whole, else a ``ReplyProblem`` is raised."""
     reason = answer.finish_reason.lower()
     if answer.refusal or reason in _REFUSED:
         what = f"the model refused to answer: {answer.refusal or answer.finish_reason}"
@@ -91,14 +82,14 @@ def checked(answer: Answer) -> Answer:
     return answer
 
 
-def _tokens(told: int | None) -> int:
-    return told if told is not None and 0 <= told < _MOST_TOKENS else 0
+def _tokens(count: int | None) -> int:
+    return count if count is not None and 0 <= count < _MOST_TOKENS else 0
 
 
 def _cost(metadata: Mapping[str, Any]) -> float | None:
     usage = metadata.get("token_usage")
-    told = cast(Mapping[str, Any], usage).get("cost") if isinstance(usage, Mapping) else None
+    cost = cast(Mapping[str, Any], usage).get("cost") if isinstance(usage, Mapping) else None
     try:
-        return float(told) if isinstance(told, int | float) and math.isfinite(told) else None
+        return float(cost) if isinstance(cost, int | float) and math.isfinite(cost) else None
     except OverflowError:  # a whole number beyond every float
         return None

@@ -44,9 +44,8 @@ def _chunks(read: Callable[..., Iterator[bytes]], *sizes: int, **named: int) -> 
     for chunk in read(*sizes, **named):
         length += len(chunk)
         if length > LONGEST:
-            problem = ReplyProblem(
-                "too_long", f"the provider sends more than {LONGEST / 2**20:.0f} MB in one reply", "check base_url"
-            )
+            message = f"the provider sends more than {LONGEST / 2**20:.0f} MB in one reply"
+            problem = ReplyProblem("too_long", message, "check base_url")
             if call is not None:
                 call.problem = problem
             raise problem

@@ -59,11 +59,7 @@ PROVIDERS: Mapping[str, Provider] = {
 
 
 def chat_model(config: ModelConfig, seed: int) -> BaseChatModel:
-    """The chat model that ``config`` names.
-
-    Args:
-        config: model, endpoint, key variable and bounds.
-        seed: for the ``offline`` model's choices.
+    """The chat model that ``config`` names; ``seed`` is for the ``offline`` model's choices.
 
     Raises:
         UnknownNameError: no such provider.
@@ -113,10 +109,8 @@ def _client_class(name: str, model: str) -> Any:
     try:
         return getattr(import_module(provider.module), provider.model_class)
     except ImportError as error:
-        raise ConfigError(
-            f"model {model!r} needs the package {provider.module}, which is not installed",
-            f'run: pip install "grs-agents[{name}]"',
-        ) from error
+        what = f"model {model!r} needs the package {provider.module}, which is not installed"
+        raise ConfigError(what, f'run: pip install "grs-agents[{name}]"') from error
 
 
 def _key(provider: Provider, config: ModelConfig) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
@@ -48,15 +49,7 @@ class Retries:
 
 
 def invoke(model: BaseChatModel, messages: Sequence[BaseMessage], retries: Retries | None = None) -> Answer:
-    """One usable reply.
-
-    Args:
-        model: its own retries switched off.
-        messages: the conversation.
-        retries: bounds; by default three tries.
-
-    Returns:
-        The reply, without the keys that this process knows.
+    """One usable reply, without the keys that this process knows; the model's own retries are switched off.
 
     Raises:
         ReplyProblem: the reply is empty, refused, cut off, too long or not what the provider's protocol says.
@@ -84,10 +77,8 @@ def retry_after(error: BaseException) -> float | None:
     value = str(headers.get("retry-after") or "").strip() if headers is not None else ""
     if not value:
         return None
-    try:
+    with suppress(ValueError):
         return max(0.0, float(value))
-    except ValueError:
-        pass
     try:
         moment = parsedate_to_datetime(value)
     except ValueError:

@@ -59,13 +59,7 @@ def author_simulation(prompt: PromptText) -> str:
 
 
 def plan_task(task: Json, objects: Sequence[SceneObject], margin: float = 1.0) -> Plan | None:
-    """A plan for a task that anyone may have written.
-
-    Args:
-        task: the task definition.
-        objects: the objects of the scene that may be used.
-        margin: factor on the free space inside containers and zones.
-    """
+    """A plan for a task that anyone may have written; ``margin`` is a factor on the free space in zones."""
     name, description = str(task.get("task-name", "")), str(task.get("task-description", ""))
     assets = [str(asset) for asset in task.get("assets-used", [])]
     family, used = read_family(name, description), _in_order(objects, assets)
@@ -115,14 +109,8 @@ def _selections(objects: Sequence[SceneObject], description: str) -> list[list[S
 
 
 def _containers(objects: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
-    return tuple(
-        obj.on_table()
-        for obj in objects
-        if obj.hollow
-        and obj.stands_on_table
-        and is_in_reach(obj)
-        and obj.category not in ("mug", "cup", "plate", "bowl")
-    )
+    ready = [obj for obj in objects if obj.hollow and obj.stands_on_table and is_in_reach(obj)]
+    return tuple(obj.on_table() for obj in ready if obj.category not in ("mug", "cup", "plate", "bowl"))
 
 
 def _as_described(objects: Sequence[SceneObject], description: str) -> list[SceneObject]:

@@ -39,14 +39,10 @@ class OfflineChatModel(BaseChatModel):
 
     It reads the prompt that any other model gets, recognises its role by the ``# Role:`` line and never sees what
     is not in the prompt. Equal prompt and seed give an equal reply.
-
-    Attributes:
-        model: its name in traces.
-        seed: what it does where rules leave a choice.
     """
 
-    model: str = "grs-offline-1"
-    seed: int = 0
+    model: str = "grs-offline-1"  # its name in traces
+    seed: int = 0  # what it does where rules leave a choice
 
     @property
     def _llm_type(self) -> str:
@@ -70,9 +66,8 @@ class OfflineChatModel(BaseChatModel):
         **kwargs: Any,
     ) -> ChatResult:
         text = self._reply(messages, stop)
-        message = AIMessage(
-            text, usage_metadata=_usage(messages, text), response_metadata={**self._metadata(), "finish_reason": "stop"}
-        )
+        metadata = {**self._metadata(), "finish_reason": "stop"}
+        message = AIMessage(text, usage_metadata=_usage(messages, text), response_metadata=metadata)
         return ChatResult(generations=[ChatGeneration(message=message)])
 
     def _stream(

@@ -22,12 +22,8 @@ def fix_code(prompt: PromptText) -> str:
     """Reply to the ``fix_code`` prompt: the next version of the program."""
     source, evidence = prompt.body("program"), read_evidence(prompt.body("test report"))
     task, objects = prompt.json("task"), read_scene_objects(prompt.json("scene"))
-    fixed = (
-        fix_python_error(source, evidence)
-        or _with_more_steps_or_space(source, evidence)
-        or _without_difficult_object(source, evidence)
-    )
-    fixed = fixed or _replanned(source, evidence, task, objects)
+    fixed = fix_python_error(source, evidence) or _with_more_steps_or_space(source, evidence)
+    fixed = fixed or _without_difficult_object(source, evidence) or _replanned(source, evidence, task, objects)
     return f"```python\n{fixed.rstrip()}\n```"
 
 
@@ -50,9 +46,10 @@ def fix_python_error(source: str, evidence: Evidence) -> str | None:
 
 def _with_more_steps_or_space(source: str, evidence: Evidence) -> str | None:
     """An edit that keeps the objects: more steps, larger areas."""
+    steps = 2 * max(1, len(_objects_in(source)))  # as many as any oracle needs
     for oracle in evidence.oracles:
-        if oracle.outcome == "step_limit" and oracle.most < _sufficient_steps(source):
-            return program_edits.set_max_steps(source, _sufficient_steps(source))
+        if oracle.outcome == "step_limit" and oracle.most < steps:
+            return program_edits.set_max_steps(source, steps)
         if oracle.outcome == "target_too_small":
             return program_edits.scale_areas(source, _LARGER)
     return None
@@ -60,17 +57,16 @@ def _with_more_steps_or_space(source: str, evidence: Evidence) -> str | None:
 
 def _without_difficult_object(source: str, evidence: Evidence) -> str | None:
     """Another author's program without the object that the oracle has trouble with, while two others remain."""
-    objects = [asset for asset in program_edits.assets_in(source) if "template" not in asset]
+    objects = _objects_in(source)
     concerned = [asset for oracle in evidence.oracles for asset in oracle.objects if asset in objects]
     if _OWN_PROGRAM_MARK in source or len(objects) <= 2 or not concerned:
         return None
     return program_edits.remove_asset(source, concerned[0])
 
 
-def _sufficient_steps(source: str) -> int:
-    """As many steps as any oracle needs for the objects that ``source`` names."""
-    objects = [asset for asset in program_edits.assets_in(source) if "template" not in asset]
-    return 2 * max(1, len(objects))
+def _objects_in(source: str) -> list[str]:
+    """The assets that ``source`` names, but for the templates of containers and zones."""
+    return [asset for asset in program_edits.assets_in(source) if "template" not in asset]
 
 
 @dataclass(frozen=True)

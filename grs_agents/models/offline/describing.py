@@ -1,7 +1,4 @@
-"""The offline roles that look: the describer, the matcher, and the describer of 3D models.
-
-The last one goes by what was measured of a model, and says so.
-"""
+"""The offline roles that look: the describer, the matcher, and the describer of 3D models by their measurements."""
 
 import base64
 import json
@@ -40,13 +37,8 @@ _ROUND = frozenset({"cylinder", "can", "bottle", "jar", "canister", "tub", "mug"
 def images(message: HumanMessage) -> list[bytes]:
     """The pictures in a message, as encoded files, in their order."""
     blocks = cast(list[Any], message.content) if isinstance(message.content, list) else []
-    found: list[bytes] = []
-    for block in blocks:
-        if isinstance(block, dict):
-            data = cast(Json, block).get("base64")
-            if isinstance(data, str):
-                found.append(base64.b64decode(data))
-    return found
+    files = [cast(Json, block).get("base64") for block in blocks if isinstance(block, dict)]
+    return [base64.b64decode(file) for file in files if isinstance(file, str)]
 
 
 def describe(prompt: PromptText, pictures: Sequence[bytes]) -> str:
@@ -98,9 +90,7 @@ def _scores(size: Sequence[float], told: str, assets: Sequence[Json]) -> Iterato
 def color_names(image: Image, mean: Sequence[float] | None = None) -> list[str]:
     """The names of the dominant colours of an object in a crop, the largest first.
 
-    Args:
-        image: the crop; its margin is darker than the object.
-        mean: the object's mean colour (red, green, blue, 0..1), used where the object is as dark as the margin.
+    The crop's margin is darker than the object; where it is not, its ``mean`` colour (RGB, 0..1) is used.
     """
     rgb = image[..., ::-1] / 255
     edge = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]]).max(axis=1)
@@ -160,8 +150,7 @@ def _category(shape: str, size: Sequence[float]) -> str:
         return "bottle" if height > 2 * across else "can"
     if shape != "box":
         return shape
-    even = max(size) <= 1.25 * min(size)
-    if even and max(size) <= 0.07:
+    if max(size) <= min(0.07, 1.25 * min(size)):
         return "cube"
     return "carton" if height >= 2 * across and height > 0.12 else "box"
 

@@ -49,11 +49,8 @@ def relocate_misplaced(objects: Sequence[SceneObject]) -> list[SceneObject]:
     """The objects with those that overlap another, float or are out of reach put on a free part of the table."""
     kept: list[SceneObject] = []
     for obj in objects:
-        if (
-            is_in_reach(obj)
-            and obj.stands_on_table
-            and len(non_overlapping([*kept, obj], len(kept) + 1)) == len(kept) + 1
-        ):
+        free = len(non_overlapping([*kept, obj], len(kept) + 1)) == len(kept) + 1
+        if free and is_in_reach(obj) and obj.stands_on_table:
             kept.append(obj.on_table())
     table = Table([obj.rect for obj in kept])
     for obj in objects:

@@ -56,18 +56,6 @@ def add_import(source: str, name: str) -> str | None:
     return "\n".join([*lines[:after], line, *lines[after:]]) + "\n"
 
 
-def max_steps(source: str) -> int | None:
-    """The number that ``source`` assigns to ``self.max_steps``."""
-    for node in _assignments(source):
-        if (
-            _name_of(node.targets[0]) == "max_steps"
-            and isinstance(node.value, ast.Constant)
-            and isinstance(node.value.value, int)
-        ):
-            return node.value.value
-    return None
-
-
 def set_max_steps(source: str, steps: int) -> str | None:
     """``source`` with another number of steps; None where it assigns none."""
     found = [node for node in _assignments(source) if _name_of(node.targets[0]) == "max_steps"]

@@ -18,13 +18,9 @@ def class_name(task: str) -> str:
 
 
 def write_program(plan: Plan, title: str, description: str, spots: bool = False) -> str:
-    """The program text for a plan.
+    """The program text for a plan: class ``title``, docstring ``description``.
 
-    Args:
-        plan: what to set up.
-        title: the class name.
-        description: for the docstring.
-        spots: give each object a spot of its own inside its container or zone, instead of the whole of it.
+    ``spots`` gives each object a spot of its own inside its container or zone, instead of the whole of it.
     """
     names = _variables(plan)
     lines = [*_head(plan, title, description), *_start(plan, names)]
@@ -161,11 +157,8 @@ def _variables(plan: Plan) -> dict[str, str]:
 
 
 def _vector(values: tuple[float, ...]) -> str:
-    return f"({', '.join(_number(value) for value in values)})"
-
-
-def _number(value: float) -> str:
-    return f"{value:.4f}".rstrip("0").rstrip(".") if abs(value) >= 5e-5 else "0"
+    texts = (f"{value:.4f}".rstrip("0").rstrip(".") if abs(value) >= 5e-5 else "0" for value in values)
+    return f"({', '.join(texts)})"
 
 
 _RESERVED = frozenset(

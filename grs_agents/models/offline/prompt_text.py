@@ -1,7 +1,4 @@
-"""Read a prompt as the offline model gets it: a role line, ``## `` sections, fenced bodies.
-
-The scene section becomes typed values, with the little geometry that the rules need.
-"""
+"""Read a prompt as the offline model gets it: a role line, ``## `` sections, fenced bodies, the scene's objects."""
 
 import json
 import math

@@ -114,9 +114,7 @@ def line(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     rows = in_rows([obj.size[:2] for obj in order], 1, GAP * 1.5 * request.margin)
     width, depth = _round_up(rows.width + 2 * GAP), _round_up(rows.depth + 2 * GAP)
     strip = _zone(f"{request.color}_strip", width, depth, request.color, _table(objects))
-    if strip is None:
-        return None
-    return Plan("line", (strip,), _moves(order, strip, rows), "height", exact=True)
+    return None if strip is None else Plan("line", (strip,), _moves(order, strip, rows), "height", exact=True)
 
 
 def place(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
@@ -152,9 +150,7 @@ def clear(objects: Sequence[SceneObject], request: TaskRequest) -> Plan | None:
     rows = _rows(objects, request)
     size = (_round_up(rows.width + 2 * GAP), _round_up(rows.depth + 2 * GAP), max(obj.size[2] for obj in objects))
     free = _new_target("free_place", "free", size, "", table)
-    if free is None:
-        return None
-    return Plan("clear", (spot, free), _moves(objects, free, rows))
+    return None if free is None else Plan("clear", (spot, free), _moves(objects, free, rows))
 
 
 def _area_around(rects: Sequence[Rect]) -> Rect:

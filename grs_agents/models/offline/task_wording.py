@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from grs_agents.models.offline.plan import Family, Plan, Target
+from grs_agents.models.offline.plan import Family, Plan
 from grs_agents.models.offline.prompt_text import COLORS, SceneObject
 from grs_agents.models.offline.task_families import PALETTE, TaskRequest
 
@@ -32,7 +32,8 @@ def task_name(plan: Plan) -> str:
     labels = list(dict.fromkeys(obj.label for obj in plan.objects))
     what = "-and-".join(labels[:2]) + ("-and-more" if len(labels) > 2 else "")
     target = plan.targets[0]
-    where = f"-{_preposition(target)}-{target.label}" if plan.family in ("pack", "stack", "place") else ""
+    preposition = "into" if target.kind in ("container", "object") else "on"
+    where = f"-{preposition}-{target.label}" if plan.family in ("pack", "stack", "place") else ""
     how = {"sort": f"-by-{plan.criterion}", "line": "-by-height", "match": "-on-marks"}.get(plan.family, "")
     return re.sub(r"[^a-z0-9]+", "-", f"{_VERBS[plan.family]}-{what}{how}{where}".lower()).strip("-")[:90].strip("-")
 
@@ -70,9 +71,8 @@ def read_request(name: str, description: str, containers: Sequence[SceneObject],
     colors = "|".join(COLORS)
     found = re.search(rf"\b({colors}) (?:container|zone|strip|area|mark|place|square)\b", text)
     found = found or re.search(rf"\b({colors}) box\b", text)  # a box may also be one of the objects
-    criterion = (
-        "color" if re.search(r"by colou?r", text) else "kind" if re.search(r"by (kind|category|type)", text) else ""
-    )
+    by_kind = "kind" if re.search(r"by (kind|category|type)", text) else ""
+    criterion = "color" if re.search(r"by colou?r", text) else by_kind
     return TaskRequest(found.group(1) if found else PALETTE[0], tuple(containers), criterion, margin)
 
 
@@ -104,7 +104,3 @@ def _by_target(plan: Plan) -> str:
         if labels:
             parts.append(f"{listed(labels)} on the {target.label}")
     return ", and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
-
-
-def _preposition(target: Target) -> str:
-    return "into" if target.kind in ("container", "object") else "on"
