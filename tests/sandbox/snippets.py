@@ -82,7 +82,7 @@ def check_replacement(execute: Execute, sandbox: Sandbox) -> None:
     """See that a zygote that was killed between calls is replaced by the next one."""
     execute("")
     assert sandbox._zygote is not None
-    os.killpg(sandbox._zygote.pid, signal.SIGKILL)
+    os.killpg(sandbox._zygote._process.pid, signal.SIGKILL)
     result = execute("value = {'n': 1}")
     assert result.value == {"n": 1}
     assert result.retried
@@ -97,7 +97,7 @@ content.add_overlay(Path(sys.argv[1]))
 code = "from grs_agents.sandbox import progress\\nprogress({'at': 1})\\nwhile True: pass"
 with Sandbox() as sandbox:
     sandbox.call("execute", {"code": ""})
-    print(sandbox._zygote.pid, flush=True)
+    print(sandbox._zygote._process.pid, flush=True)
     sandbox.call("execute", {"code": code}, Limits(wall_seconds=60))
 """
 """A program that prints the number of its zygote and then waits for an endless call."""

@@ -22,12 +22,9 @@ _sender: list[Callable[[Frame], None]] = []
 
 
 def connect(descriptor: int, key: str | None = None) -> None:
-    """Send every later frame to the pipe ``descriptor``.
+    """Send every later frame to the pipe ``descriptor``, sealed with ``key`` (of ``wire.new_key``) and numbered from 0.
 
-    Args:
-        descriptor: an open file.
-        key: of ``wire.new_key``; frames are sealed with it and numbered from 0. None: as they are, which is for what
-            a worker says before it has a request.
+    Without a key they go as they are, which is for what a worker says before it has a request.
     """
     secret, numbers = None if key is None else bytes.fromhex(key), count()
 
@@ -42,12 +39,7 @@ def connect(descriptor: int, key: str | None = None) -> None:
 
 
 def send(frame: Frame) -> None:
-    """Write one frame whole.
-
-    Raises:
-        ValueError, TypeError: the frame is not plain JSON; nothing was written.
-        GrsError: this process is not a sandbox worker.
-    """
+    """Write one frame whole; ``ValueError`` or ``TypeError``, and nothing is written, if it is not plain JSON."""
     if not _sender:
         raise GrsError("this process is not a sandbox worker", "call the tool through Sandbox.call")
     _sender[0](frame)

@@ -65,19 +65,16 @@ def _serve(frame: dict[str, Any], limits: Limits, settings: Settings, rules: int
     with CapturedError() as captured:
         for folder in frame["overlays"]:
             content.add_overlay(Path(folder))
-        inside = _tool_function(frame)
+        module, tool = frame["module"], frame["tool"]
+        inside = (importlib.import_module(module) if module else content.load_module("tools", tool)).inside
         _confine(limits, settings, rules)
-        _dump_stacks_on_signals()
+        # Write the stack to the trace pipe on a crash, at the CPU limit and when the host asks, which is the end too.
+        faulthandler.enable(file=_TRACE, all_threads=False)
+        faulthandler.register(signal.SIGXCPU, file=_TRACE, all_threads=False, chain=True)
         channel.send({"kind": "ready", "cpu_seconds": before})
         _run_tool(inside, frame.pop("request"))
     if captured.error is not None:
         channel.send({"kind": "broken", "error": f"{type(captured.error).__name__}: {captured.error}"})
-
-
-def _tool_function(frame: dict[str, Any]) -> Callable[[dict[str, Any]], object]:
-    if frame["module"] is not None:
-        return importlib.import_module(frame["module"]).inside
-    return content.load_module("tools", frame["tool"]).inside
 
 
 def _keep_descriptors(frames: int, trace: int, output: int, rules: int | None) -> int | None:
@@ -116,18 +113,8 @@ def _enter_scratch(scratch: Path) -> None:
 
 
 def _confine(limits: Limits, settings: Settings, rules: int | None) -> None:
-    """Give up every right that the tool does not need.
-
-    Raises:
-        HardeningError, OSError: a layer that was promised does not hold.
-    """
-    allowance = Allowance(
-        cpu_seconds=limits.cpu_seconds,
-        memory_mib=limits.memory_mib,
-        file_mib=limits.scratch_mib,
-        descriptors=_DESCRIPTORS,
-        threads=limits.threads,
-    )
+    """Give up every right that the tool does not need; an error if a layer that was promised does not hold."""
+    allowance = Allowance(limits.cpu_seconds, limits.memory_mib, limits.scratch_mib, _DESCRIPTORS, limits.threads)
     if not settings.layers:
         limit(allowance, alone=False)
         return
@@ -147,12 +134,6 @@ def _receive() -> dict[str, Any] | None:
     return None
 
 
-def _dump_stacks_on_signals() -> None:
-    """Write the stack to the trace pipe on a crash, at the CPU limit and when the host asks, which is the end too."""
-    faulthandler.enable(file=_TRACE, all_threads=False)
-    faulthandler.register(signal.SIGXCPU, file=_TRACE, all_threads=False, chain=True)
-
-
 def _run_tool(inside: Callable[[dict[str, Any]], object], request: dict[str, Any]) -> None:
     with CapturedError() as captured:
         value = inside(request)
@@ -170,10 +151,9 @@ def _run_tool(inside: Callable[[dict[str, Any]], object], request: dict[str, Any
 
 
 def main() -> None:
-    """Be a process for a single call, where ready ones cannot be forked: import, wait for the one order, serve it.
+    """Be a process for a single call, started by ``zygote.Spawned``: import, wait for the one order, serve it.
 
-    Started by ``zygote.Spawned`` under the system's sandbox, so that even its imports have no more rights than the code
-    that it will run.
+    It begins under the system's sandbox, so that even its imports have no more rights than the code that it will run.
     """
     zygote, settings = startup.begin()
     warm(settings)

@@ -17,7 +17,6 @@ import traceback
 import unittest
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, TextIO, cast
@@ -197,17 +196,11 @@ def _line(test: unittest.TestCase) -> int | None:
 
 
 def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
-    """Run the tests ``request["items"]``; each start and end is a progress event of the item.
+    """Run the tests ``request["items"]`` (ids) of a ``TestRun``; each start and end is a progress event of the item.
 
-    Args:
-        request: the fields of ``TestRun``, and ``items``, the ids of the tests to run.
-
-    Returns:
-        ``{"load_error": None, "found": [...]}`` with the ids of the tests that were there once all was loaded, or what
-        went wrong before any test could run.
-
-    Raises:
-        MemoryError, TamperedError: what still runs in this process cannot be trusted; what ran before was reported.
+    The answer is ``{"load_error": None, "found": [...]}`` with the ids of the tests that were there once all was
+    loaded, or what went wrong before any test could run. ``MemoryError`` or ``TamperedError`` is raised where what
+    still runs in this process cannot be trusted; what ran before was reported.
     """
     seed = int(request["seed"])
     seed_everything(seed)
@@ -216,14 +209,20 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
     with CapturedError() as captured:
         load_program(request["simulation"], request["simulation_name"])
         _check(integrity, "simulation")
-        tests = _load_tests(request["tests"], counter)
+        code = compile(with_counter_calls(ast.parse(request["tests"], TESTS_FILE)), TESTS_FILE, "exec")
+        tests = _execute(code, request["tests"], "", TESTS_FILE, {COUNTER: counter.reached})
         _check(integrity, "tests")
         found = _found(tests)
     if isinstance(captured.error, MemoryError):
         raise captured.error
     if captured.error is not None:
         return {"load_error": _load_error(captured.error)}
-    begin = partial(_begin, seed, _hook(request["clear"]))
+    clear = _hook(request["clear"])
+
+    def begin() -> None:
+        seed_everything(seed)
+        clear()
+
     session = Session(begin, _hook(request["episode"]), _hook(request["limit"]), counter, integrity)
     _run(tests, list(request["items"]), session)
     if session.spoilt is not None:
@@ -234,10 +233,8 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
 def load_program(source: str, alias: str = "", file: str = SIMULATION_FILE) -> ModuleType:
     """Execute ``source`` as the module named after ``file``, also known as ``alias`` unless a module has that name.
 
-    The file is written to the working folder, where programs that read their own source find it.
-
-    Raises:
-        BaseException: whatever the program raises.
+    The file is written to the working folder, where programs that read their own source find it. Whatever the program
+    raises is raised.
     """
     return _execute(compile(source, file, "exec"), source, alias, file, {})
 
@@ -248,12 +245,6 @@ def seed_everything(seed: int) -> None:
 
     random.seed(seed)
     np.random.seed(seed % 2**32)
-
-
-def _load_tests(source: str, counter: Counter) -> ModuleType:
-    """Execute the test program with its assertions counted."""
-    code = compile(with_counter_calls(ast.parse(source, TESTS_FILE)), TESTS_FILE, "exec")
-    return _execute(code, source, "", TESTS_FILE, {COUNTER: counter.reached})
 
 
 def _execute(code: CodeType, source: str, alias: str, file: str, given: dict[str, object]) -> ModuleType:
@@ -272,38 +263,28 @@ def _execute(code: CodeType, source: str, alias: str, file: str, given: dict[str
 
 def _check(integrity: Integrity, loaded: RaisedIn) -> None:
     """See that the program just ``loaded`` left the machinery as it was."""
-    broken = integrity.broken()
-    if broken is not None:
-        message, where = broken
-        raise TamperedError(message, where or loaded)
+    if (broken := integrity.broken()) is not None:
+        raise TamperedError(broken[0], broken[1] or loaded)
 
 
 def _load_error(error: BaseException) -> dict[str, Any]:
-    trace = describe_error(error)
-    kind = "error"
     if isinstance(error, TamperedError):
         message, where = error.args
         return {"kind": "tampered", "message": message, "traceback": "", "raised_in": where}
-    if isinstance(error, SystemExit):
-        kind = "exited"
+    trace, kind = describe_error(error), "exited" if isinstance(error, SystemExit) else "error"
     return {"kind": kind, "message": trace.message, "traceback": trace.text, "raised_in": trace.raised_in}
 
 
 def _found(tests: ModuleType) -> list[str]:
     """The ids of the tests that the loaded module has; a class under several names counts once."""
-    cases = _test_cases(tests)
+    kinds = ((name, kind) for name, kind in list(vars(tests).items()) if isinstance(kind, type))
     return [
         f"{name}.{method}"
-        for name, kind in cases.items()
+        for name, kind in kinds
+        if issubclass(kind, unittest.TestCase) and kind.__name__ == name
         for method in dir(kind)
         if method.startswith("test") and callable(getattr(kind, method, None))
     ][:1000]
-
-
-def _test_cases(tests: ModuleType) -> dict[str, type[unittest.TestCase]]:
-    """The test classes of a module that have the name of their definition there."""
-    kinds = ((name, kind) for name, kind in list(vars(tests).items()) if isinstance(kind, type))
-    return {name: kind for name, kind in kinds if issubclass(kind, unittest.TestCase) and kind.__name__ == name}
 
 
 def _run(tests: ModuleType, pending: list[str], session: Session) -> None:
@@ -319,11 +300,6 @@ def _run(tests: ModuleType, pending: list[str], session: Session) -> None:
             result.blame_fixture(left)
             return
         pending = left
-
-
-def _begin(seed: int, clear: Callable[[], Any]) -> None:
-    seed_everything(seed)
-    clear()
 
 
 def _hook(name: str | None) -> Callable[..., Any]:

@@ -38,11 +38,7 @@ MACHINERY = {
 
 
 class Integrity:
-    """The verdict machinery as it is when this is made.
-
-    Args:
-        with_numpy: the assertions of ``numpy.testing`` too, which takes its import.
-    """
+    """The verdict machinery as it is when this is made; the assertions of ``numpy.testing`` too, if asked to import."""
 
     def __init__(self, with_numpy: bool) -> None:
         names = (*_UNITTEST, *_STANDARD, *_OWN, *(_NUMPY if with_numpy else ()))

@@ -36,14 +36,9 @@ class Forked:
         gc.freeze()  # the children share these pages for as long as no collector touches them
 
     def start(self, order: Order, descriptors: Sequence[int]) -> int:
-        """The number of a new process that serves ``order``; the caller awaits its end and reaps it.
+        """The number of a new process that serves ``order`` over ``descriptors`` (frames, trace and output).
 
-        Args:
-            order: what to serve.
-            descriptors: frames, trace and output.
-
-        Raises:
-            OSError: the system refused the process.
+        The caller awaits its end and reaps it. ``OSError`` if the system refused the process.
         """
         pid = os.fork()
         if pid == 0:
@@ -65,8 +60,7 @@ class _Idle:
 class Spawned:
     """Processes that were started ahead, each in the system's sandbox; one waits for each slot.
 
-    Raises:
-        ChildProcessError: one did not get ready; its standard error says why.
+    ``ChildProcessError`` if one did not get ready; its standard error says why.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -165,7 +159,13 @@ class _Zygote:
             while self._serve_once():
                 self._watch()
         finally:
-            self._end_all()
+            self._children.end()
+            for running in self._running:
+                os.kill(running.pid, signal.SIGKILL)
+            for running in self._running:
+                os.waitpid(running.pid, 0)
+                with suppress(OSError):
+                    empty_folder(running.scratch)
 
     def _serve_once(self) -> bool:
         """Wait until something happens and do what it asks for; False once the host is gone."""
@@ -251,12 +251,3 @@ class _Zygote:
             return usage.file_system_bytes(running.scratch) >= min(most, self._settings.scratch_bytes)
         unlinked = usage.unlinked_bytes(running.pid)
         return unlinked + usage.scratch_bytes(running.scratch, most) >= most
-
-    def _end_all(self) -> None:
-        self._children.end()
-        for running in self._running:
-            os.kill(running.pid, signal.SIGKILL)
-        for running in self._running:
-            os.waitpid(running.pid, 0)
-            with suppress(OSError):
-                empty_folder(running.scratch)

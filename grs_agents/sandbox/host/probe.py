@@ -20,11 +20,7 @@ _LIMITS = Limits(wall_seconds=20, cpu_seconds=10, memory_mib=256)
 
 
 def attack(zygote: Zygote, slot: int) -> None:
-    """Attack from inside a child of ``zygote``.
-
-    Raises:
-        SandboxError: an attack succeeded, or the probe itself did not run.
-    """
+    """Attack from inside a child of ``zygote``; ``SandboxError`` if an attack succeeded or the probe did not run."""
     if zygote.backend == "none":
         return
     with tempfile.TemporaryDirectory(prefix="grs-probe-") as folder, socket.create_server(("127.0.0.1", 0)) as server:
@@ -38,10 +34,9 @@ def attack(zygote: Zygote, slot: int) -> None:
         why = "it ended" if result is None else f"{result.outcome}: {result.error.strip().splitlines()[-1]}"
         raise SandboxError(f"the probe of the sandbox did not run ({why})", DOCTOR)
     allowed = {"read a file outside"} if allowlist.covered(secret, zygote.readable) else set[str]()
-    escaped = [
-        *(name for name in result.value["escaped"] if name not in allowed),
-        *(["changed a file outside"] if changed else []),
-    ]
+    escaped = [name for name in result.value["escaped"] if name not in allowed]
+    if changed:
+        escaped.append("changed a file outside")
     if escaped:
         raise SandboxError(f"a worker {', '.join(escaped)}", DOCTOR)
 

@@ -28,14 +28,10 @@ from grs_agents.sandbox.protocol import CallResult, Limits, sweep, wire
 class Sandbox:
     """Runs each call in a hardened process forked from one that has its imports done.
 
-    Args:
-        preload: modules that are imported before the first call, e.g. ``("mujoco",)``.
-        tools: tool files that are imported before the first call.
-        backend: what separates workers from this process. ``auto`` takes the strongest that holds against the probe's
-            attacks; ``none`` is no separation at all.
-        workers: how many calls may run at once; more wait for their turn.
-        limits: what a call may cost unless it says otherwise. The size of scratch folders is fixed by these.
-        readable: files and folders that workers may read, beside what they need to run.
+    The modules of ``preload`` and the tool files ``tools`` are imported before the first call. The backend ``auto`` is
+    the strongest that holds against the probe's attacks; ``none`` is no separation at all. At most ``workers`` calls
+    run at once; more wait for their turn. A call may cost ``limits`` unless it says otherwise; these fix the size of
+    scratch folders too. Workers may read ``readable``, beside what they need to run.
 
     Safe to share between threads. Use it as a context manager, or ``close`` it.
     """
@@ -78,11 +74,7 @@ class Sandbox:
     ) -> CallResult:
         """Run ``inside(request)`` of the tool file ``tool`` in a worker.
 
-        Args:
-            tool: a name in ``tools/``.
-            request: plain JSON.
-            limits: what the call may cost; those of the sandbox otherwise.
-            readable: files and folders that this call reads; later ones may read them too.
+        The call may read ``readable`` (files and folders), and so may later ones.
 
         Raises:
             UnknownNameError: no such tool.
@@ -154,11 +146,7 @@ class Sandbox:
             return zygote
 
     def _launch(self) -> Zygote:
-        """Start a zygote with the strongest backend that is left.
-
-        Raises:
-            SandboxError: none is left.
-        """
+        """Start a zygote with the strongest backend that is left; ``SandboxError`` if none is."""
         for backend in list(self._candidates):
             if reasons := absent(backend):
                 why, remedies = zip(*reasons, strict=True)
@@ -170,11 +158,7 @@ class Sandbox:
         raise self._refusal()
 
     def _give_up(self, backend: Backend, error: SandboxError) -> None:
-        """Do not try ``backend`` again; one that once held is never followed by a weaker one.
-
-        Raises:
-            SandboxError: it once held, so this is no matter of what the machine offers.
-        """
+        """Do not try ``backend`` again; if it once held, raise ``error``, since no weaker one may follow it."""
         if self._proven is not None:
             raise error
         self._failures[backend] = error
@@ -183,10 +167,8 @@ class Sandbox:
     def _refusal(self) -> SandboxError:
         """Why each candidate is out, and how to get what is missing."""
         found = "; ".join(f"{backend}: {error.message}" for backend, error in self._failures.items())
-        remedies = [
-            BACKEND_REMEDIES.get(backend, "") if error.remedy == DOCTOR else error.remedy
-            for backend, error in self._failures.items()
-        ]
+        failures = self._failures.items()
+        remedies = [BACKEND_REMEDIES.get(name, "") if e.remedy == DOCTOR else e.remedy for name, e in failures]
         self._candidates = list(backend_candidates(self._choice))  # what is missing may be installed meanwhile
         remedy = ", or ".join([*filter(None, dict.fromkeys(remedies)), "accept the risk with --unsafe-no-sandbox"])
         return SandboxError(f"nothing separates generated code from this machine ({found})", remedy)

@@ -35,11 +35,7 @@ class Exit:
 class Streams:
     """What comes from a worker; everything given is closed with it.
 
-    Args:
-        frames: the socket of its frames.
-        trace: the pipe that ``faulthandler`` writes to.
-        output: the pipe of its standard output and standard error.
-        control: the socket on which the zygote tells how the worker ended.
+    ``faulthandler`` writes to ``trace``; the zygote tells on ``control`` how the worker ended.
     """
 
     def __init__(self, frames: socket.socket, trace: int, output: int, control: socket.socket) -> None:
@@ -147,9 +143,7 @@ class Streams:
     def end(self, seconds: float, explained: bool = False) -> Exit | None:
         """Have the worker killed, if it still runs; how it ended, or None if the zygote does not tell in time.
 
-        Args:
-            seconds: how long to wait for the zygote.
-            explained: let the worker write its stack first; one that blocks signals is given a second.
+        ``explained`` lets the worker write its stack first; one that blocks signals is given a second.
         """
         if explained and self.exit is None and self._open("control"):
             with suppress(OSError):
@@ -177,13 +171,9 @@ class Streams:
 
 
 def exchange(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -> CallResult | None:
-    """Run one call in a child of ``zygote``.
+    """Run one call in a child of ``zygote``; None if the zygote ended before the call did.
 
-    Returns:
-        None if the zygote ended before the call did.
-
-    Raises:
-        SandboxError: the child could not be made ready; no generated code has run.
+    ``SandboxError`` if the child could not be made ready: no generated code has run.
     """
     frames, frames_end = socket.socketpair()
     trace, trace_end = os.pipe()
@@ -198,9 +188,7 @@ def exchange(zygote: Zygote, slot: int, frame: dict[str, Any], limits: Limits) -
             control_end.close()
             os.close(trace_end)
             os.close(output_end)
-        if not ordered or not _send(frames, wire.encode(streams.keyed(frame))):
-            return None
-        if not _await_ready(streams):
+        if not ordered or not _send(frames, wire.encode(streams.keyed(frame))) or not _await_ready(streams):
             return None
         started = time.monotonic()
         ending = streams.listen(started + limits.wall_seconds, limits.output_mib << 20)
@@ -264,15 +252,9 @@ def _explain(ended: Exit, limits: Limits) -> Ending:
     if code == -signal.SIGXCPU or (code == -signal.SIGKILL and ended.cpu_seconds >= limits.cpu_seconds):
         return "cpu_limit", None, ""
     if code < 0:
-        return "crashed", None, f"the process was killed by {_signal_name(-code)}"
+        name = next((known.name for known in signal.Signals if known == -code), f"signal {-code}")
+        return "crashed", None, f"the process was killed by {name}"
     return "crashed", None, f"the process ended itself with exit status {code}"
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
 
 
 def _broken_limit(outcome: str, limits: Limits) -> str:

@@ -27,11 +27,7 @@ class ExpectedTests:
 
 
 def parse_program(source: str, filename: str) -> ast.Module:
-    """The syntax tree of ``source``.
-
-    Raises:
-        SyntaxError: it is not Python, too long, or nested too deeply.
-    """
+    """The syntax tree of ``source``; ``SyntaxError`` if it is not Python, too long, or nested too deeply."""
     if len(source) > MAX_SOURCE:
         raise SyntaxError(f"{filename} has {len(source)} characters; the most is {MAX_SOURCE}")
     try:

@@ -70,14 +70,9 @@ class TestRun(Frozen):
 def run_tests(
     sandbox: Sandbox, tool: str, programs: TestRun, limits: Limits, readable: Sequence[Path] = ()
 ) -> TestReport:
-    """Run the tests in workers; whatever they do is a report.
+    """Run the tests in workers; whatever they do is a report. ``SandboxError`` if no worker can be started.
 
-    Args:
-        tool: the tool file whose ``inside`` calls ``run_tests_inside``.
-        readable: files and folders that the tests read.
-
-    Raises:
-        SandboxError: no worker can be started.
+    The ``inside`` of the tool file ``tool`` calls ``run_tests_inside``. The tests may read ``readable``.
     """
     try:
         parse_program(programs.simulation, SIMULATION_FILE)
@@ -87,11 +82,8 @@ def run_tests(
         where: RaisedIn = "tests" if TESTS_FILE in (error.filename or trace.message) else "simulation"
         return TestReport(outcome="error", message=trace.message, traceback=trace.text, raised_in=where)
     if not expected.ids:
-        return TestReport(
-            outcome="no_tests",
-            message="no class that derives from unittest.TestCase has a test method",
-            raised_in="tests",
-        )
+        message = "no class that derives from unittest.TestCase has a test method"
+        return TestReport(outcome="no_tests", message=message, raised_in="tests")
     if expected.chooses:
         message = "the test program has a load_tests of its own"
         return TestReport(outcome="load_tests", message=message, raised_in="tests")
@@ -119,9 +111,8 @@ def _assemble(expected: ExpectedTests, batch: BatchResult, sources: dict[str, st
 def _judge(cases: tuple[TestCase, ...], batch: BatchResult) -> TestReport:
     first = next((case for case in cases if case.outcome != "passed"), None)
     if first is not None:
-        return TestReport(
-            outcome=_worst({case.outcome for case in cases}, "failed"), cases=cases, raised_in=first.raised_in
-        )
+        outcome = _worst({case.outcome for case in cases}, "failed")
+        return TestReport(outcome=outcome, cases=cases, raised_in=first.raised_in)
     ended = next((call for call in batch.calls if call.outcome != "ok"), None)
     if ended is not None:
         message = f"after a test: {_last_line(ended.error)}"
@@ -244,11 +235,8 @@ def _extra(expected: ExpectedTests, batch: BatchResult) -> tuple[TestCase, ...]:
     """Tests that turned up though the source does not have them, and results that nobody asked for."""
     added = "it is no method in the source, so it did not run"
     made_up = "a result was reported for a test there is not"
-    cases = [
-        TestCase(id=item[:200], outcome="extra", message=added, raised_in="tests")
-        for item in _tests_in_worker(batch.last)
-        if item not in expected.ids
-    ]
+    present = [item for item in _tests_in_worker(batch.last) if item not in expected.ids]
+    cases = [TestCase(id=item[:200], outcome="extra", message=added, raised_in="tests") for item in present]
     cases += [TestCase(id=item, outcome="forged", message=made_up, raised_in="tests") for item in batch.strange]
     return tuple(cases[:100])
 
@@ -265,12 +253,11 @@ def _tests_in_worker(call: CallResult) -> list[str]:
 def _culprit(call: CallResult, sources: dict[str, str]) -> RaisedIn | None:
     """Which program ended the process or wrote to the pipe, as far as their sources tell: that leaves no traceback."""
     pattern = _SOURCE_PATTERNS.get(_stopped_as(call))
-    if pattern is not None:
-        if pattern.search(sources[TESTS_FILE]):
-            return "tests"
-        if pattern.search(sources[SIMULATION_FILE]):
-            return "simulation"
-    return None
+    if pattern is None:
+        return None
+    if pattern.search(sources[TESTS_FILE]):
+        return "tests"
+    return "simulation" if pattern.search(sources[SIMULATION_FILE]) else None
 
 
 def _last_line(text: str) -> str:

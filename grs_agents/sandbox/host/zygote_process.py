@@ -37,18 +37,9 @@ class Plan:
 
 
 class Zygote:
-    """A process that has a child, forked or started ahead, for each call.
+    """A process that has a child, forked or started ahead, for each call; ``SandboxError`` if it cannot be started.
 
-    Args:
-        backend: what separates children from this process.
-        plan: what it is for.
-
-    Attributes:
-        calls: how many calls it is serving.
-        lost: whether it ended in the middle of one.
-
-    Raises:
-        SandboxError: the system refused the process.
+    It counts the calls it is serving; ``lost`` says that it ended in the middle of one.
     """
 
     def __init__(self, backend: Backend, plan: Plan) -> None:
@@ -68,19 +59,18 @@ class Zygote:
             theirs.close()
 
     @property
-    def pid(self) -> int:
-        """The process that was started, which is bubblewrap's where there is one."""
-        return self._process.pid
-
-    @property
     def _log(self) -> Path:
         return self._scratch.path / "log"
 
     def _start(self, plan: Plan, channel: int) -> "subprocess.Popen[bytes]":
         settings = self._settings(plan)
+        command = startup.command("zygote", channel, settings)
+        if self.backend == "bubblewrap":
+            scratch = [settings.scratch / str(slot) for slot in range(plan.slots)]
+            command = [*command_lines.bubblewrap(self.readable, scratch, settings.scratch_bytes), *command]
         with self._log.open("wb") as log:
             return subprocess.Popen(
-                [*self._wrapping(plan, settings), *startup.command("zygote", channel, settings)],
+                command,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -112,19 +102,8 @@ class Zygote:
             single_use=tuple(map(tuple, wrapping)),
         )
 
-    def _wrapping(self, plan: Plan, settings: Settings) -> list[str]:
-        """What to put before the zygote's command."""
-        if self.backend != "bubblewrap":
-            return []
-        scratch = [settings.scratch / str(slot) for slot in range(plan.slots)]
-        return command_lines.bubblewrap(self.readable, scratch, settings.scratch_bytes)
-
     def await_ready(self) -> None:
-        """Wait until its imports are done.
-
-        Raises:
-            SandboxError: they failed, or took longer than a minute.
-        """
+        """Wait until its imports are done; ``SandboxError`` if they failed, or took longer than a minute."""
         if self._ready:
             return
         with suppress(OSError):
@@ -147,10 +126,8 @@ class Zygote:
         """End it at once, whatever state it is in. Safe to repeat."""
         if self._process.returncode is None:
             for kill in (os.killpg, os.kill):
-                try:
+                with suppress(ProcessLookupError, PermissionError):
                     kill(self._process.pid, signal.SIGKILL)
-                except (ProcessLookupError, PermissionError):
-                    continue
 
     def close(self) -> None:
         """Let it end its children and itself; nothing of it is left afterwards. Safe to repeat."""

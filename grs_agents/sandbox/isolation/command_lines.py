@@ -11,9 +11,8 @@ from grs_agents.sandbox.isolation import allowlist
 def bubblewrap(readable: Sequence[Path], scratch: Sequence[Path], scratch_bytes: int) -> list[str]:
     """What to put before a command, for name spaces of its own and a file system of what is named.
 
-    Args:
-        readable: files and folders that are visible beside the system's own, read-only.
-        scratch: folders that can be written, each a file system of ``scratch_bytes`` bytes.
+    ``readable`` is visible read-only, beside the system's own files; each folder of ``scratch`` is a writable file
+    system of ``scratch_bytes`` bytes.
     """
     command = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--unshare-user", "--cap-drop", "ALL"]
     command += ["--hostname", "sandbox"]
@@ -41,10 +40,7 @@ def seatbelt_profile(readable: Sequence[Path], scratch: Path) -> str:
 
     The rules that a program needs to start at all are Apple's own, which change with the system. ``sandbox-exec``
     starts the interpreter within the profile, so the interpreter alone may be executed, in place of itself.
-
-    Args:
-        readable: files and folders that can be read beside the system's own.
-        scratch: the only folder that can be written.
+    ``scratch`` is the only folder that can be written.
     """
     paths = (*allowlist.system_paths(), *readable)
     parents = sorted({parent for path in (*paths, scratch) for parent in path.parents})

@@ -21,28 +21,17 @@ def prepare() -> None:
 
 
 def file_rules(readable: Sequence[Path], writable: Sequence[Path]) -> int | None:
-    """What ``harden`` leaves of the files, made ahead of a fork; None if this kernel has no Landlock.
-
-    Args:
-        readable: files and folders that may be read; nothing may be executed.
-        writable: files and folders that may be changed too.
-    """
+    """What ``harden`` leaves of the files, as ``landlock.rules``; None if this kernel has no Landlock."""
     return landlock.rules(readable, writable) if landlock.abi() else None
 
 
 def harden(rules: int | None, allowance: Allowance, visible: bool = False) -> tuple[str, ...]:
     """Confine the present process to a few files, harmless system calls and bounded resources, for ever.
 
-    What the kernel lacks is left out: the caller compares the answer with what it demands. Descriptors that are open
-    stay open. The process can start threads afterwards, but no process.
-
-    Args:
-        rules: of ``file_rules``.
-        allowance: what may be used up.
-        visible: whether processes of the same user outside may see its open files and memory.
-
-    Returns:
-        The layers that hold, e.g. ``("no capabilities", "limits", "thread limit", "landlock 7", "seccomp")``.
+    The answer names the layers that hold, e.g. ``("no capabilities", "limits", "thread limit", "landlock 7",
+    "seccomp")``. What the kernel lacks is left out: the caller compares with what it demands. Descriptors that are open
+    stay open. The process can start threads afterwards, but no process. ``visible`` says whether processes of the same
+    user outside may see its open files and memory.
 
     Raises:
         HardeningError: the process has several threads. Landlock and capabilities belong to one thread, and another

@@ -122,11 +122,7 @@ def machine() -> Machine | None:
 
 
 def call(name: str, *arguments: int) -> int:
-    """Make a system call by name; addresses are passed as integers.
-
-    Raises:
-        OSError: what the kernel answered; ENOSYS (38) also if the machine is not known.
-    """
+    """Make a system call by name, addresses passed as integers; ENOSYS (38) also if the machine is not known."""
     kind = machine()
     if kind is None:
         raise OSError(38, f"{name} is a system call of Linux on x86-64 and aarch64")
@@ -134,20 +130,12 @@ def call(name: str, *arguments: int) -> int:
 
 
 def prctl(option: int, *arguments: int) -> int:
-    """Read or set a property of this thread or process; arguments left out are 0.
-
-    Raises:
-        OSError: what the kernel answered.
-    """
+    """Read or set a property of this thread or process; arguments left out are 0."""
     return _checked(_libc.prctl(option, *_padded(arguments, 4)))
 
 
 def read(path: str) -> bytes:
-    """What the kernel tells in one of its small files, without the buffers that a file object sets up.
-
-    Raises:
-        OSError: it does not.
-    """
+    """What the kernel tells in one of its small files, without the buffers that a file object sets up."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         return os.read(descriptor, 1 << 16)
@@ -156,11 +144,7 @@ def read(path: str) -> bytes:
 
 
 def write(path: str, data: bytes) -> None:
-    """Tell the kernel something through one of its small files.
-
-    Raises:
-        OSError: it does not take it.
-    """
+    """Tell the kernel something through one of its small files."""
     descriptor = os.open(path, os.O_WRONLY)
     try:
         os.write(descriptor, data)

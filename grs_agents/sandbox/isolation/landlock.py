@@ -76,18 +76,13 @@ def why_not() -> str:
 def rules(readable: Sequence[Path], writable: Sequence[Path]) -> int:
     """A descriptor of the rights that ``restrict_files`` leaves; a forked process inherits it.
 
-    Nothing may be executed, no device, socket or pipe be made. Version 4 also denies TCP, version 6 signals to
-    processes outside and sockets of the abstract name space.
-
-    Args:
-        readable: files that may be read, and folders with all that is in them. An absent path is left out.
-        writable: files that may be written too; in folders, files, folders and links may be made and removed.
-
-    Raises:
-        OSError: the kernel has no Landlock.
+    Folders stand for all that is in them; an absent path is left out. In ``writable`` folders files, folders and links
+    may be made and removed. Nothing may be executed, no device, socket or pipe be made. Version 4 also denies TCP,
+    version 6 signals to processes outside and sockets of the abstract name space. ``OSError`` if there is no Landlock.
     """
     version = abi()
-    handled = _handled(version)
+    # All rights that this version knows, since what is not handled stays free.
+    handled = Access(sum(right for right in Access if version >= _FIRST_ABI.get(right, 1)))
     ruleset = _ruleset(version, handled)
     for paths, rights in ((readable, _READ), (writable, _WRITE)):
         for path in paths:
@@ -99,19 +94,9 @@ def rules(readable: Sequence[Path], writable: Sequence[Path]) -> int:
 def restrict_files(ruleset: int) -> None:
     """Take from this thread, and all it will start, every right on files but those of ``rules``, for ever.
 
-    Raises:
-        OSError: the kernel has no Landlock, or the process may still gain privileges.
+    ``OSError`` if the kernel has no Landlock, or the process may still gain privileges.
     """
     kernel.call("landlock_restrict_self", ruleset, 0)
-
-
-def _handled(version: int) -> Access:
-    """All rights that this version knows: what is not handled stays free."""
-    handled = Access(0)
-    for right in Access:
-        if version >= _FIRST_ABI.get(right, 1):
-            handled |= right
-    return handled
 
 
 def _ruleset(version: int, handled: Access) -> int:

@@ -64,10 +64,7 @@ def use_unique_user_id() -> bool:
     """Be counted as a user of its own, since the kernel keeps no limit on the number of root's threads.
 
     Only the *real* user id changes, by which the kernel counts; files are opened as before. Call it while the process
-    still holds its capabilities.
-
-    Returns:
-        Whether it is; without CAP_SETUID or in a name space of few user ids everything stays as it was.
+    still holds its capabilities. False without CAP_SETUID or in a name space of few user ids: all stays as it was.
     """
     try:
         os.setresuid(_ACCOUNTS + int.from_bytes(os.urandom(3), "little"), -1, -1)
@@ -104,20 +101,15 @@ class Allowance:
 def limit(allowance: Allowance, alone: bool) -> bool:
     """Set all limits, soft and hard, for ever; none is raised above what already holds. The stack's is kept.
 
-    Args:
-        allowance: what may be used.
-        alone: whether no other process counts as this user's (``privileges.use_unique_user_id``).
-
-    Returns:
-        Whether the limit on threads binds: it does not bind root.
+    ``alone`` says that no other process counts as this user's (``use_unique_user_id``). The answer is whether the limit
+    on threads binds: it does not bind root.
     """
     cpu = math.ceil(time.process_time() + allowance.cpu_seconds)
     _lower("CPU", cpu, cpu + 1)
     _lower("FSIZE", allowance.file_mib << 20)
     _lower("NOFILE", allowance.descriptors)
-    _lower("CORE", 0)
-    _lower("MEMLOCK", 0)
-    _lower("MSGQUEUE", 0)
+    for name in ("CORE", "MEMLOCK", "MSGQUEUE"):
+        _lower(name, 0)
     _lower("SIGPENDING", 256)
     tasks = allowance.threads + (1 if alone else _tasks(os.getuid()))
     _lower("NPROC", 0, tasks)

@@ -5,11 +5,8 @@ so that Python raises ``PermissionError``; all others fail with ENOSYS, as on a 
 Calls made for another machine (32-bit, x32) kill the process. The kernel works out ahead of time which calls pass
 whatever their arguments, and does not run the filter for these.
 
-Classic BPF, the language of seccomp filters, written as a tree of decisions.
-
-A filter reads one 32-bit word of ``struct seccomp_data`` at a time, compares it, and ends in an answer. Every
-branch of the tree ends in an answer of its own, so that branches are laid out one after the other and no jump needs
-a label.
+The filter is classic BPF, written as a tree of decisions: it reads one 32-bit word of ``struct seccomp_data`` at a
+time, compares it, and ends in an answer. Every branch ends in an answer of its own, so no jump needs a label.
 """
 
 import ctypes
@@ -120,11 +117,8 @@ def encode(program: Iterable[Instruction]) -> bytes:
 
 def places(program: Iterable[Instruction], operand: int) -> tuple[int, ...]:
     """Where ``operand`` lies in the encoded program, in bytes: it can be replaced there (``struct``'s ``=I``)."""
-    return tuple(
-        number * _INSTRUCTION.size + _OPERAND
-        for number, instruction in enumerate(program)
-        if instruction[-1] == operand
-    )
+    numbers = (number for number, instruction in enumerate(program) if instruction[-1] == operand)
+    return tuple(number * _INSTRUCTION.size + _OPERAND for number in numbers)
 
 
 ALLOW = Answer(0x7FFF_0000)
@@ -207,11 +201,8 @@ def why_not() -> str:
 def install(landlock_abi: int) -> None:
     """Filter the system calls of this process, all its threads included, for ever.
 
-    Args:
-        landlock_abi: what Landlock covers; below 3 it leaves truncation free, which is denied here then.
-
-    Raises:
-        OSError: the kernel took no filter, or the process may still gain privileges.
+    Landlock below version 3 leaves truncation free, which is denied here then. ``OSError`` if the kernel took no
+    filter, or the process may still gain privileges.
     """
     machine = kernel.machine()
     if machine is None:
@@ -236,8 +227,7 @@ def policy(machine: kernel.Machine, pid: int, landlock_abi: int) -> Node:
     """The answer to every call that process ``pid`` could make, as a tree of decisions."""
     answers: dict[str, Node] = dict.fromkeys(ALLOWED.split(), ALLOW)
     answers |= dict.fromkeys(DENIED.split(), DENY)
-    answers |= _by_arguments(pid)
-    answers |= _opening(truncation=landlock_abi >= 3)
+    answers |= _by_arguments(pid) | _opening(truncation=landlock_abi >= 3)
     return Load(ARCHITECTURE, equal(_ARCHITECTURES[machine], Load(NUMBER, _by_number(machine, answers)), KILL))
 
 
@@ -257,17 +247,14 @@ def _by_arguments(pid: int) -> dict[str, Node]:
     The kernel takes these as ``int``, so that the lower half is all of them, but for pointers and a pipe's size.
     """
     oneself = argument(0, equal(pid, ALLOW, DENY))
-    own_or_caller = argument(0, among((0, pid), _null(2), DENY))
+    null = argument(2, equal(0, upper_half(2, equal(0, ALLOW, DENY)), DENY))
+    own_or_caller = argument(0, among((0, pid), null, DENY))
     thread = any_bit(_CLONE_THREAD, any_bit(_NEW_NAMESPACES, DENY, ALLOW), DENY)
     no_larger = upper_half(2, equal(0, argument(2, at_least(_PIPE_SIZE + 1, DENY, ALLOW)), DENY))
     return {
         "clone": argument(0, thread),
         "clone3": UNKNOWN,  # its flags lie in memory, out of a filter's sight; the C library falls back to clone
-        "kill": oneself,
-        "tkill": oneself,
-        "tgkill": oneself,
-        "rt_sigqueueinfo": oneself,
-        "rt_tgsigqueueinfo": oneself,
+        **dict.fromkeys(("kill", "tkill", "tgkill", "rt_sigqueueinfo", "rt_tgsigqueueinfo"), oneself),
         "prlimit64": own_or_caller,
         "fallocate": argument(1, equal(0, ALLOW, DENY)),  # its modes reserve space beyond the limit on file size
         "ioctl": argument(1, among(_CONTROLS, ALLOW, DENY)),
@@ -276,16 +263,11 @@ def _by_arguments(pid: int) -> dict[str, Node]:
     }
 
 
-def _null(index: int) -> Node:
-    return argument(index, equal(0, upper_half(index, equal(0, ALLOW, DENY)), DENY))
-
-
 def _opening(truncation: bool) -> dict[str, Node]:
     """Deny files without a name, which nothing outside can count.
 
-    Args:
-        truncation: whether Landlock guards it; if not, deny what shortens a file that is open for reading alone
-            (access mode 0, or 3: neither).
+    Where Landlock does not guard truncation, deny what shortens a file that is open for reading alone (access mode 0,
+    or 3: neither).
     """
     flags: Node = ALLOW
     if not truncation:

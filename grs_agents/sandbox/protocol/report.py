@@ -1,7 +1,4 @@
-"""The results of a call, what it may cost, and the report of a test run: one case for each test of the source.
-
-Routers and fixers read the report as text.
-"""
+"""The results of a call, and the report of a test run, one case for each test, which routers and fixers read."""
 
 import json
 from typing import Annotated, Any, Literal

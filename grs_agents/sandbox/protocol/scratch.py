@@ -12,11 +12,7 @@ _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
 
 
 class Scratch:
-    """A fresh folder that only this user can enter; it is locked for as long as its host lives.
-
-    Attributes:
-        path: the folder.
-    """
+    """A fresh folder, ``path``, that only this user can enter; it is locked for as long as its host lives."""
 
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix=_PREFIX)).resolve()
@@ -45,11 +41,7 @@ def sweep() -> None:
 
 
 def _lock(descriptor: int) -> None:
-    """Take the lock on an open folder.
-
-    Raises:
-        OSError: somebody else has it.
-    """
+    """Take the lock on an open folder; ``OSError`` if somebody else has it."""
     import fcntl  # here, since Windows lacks it, where this package can be imported but has no worker
 
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -46,12 +46,9 @@ _CODE = (
 
 
 def command(module: Literal["zygote", "child"], channel: int, settings: Settings) -> list[str]:
-    """The command line that runs ``main`` of ``module``.
+    """The command line that runs ``main`` of ``module``; ``channel`` is the number of an inherited socket.
 
-    Args:
-        module: which process to start.
-        channel: the number of an inherited socket, whose other end whoever starts the process holds.
-        settings: how it serves.
+    Whoever starts the process holds the socket's other end.
     """
     folder = str(content.package_root().parent)
     code = _CODE.format(module)

@@ -38,9 +38,8 @@ def describe_error(error: BaseException) -> Trace:
         one.stack[:] = _relevant(list(one.stack), [frame.filename for frame in one.stack])
         one = one.__cause__ or one.__context__
     lines = "".join(whole.format_exception_only()).rstrip().splitlines() or [type(error).__name__]
-    message = next(
-        (line for line in lines if not line.startswith(" ")), lines[-1]
-    )  # a syntax error shows its line first
+    # A syntax error shows its line first.
+    message = next((line for line in lines if not line.startswith(" ")), lines[-1])
     files = [frame.filename for frame in whole.stack]
     if isinstance(error, SyntaxError) and error.filename in _PROGRAMS:
         files.append(error.filename)

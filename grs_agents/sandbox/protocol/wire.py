@@ -48,11 +48,7 @@ def new_key() -> str:
 
 
 def encode(frame: Mapping[str, Any]) -> bytes:
-    """``frame`` as bytes.
-
-    Raises:
-        ValueError, TypeError, RecursionError: it holds NaN, infinity, cycles or anything that is not JSON.
-    """
+    """``frame`` as bytes; ``ValueError``, ``TypeError`` or ``RecursionError`` if it is not JSON (NaN, cycles, ...)."""
     body = _ENCODER.encode(frame).encode("utf-8", "replace")
     return _HEADER.pack(len(body)) + body
 
@@ -63,22 +59,17 @@ def seal(plain: bytes, key: bytes, number: int) -> bytes:
     return _HEADER.pack(_SEAL.size + len(body)) + _SEAL.pack(number, _tag(key, number, body)) + body
 
 
-def decode(body: bytes) -> dict[str, Any]:
-    """The object in the body of one frame.
-
-    Raises:
-        FrameError: not UTF-8, not JSON, not an object, nested too deeply, or with numbers or text that no later
-            file can hold.
-    """
-    return _decode(body, marks(body))
-
-
 def marks(body: bytes) -> bytes:
     """The brackets and commas of a JSON text, those in its strings left out: they tell its size before it is parsed."""
     return _NO_MARK.sub(b"", _STRING.sub(b"", body))
 
 
-def _decode(body: bytes, shape: bytes) -> dict[str, Any]:
+def decode(body: bytes, shape: bytes) -> dict[str, Any]:
+    """The object in the body of one frame, ``shape`` being its ``marks``.
+
+    ``FrameError`` if it is not UTF-8, not JSON, not an object, nested too deeply, or has numbers or text that no later
+    file can hold.
+    """
     if _depth(shape) > MAX_DEPTH:
         raise FrameError(f"not plain JSON: nested more than {MAX_DEPTH} levels deep")
     try:
@@ -141,7 +132,7 @@ class FrameReader:
             self._marks += len(shape)
             if self._marks > MAX_MARKS:
                 raise FrameError(f"the frames of a call hold more than {MAX_MARKS} brackets and commas")
-            yield _decode(body, shape)
+            yield decode(body, shape)
 
     def _opened(self, body: bytes) -> bytes:
         """The body of a frame, its seal checked and taken off."""
@@ -199,20 +190,12 @@ class Order(Frozen):
 
 
 def send(channel: socket.socket, order: Order, descriptors: Sequence[int]) -> None:
-    """Send ``order`` along with copies of ``descriptors``.
-
-    Raises:
-        OSError: nobody listens any more.
-    """
+    """Send ``order`` along with copies of ``descriptors``; ``OSError`` if nobody listens any more."""
     socket.send_fds(channel, [order.model_dump_json().encode().ljust(_BYTES)], list(descriptors))
 
 
 def receive(channel: socket.socket, count: int) -> tuple[Order, list[int]] | None:
-    """Wait for the next order and its ``count`` descriptors; None once the other end is closed.
-
-    Raises:
-        OSError: the connection broke.
-    """
+    """Wait for the next order and its ``count`` descriptors; None once the other end is closed."""
     data, descriptors, _, _ = socket.recv_fds(channel, _BYTES, count)
     while len(data) < _BYTES:
         more = channel.recv(_BYTES - len(data)) if data else b""

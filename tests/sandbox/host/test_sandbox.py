@@ -171,7 +171,7 @@ def test_close_ends_every_process() -> None:
     sandbox = Sandbox()
     sandbox.call("execute", {"code": ""})
     assert sandbox._zygote is not None
-    pid = sandbox._zygote.pid
+    pid = sandbox._zygote._process.pid
     sandbox.close()
     assert ends(pid)
     assert sandbox.call("execute", {"code": "value = {'n': 1}"}).value == {"n": 1}

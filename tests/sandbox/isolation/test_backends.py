@@ -104,7 +104,7 @@ def test_nothing_is_left_after_closing(_stand_in: None) -> None:
     with Sandbox(backend="sandbox-exec") as sandbox:
         sandbox.call("execute", {"code": "while True: pass"}, Limits(wall_seconds=0.5))
         assert sandbox._zygote is not None
-        pids = descendants(sandbox._zygote.pid)
+        pids = descendants(sandbox._zygote._process.pid)
         assert len(pids) >= 2
     assert all(ends(pid) for pid in pids)
 
