@@ -13,11 +13,11 @@ from grs_agents.models.offline.prompt_text import Json, PromptText, SceneObject,
 from grs_agents.models.offline.task_families import FAMILIES, PALETTE, TaskRequest
 from grs_agents.models.offline.task_wording import (
     NOT_MENTIONED,
+    mention_count,
     read_family,
     read_request,
     task_description,
     task_name,
-    told,
 )
 
 
@@ -115,12 +115,12 @@ def _containers(objects: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
 
 def _as_described(objects: Sequence[SceneObject], description: str) -> list[SceneObject]:
     """Of objects called alike, as many as the description counts; of one asset those it speaks of, at least one."""
-    spoken = {obj.asset for obj in objects if told(obj.label, description) < NOT_MENTIONED}
+    spoken = {obj.asset for obj in objects if mention_count(obj.label, description) < NOT_MENTIONED}
     kept: list[SceneObject] = []
     for obj in objects:
-        if obj.asset in spoken and told(obj.label, description) == NOT_MENTIONED:
+        if obj.asset in spoken and mention_count(obj.label, description) == NOT_MENTIONED:
             continue
         same = [other for other in kept if other.label == obj.label]
-        if obj.asset not in {other.asset for other in same} or len(same) < told(obj.label, description):
+        if obj.asset not in {other.asset for other in same} or len(same) < mention_count(obj.label, description):
             kept.append(obj)
     return kept

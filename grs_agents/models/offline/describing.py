@@ -66,8 +66,8 @@ def match(prompt: PromptText) -> str:
     size = _size(candidate)
     if candidate.get("is_object") is False or (size is not None and not _is_plausible_object(size, candidate)):
         return _fenced({"match": "no_object", "asset": None, "reason": "the segment is no plausible object"})
-    told = " ".join(str(candidate.get(key, "")) for key in ("description", "category", "shape", "color"))
-    scores = sorted(_scores(size, told, prompt.rows("assets"))) if size else []
+    wording = " ".join(str(candidate.get(key, "")) for key in ("description", "category", "shape", "color"))
+    scores = sorted(_scores(size, wording, prompt.rows("assets"))) if size else []
     if not scores:
         return _fenced({"match": "no_asset", "asset": None, "reason": "no asset of this size, shape and colour"})
     if len(scores) > 1 and scores[1][0] < scores[0][0] + LEAD:
@@ -77,12 +77,12 @@ def match(prompt: PromptText) -> str:
     return _fenced({"match": "asset", "asset": scores[0][1], "reason": reason})
 
 
-def _scores(size: Sequence[float], told: str, assets: Sequence[Json]) -> Iterator[tuple[float, str]]:
+def _scores(size: Sequence[float], wording: str, assets: Sequence[Json]) -> Iterator[tuple[float, str]]:
     """How much each asset differs that may be what was measured and described, and its name."""
     for asset in assets:
         extent = numbers(asset.get("size"), 3)
-        if extent and _same_roundness(told, asset):
-            difference = _difference(size, extent) + _color_difference(told, asset)
+        if extent and _same_roundness(wording, asset):
+            difference = _difference(size, extent) + _color_difference(wording, asset)
             if difference <= MAX_DIFFERENCE:
                 yield difference, str(asset.get("name"))
 
@@ -162,12 +162,12 @@ def _proportion_word(size: Sequence[float] | None) -> str:
     return "tall " if size[2] > 1.6 * across else "flat " if size[2] < 0.45 * across else ""
 
 
-def _same_roundness(told: str, asset: Json) -> bool:
-    """Whether what was told and the asset are both round or both angular, as far as that can be seen."""
+def _same_roundness(wording: str, asset: Json) -> bool:
+    """Whether the wording and the asset are both round or both angular, as far as that can be seen."""
     if asset.get("category") in _ROUND_OR_ANGULAR:
         return True
     kind = {*words(str(asset.get("category", ""))), *words(str(asset.get("description", "")))}
-    return bool({*words(told)} & _ROUND) == bool(kind & _ROUND)
+    return bool({*words(wording)} & _ROUND) == bool(kind & _ROUND)
 
 
 def _difference(measured: Sequence[float], extent: Sequence[float]) -> float:
@@ -183,10 +183,10 @@ def _difference(measured: Sequence[float], extent: Sequence[float]) -> float:
     return best
 
 
-def _color_difference(told: str, asset: Json) -> float:
+def _color_difference(wording: str, asset: Json) -> float:
     """How far the colours disagree: 0 where all that stand out are shared, 2 where none is."""
     own = _color_words(f"{asset.get('color', '')} {asset.get('description', '')}")
-    seen = _color_words(told)
+    seen = _color_words(wording)
     vivid = [color for color in seen if color not in _PLAIN]
     if not vivid:
         return 2.0 if not {*own} & {*seen} else 0.4 if {*own} - _PLAIN else 0.0

@@ -32,8 +32,8 @@ def task_class(source: str) -> str:
     """The name of the last class in ``source`` that has bases; by pattern where it does not parse."""
     tree = parse(source)
     if tree is None:
-        found = re.findall(r"^class (\w+)", source, re.MULTILINE)
-        return str(found[-1]) if found else "Task"
+        names = re.findall(r"^class (\w+)", source, re.MULTILINE)
+        return str(names[-1]) if names else "Task"
     classes = [node.name for node in tree.body if isinstance(node, ast.ClassDef) and node.bases]
     return classes[-1] if classes else "Task"
 
@@ -58,8 +58,8 @@ def add_import(source: str, name: str) -> str | None:
 
 def set_max_steps(source: str, steps: int) -> str | None:
     """``source`` with another number of steps; None where it assigns none."""
-    found = [node for node in _assignments(source) if _name_of(node.targets[0]) == "max_steps"]
-    return _with_replacements(source, ((node.value, str(steps)) for node in found)) if found else None
+    assignments = [node for node in _assignments(source) if _name_of(node.targets[0]) == "max_steps"]
+    return _with_replacements(source, ((node.value, str(steps)) for node in assignments)) if assignments else None
 
 
 def scale_areas(source: str, factor: float) -> str | None:

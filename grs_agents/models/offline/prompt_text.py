@@ -39,8 +39,8 @@ class PromptText:
 
 def read_prompt(text: str) -> PromptText | None:
     """Take a prompt apart; None where no line names a role."""
-    found = _ROLE.search(text)
-    return None if found is None else PromptText(found.group(1), _sections(text[found.end() :]))
+    role = _ROLE.search(text)
+    return None if role is None else PromptText(role.group(1), _sections(text[role.end() :]))
 
 
 def read_json(text: str) -> Any:

@@ -58,8 +58,8 @@ def _fault_of_program(evidence: Evidence) -> str:
         remedy = _REMEDIES.get(first.outcome, "simplify the task")
         return f"The oracle ended in {first.outcome}: {first.detail}. The easiest fix: {remedy}."
     if evidence.findings:
-        told = "; ".join(f"{check}: {detail}" for check, detail in evidence.findings.items())
-        return f"The tests pass but the audit does not ({told}). The program has to change."
+        findings = "; ".join(f"{check}: {detail}" for check, detail in evidence.findings.items())
+        return f"The tests pass but the audit does not ({findings}). The program has to change."
     return f"The program is at fault: {_last_error(evidence)}. Mend the program."
 
 

@@ -40,17 +40,18 @@ def task_name(plan: Plan) -> str:
 
 def task_description(plan: Plan) -> str:
     """One or two sentences that say when the task is done."""
-    told = {
+    templates = {
         "pack": "Pick up {what} and put everything into the {where}.",
         "stack": "Stack {what} on the {where}, in this order from the bottom to the top.",
         "line": "Line up {what} on the {where}, side by side from the shortest to the tallest.",
         "clear": "Clear the {where}: move {what} out of it to a free part of the table.",
-        "sort": "Sort the objects by {note}: put {each}.",
-        "match": "Put each object on a mark of its own: {each}.",
+        "sort": "Sort the objects by {note}: put {placements}.",
+        "match": "Put each object on a mark of its own: {placements}.",
         "place": "Put {what} on the {where}.",
     }
     what = listed([obj.label for obj in plan.objects])
-    return told[plan.family].format(what=what, where=plan.targets[0].label, note=plan.criterion, each=_by_target(plan))
+    where, placements = plan.targets[0].label, _by_target(plan)
+    return templates[plan.family].format(what=what, where=where, note=plan.criterion, placements=placements)
 
 
 def read_family(name: str, description: str) -> Family:
@@ -69,11 +70,11 @@ def read_request(name: str, description: str, containers: Sequence[SceneObject],
     """The colour and the order that a task's words ask for."""
     text = f"{description} {name.replace('-', ' ')}".lower()
     colors = "|".join(COLORS)
-    found = re.search(rf"\b({colors}) (?:container|zone|strip|area|mark|place|square)\b", text)
-    found = found or re.search(rf"\b({colors}) box\b", text)  # a box may also be one of the objects
+    color = re.search(rf"\b({colors}) (?:container|zone|strip|area|mark|place|square)\b", text)
+    color = color or re.search(rf"\b({colors}) box\b", text)  # a box may also be one of the objects
     by_kind = "kind" if re.search(r"by (kind|category|type)", text) else ""
     criterion = "color" if re.search(r"by colou?r", text) else by_kind
-    return TaskRequest(found.group(1) if found else PALETTE[0], tuple(containers), criterion, margin)
+    return TaskRequest(color.group(1) if color else PALETTE[0], tuple(containers), criterion, margin)
 
 
 def listed(labels: Sequence[str]) -> str:
@@ -87,10 +88,10 @@ NOT_MENTIONED = 1000
 """More than any description counts: it does not mention them."""
 
 
-def told(label: str, description: str) -> int:
+def mention_count(label: str, description: str) -> int:
     """How many objects called ``label`` a description counts; very many where it does not mention them."""
-    found = re.findall(rf"\bthe (?:(\d+) )?{re.escape(label)}(?:e?s)?\b", description)
-    return sum(int(number or 1) for number in found) if found else NOT_MENTIONED
+    counts = re.findall(rf"\bthe (?:(\d+) )?{re.escape(label)}(?:e?s)?\b", description)
+    return sum(int(number or 1) for number in counts) if counts else NOT_MENTIONED
 
 
 def _plural(label: str) -> str:

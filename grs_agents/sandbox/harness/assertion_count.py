@@ -56,7 +56,7 @@ class _Marker(ast.NodeTransformer):
             body = getattr(node, name, None)
             if isinstance(body, list):
                 statements = cast(list[ast.stmt], body)
-                setattr(node, name, [one for statement in statements for one in self._marked(statement)])
+                setattr(node, name, [marked for statement in statements for marked in self._marked(statement)])
         for part in (*getattr(node, "handlers", ()), *getattr(node, "cases", ())):
             self.visit(part)
         return node

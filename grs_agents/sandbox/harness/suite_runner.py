@@ -136,11 +136,11 @@ class Result(unittest.TestResult):
     def _tampering(self, test: unittest.TestCase) -> dict[str, Any]:
         """What is found out of order now; nothing else may run in this process then."""
         own = shadowed(test, self)
-        found = (f"{own} was replaced on the test or its result", "tests") if own else self._session.integrity.broken()
-        if found is None:
+        broken = (f"{own} was replaced on the test or its result", "tests") if own else self._session.integrity.broken()
+        if broken is None:
             return {}
-        self._session.spoilt, self.shouldStop = TamperedError(found[0]), True
-        return {"outcome": "tampered", "message": found[0], "raised_in": found[1] or "tests"}
+        self._session.spoilt, self.shouldStop = TamperedError(broken[0]), True
+        return {"outcome": "tampered", "message": broken[0], "raised_in": broken[1] or "tests"}
 
     def _record(self, outcome: str, error: BaseException, test: Any) -> None:
         if isinstance(error, MemoryError):
@@ -204,7 +204,7 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
     """
     seed = int(request["seed"])
     seed_everything(seed)
-    counter, tests, found = Counter(), ModuleType("test_task_code"), list[str]()
+    counter, tests, test_ids = Counter(), ModuleType("test_task_code"), list[str]()
     integrity = Integrity(with_numpy="testing" in request["simulation"] + request["tests"])
     with CapturedError() as captured:
         load_program(request["simulation"], request["simulation_name"])
@@ -212,7 +212,7 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
         code = compile(with_counter_calls(ast.parse(request["tests"], TESTS_FILE)), TESTS_FILE, "exec")
         tests = _execute(code, request["tests"], "", TESTS_FILE, {COUNTER: counter.reached})
         _check(integrity, "tests")
-        found = _found(tests)
+        test_ids = _test_ids(tests)
     if isinstance(captured.error, MemoryError):
         raise captured.error
     if captured.error is not None:
@@ -227,7 +227,7 @@ def run_tests_inside(request: dict[str, Any]) -> dict[str, Any]:
     _run(tests, list(request["items"]), session)
     if session.spoilt is not None:
         raise session.spoilt
-    return {"load_error": None, "found": found}
+    return {"load_error": None, "found": test_ids}
 
 
 def load_program(source: str, alias: str = "", file: str = SIMULATION_FILE) -> ModuleType:
@@ -275,7 +275,7 @@ def _load_error(error: BaseException) -> dict[str, Any]:
     return {"kind": kind, "message": trace.message, "traceback": trace.text, "raised_in": trace.raised_in}
 
 
-def _found(tests: ModuleType) -> list[str]:
+def _test_ids(tests: ModuleType) -> list[str]:
     """The ids of the tests that the loaded module has; a class under several names counts once."""
     kinds = ((name, kind) for name, kind in list(vars(tests).items()) if isinstance(kind, type))
     return [

@@ -166,12 +166,12 @@ class Sandbox:
 
     def _refusal(self) -> SandboxError:
         """Why each candidate is out, and how to get what is missing."""
-        found = "; ".join(f"{backend}: {error.message}" for backend, error in self._failures.items())
+        reasons = "; ".join(f"{backend}: {error.message}" for backend, error in self._failures.items())
         failures = self._failures.items()
         remedies = [BACKEND_REMEDIES.get(name, "") if e.remedy == DOCTOR else e.remedy for name, e in failures]
         self._candidates = list(backend_candidates(self._choice))  # what is missing may be installed meanwhile
         remedy = ", or ".join([*filter(None, dict.fromkeys(remedies)), "accept the risk with --unsafe-no-sandbox"])
-        return SandboxError(f"nothing separates generated code from this machine ({found})", remedy)
+        return SandboxError(f"nothing separates generated code from this machine ({reasons})", remedy)
 
     def _discard(self) -> None:
         """Part with the running zygote; it ends with its last call."""

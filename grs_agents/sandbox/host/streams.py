@@ -120,8 +120,8 @@ class Streams:
             data = self._control.recv(1 << 16)
         self._selector.unregister(self._names["control"])
         if data:
-            told = json.loads(data)
-            self.exit = Exit(**{**told, "cpu_seconds": told["cpu_seconds"] - self._cpu_before})
+            report = json.loads(data)
+            self.exit = Exit(**{**report, "cpu_seconds": report["cpu_seconds"] - self._cpu_before})
 
     def _read(self, name: str) -> bytes:
         if not self._open(name):

@@ -46,6 +46,6 @@ def absent(backend: Backend) -> list[tuple[str, str]]:
         from grs_agents.sandbox.isolation import hardening  # here, since Windows lacks modules that it imports
 
         lacks = hardening.missing()
-        found = [f"no {layer}: {lacks[layer]}" for layer in ("landlock", "seccomp") if layer in lacks]
-        reasons += [(reason, BACKEND_REMEDIES["landlock"]) for reason in found]
+        gaps = [f"no {layer}: {lacks[layer]}" for layer in ("landlock", "seccomp") if layer in lacks]
+        reasons += [(reason, BACKEND_REMEDIES["landlock"]) for reason in gaps]
     return reasons

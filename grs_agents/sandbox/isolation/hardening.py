@@ -60,11 +60,11 @@ def harden(rules: int | None, allowance: Allowance, visible: bool = False) -> tu
 def missing() -> dict[str, str]:
     """What this kernel lacks of the layers, each with the reason; empty if it has them all."""
     version = landlock.abi()
-    found = {"landlock": landlock.why_not(), "seccomp": seccomp.why_not()}
+    reasons = {"landlock": landlock.why_not(), "seccomp": seccomp.why_not()}
     if 0 < version < 6:
         covered = "files" if version < 4 else "files and TCP"
-        found["landlock 6"] = f"the kernel has version {version}, which covers {covered}; seccomp covers the rest"
-    return {layer: reason for layer, reason in found.items() if reason}
+        reasons["landlock 6"] = f"the kernel has version {version}, which covers {covered}; seccomp covers the rest"
+    return {layer: reason for layer, reason in reasons.items() if reason}
 
 
 def _one_thread_only() -> None:

@@ -106,8 +106,8 @@ def threads(pid: int) -> int:
         status = kernel.read(f"/proc/{pid}/status")
     except (FileNotFoundError, ProcessLookupError):
         return 0 if Path("/proc/self").is_dir() else 1
-    found = _THREADS.search(status)
-    return int(found[1]) if found else 1
+    match = _THREADS.search(status)
+    return int(match[1]) if match else 1
 
 
 def memory(pid: int) -> int:

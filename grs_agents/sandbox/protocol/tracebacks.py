@@ -33,10 +33,10 @@ class Trace:
 def describe_error(error: BaseException) -> Trace:
     """The traceback of ``error``, causes included."""
     whole = traceback.TracebackException.from_exception(error, limit=-40)
-    one: traceback.TracebackException | None = whole
-    while one is not None:
-        one.stack[:] = _relevant(list(one.stack), [frame.filename for frame in one.stack])
-        one = one.__cause__ or one.__context__
+    current: traceback.TracebackException | None = whole
+    while current is not None:
+        current.stack[:] = _relevant(list(current.stack), [frame.filename for frame in current.stack])
+        current = current.__cause__ or current.__context__
     lines = "".join(whole.format_exception_only()).rstrip().splitlines() or [type(error).__name__]
     # A syntax error shows its line first.
     message = next((line for line in lines if not line.startswith(" ")), lines[-1])
