@@ -48,14 +48,7 @@ def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:
     Example: ``utils.eulerXYZ_to_quatXYZW((0, 0, np.pi / 2))`` turns by 90 degrees about the vertical.
     """
     roll, pitch, yaw = (float(angle) / 2 for angle in rotation)
-    cr, sr, cp, sp, cy, sy = (
-        np.cos(roll),
-        np.sin(roll),
-        np.cos(pitch),
-        np.sin(pitch),
-        np.cos(yaw),
-        np.sin(yaw),
-    )
+    cr, sr, cp, sp, cy, sy = (np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw))
     return quat(
         (
             sr * cp * cy - cr * sp * sy,

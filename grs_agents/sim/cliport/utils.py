@@ -51,10 +51,7 @@ def map_kit_scale(size: Sequence[float]) -> list[float]:
 
 def xyz_to_pix(position: Sequence[float], bounds: FloatArray, pixel_size: float) -> tuple[int, int]:
     """The (row, column) of a position in a top-down map of ``bounds``."""
-    return (
-        round((position[1] - bounds[1, 0]) / pixel_size),
-        round((position[0] - bounds[0, 0]) / pixel_size),
-    )
+    return (round((position[1] - bounds[1, 0]) / pixel_size), round((position[0] - bounds[0, 0]) / pixel_size))
 
 
 def pix_to_xyz(pixel: Sequence[int], height: FloatArray, bounds: FloatArray, pixel_size: float) -> Vec3:

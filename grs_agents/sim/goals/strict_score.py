@@ -172,10 +172,7 @@ class StrictScorer:
 
     def _is_step(self, under: int, number: int, target: Pose, view: SceneView) -> bool:
         """Whether what carries an object holds a target, as far below the object's own as it is below the object."""
-        rises = (
-            view.pose(number)[0][2] - view.pose(under)[0][2],
-            view.outline(number).low - view.outline(under).low,
-        )
+        rises = (view.pose(number)[0][2] - view.pose(under)[0][2], view.outline(number).low - view.outline(under).low)
         if rises[1] <= 0:
             return False
         return any(

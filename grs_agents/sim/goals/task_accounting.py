@@ -34,11 +34,7 @@ def angle_between(first: float, second: float, symmetry: float) -> float:
 
 
 def pose_matches(
-    pose: Pose,
-    target: Pose,
-    symmetry: float,
-    pos_eps: float = POSITION_TOLERANCE,
-    rot_eps: float = ROTATION_TOLERANCE,
+    pose: Pose, target: Pose, symmetry: float, pos_eps: float = POSITION_TOLERANCE, rot_eps: float = ROTATION_TOLERANCE
 ) -> bool:
     """Whether ``pose`` is at ``target``: xy within ``pos_eps`` metres, yaw within ``rot_eps`` radians."""
     distance = float(np.hypot(pose[0][0] - target[0][0], pose[0][1] - target[0][1]))

@@ -117,18 +117,7 @@ def _trace_picture(
     count = shape[0] * shape[1]
     geom, distance, normal = np.full(count, -1, np.int32), np.empty(count), np.empty(3 * count)
     mujoco.mj_multiRay(
-        scene.model,
-        scene.data,
-        eye,
-        directions.ravel(),
-        groups,
-        1,
-        -1,
-        geom,
-        distance,
-        normal,
-        count,
-        1e10,
+        scene.model, scene.data, eye, directions.ravel(), groups, 1, -1, geom, distance, normal, count, 1e10
     )
     hit = geom >= 0
     paint = np.asarray(scene.model.geom_rgba)[:, :3]
