@@ -12,10 +12,7 @@ _DIRECTIONS: Final = 200
 
 
 def half_spaces(vertices: FloatArray) -> FloatArray:
-    """Planes (K, 4) of the convex hull of points (N, 3): ``plane[:3] @ point <= plane[3]`` holds inside.
-
-    Points in one plane have the hull of the box around them.
-    """
+    """Planes (K, 4) of the hull of points (N, 3), inside: ``plane[:3] @ p <= plane[3]``; a box if all lie in one."""
     points = _extremes(np.unique(np.round(vertices, 9), axis=0))
     start = _tetrahedron(points)
     if start is None:

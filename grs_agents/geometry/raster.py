@@ -17,25 +17,17 @@ _SAMPLES: Final = 400_000
 
 @dataclass(frozen=True)
 class Buffer:
-    """What a picture of triangles shows.
+    """What a picture of triangles shows."""
 
-    Attributes:
-        triangle: (H, W) index of the nearest triangle, -1 where there is none.
-        nearness: (H, W) its nearness there, -inf where there is none.
-    """
-
-    triangle: Ints
-    nearness: Floats
+    triangle: Ints  # (H, W) index of the nearest triangle, -1 where there is none
+    nearness: Floats  # (H, W) its nearness there, -inf where there is none
 
 
 def rasterise(corners: Floats, nearness: Floats, width: int, height: int) -> Buffer:
-    """Draw triangles into a z-buffer.
+    """Draw triangles, ``corners`` (T, 3, 2) in pixels, into a z-buffer; pixel (0, 0) is sampled at (0, 0).
 
-    Args:
-        corners: (T, 3, 2) pixel coordinates of the corners; pixel (0, 0) is sampled at (0, 0).
-        nearness: (T, 3) a quantity that is linear over the picture of a plane and grows towards the viewer: one
-            over depth for a perspective camera, minus depth for a parallel one.
-        width, height: of the picture, px.
+    ``nearness`` (T, 3) is linear over the picture of a plane and grows towards the viewer: one over depth for a
+    perspective camera, minus depth for a parallel one.
     """
     buffer = Buffer(np.full((height, width), -1, dtype=np.int64), np.full((height, width), -np.inf))
     low = np.maximum(np.ceil(corners.min(axis=1)), 0).astype(int)

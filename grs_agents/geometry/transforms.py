@@ -43,10 +43,7 @@ def plain_pose(value: Any) -> Pose | None:
 
 
 def eulerXYZ_to_quatXYZW(rotation: Sequence[float]) -> Quat:
-    """Roll, pitch, yaw in radians (fixed axes x, then y, then z) to (x, y, z, w).
-
-    Example: ``utils.eulerXYZ_to_quatXYZW((0, 0, np.pi / 2))`` turns by 90 degrees about the vertical.
-    """
+    """Roll, pitch, yaw in radians (fixed axes x, then y, then z) to (x, y, z, w)."""
     roll, pitch, yaw = (float(angle) / 2 for angle in rotation)
     cr, sr, cp, sp, cy, sy = (np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw))
     return quat(

@@ -23,33 +23,21 @@ _TURNED: Final = math.radians(15)
 
 
 class Rollout(Frozen):
-    """The trusted oracle's run of an instance.
-
-    Attributes:
-        seed: of the instance.
-        episode: how it ended.
-        idle_reward: what all goals together, in any order, are worth after doing nothing for ``idle_seconds``; 1 if
-            the scene has not come to rest by then.
-        idle_seconds: simulated time that all actions the task allows take at the oracle's pace, so that no episode of
-            the oracle is longer; at least 2 s.
-        moved: asset names of the objects that the robot picked or pushed and that end more than 2 cm or 15 degrees
-            from where they were.
-        initial, final: pose of each object by id, after settling and at the end.
-        reachable: ids of rigid objects that the arm can reach.
-        recording: the .npz file, if one was asked for.
-        warnings: what the runtime had to assume, when the program set the scene up too.
-    """
+    """The trusted oracle's run of an instance."""
 
     seed: int
     episode: Episode
+    # what all goals together are worth after doing nothing for ``idle_seconds``; 1 if the scene does not come to
+    # rest
     idle_reward: float
+    # simulated time that all actions the task allows take at the oracle's pace, so that no episode is longer
     idle_seconds: float = LEAST_IDLE
-    moved: tuple[str, ...]
-    initial: dict[int, Pose]
+    moved: tuple[str, ...]  # assets that the robot picked or pushed and that end more than 2 cm or 15 degrees away
+    initial: dict[int, Pose]  # by object id, after settling
     final: dict[int, Pose]
-    reachable: tuple[int, ...]
-    recording: str | None = None
-    warnings: tuple[str, ...] = ()
+    reachable: tuple[int, ...]  # ids of rigid objects
+    recording: str | None = None  # .npz file
+    warnings: tuple[str, ...] = ()  # what the runtime had to assume, when the program set the scene up too
 
     @property
     def reward(self) -> float:
@@ -98,14 +86,7 @@ class InstanceTask(Task):
 def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskInstance:
     """Run a program's ``reset`` once and write down what it set up.
 
-    Args:
-        task: the program's task.
-        seed: for every random choice the environment makes.
-        library: 3D assets.
-
-    Raises:
-        SimulationError: the scene cannot be set up.
-        ValidationError: what it set up is out of range.
+    Raises ``SimulationError`` for no such scene, ``ValidationError`` for one that is out of range.
     """
     env = Environment(library=library, seed=seed)
     env.set_task(task)
@@ -130,11 +111,8 @@ def instantiate(task: Task, seed: int, library: Library | None = None) -> TaskIn
 def rollout(instance: TaskInstance, library: Library | None = None, recording: Path | None = None) -> Rollout:
     """Let the oracle solve an instance; nothing of the program it came from is needed.
 
-    Args:
-        instance: what to run.
-        library: 3D assets.
-        recording: an .npz file to write: ``times`` (N,), ``positions`` (N, B, 3), ``quaternions`` (N, B, 4, xyzw),
-            ``names`` (B,) ("object_<id>" or a robot link), ``tool`` (N, 3).
+    ``recording`` is an .npz file to write: ``times`` (N,), ``positions`` (N, B, 3), ``quaternions`` (N, B, 4, xyzw),
+    ``names`` (B,) ("object_<id>" or a robot link), ``tool`` (N, 3).
     """
     task = InstanceTask(instance)
     env = Environment(task=task, library=library, seed=instance.seed)

@@ -28,17 +28,11 @@ _NEAR: Final = 0.2
 class Arm:
     """A serial arm whose base is at the origin of the robot frame, with the suction cup at its end.
 
-    Args:
-        name: as the configuration names it.
-        add: adds the arm's bodies, joints, one position actuator a joint, the body ``cup`` and the site ``tip`` to a
-            world; the joints in their order from the base on.
-        guess: joint angles (dof,) near which it works.
-
-    Attributes:
-        nearest, farthest: from the base axis to where the tip can be brought, tool down, metres; for words only.
+    ``add`` adds its bodies, joints (in their order from the base on), one position actuator a joint, the body ``cup``
+    and the site ``tip`` to a world. It works near the joint angles ``guess`` (dof,).
     """
 
-    nearest: float
+    nearest: float  # from the base axis to where the tip can be brought, tool down, metres; for words only
     farthest: float
 
     def __init__(self, name: str, add: Callable[[Any], None], guess: FloatArray) -> None:
@@ -101,15 +95,9 @@ class Arm:
         return self._model.links
 
     def solve(self, tips: FloatArray, yaws: FloatArray, seed: FloatArray | None = None) -> FloatArray:
-        """Joint positions (N, dof) along a path of the tip with the tool straight down.
+        """Joint positions (N, dof) along a path of the tip (N, 3; m), tool down: continuous, NaN where the arm cannot.
 
-        Args:
-            tips: (N, 3), metres.
-            yaws: (N,) of the tool, radians; not wrapped, so that a path may turn on and on.
-            seed: joint positions (dof,) at which the path begins, None for home.
-
-        Returns:
-            Continuous rows; NaN where the arm cannot or its limits forbid.
+        The ``yaws`` (N,) are not wrapped, so that a path may turn on and on. It begins at ``seed``, None for home.
         """
         return self.solve_poses(tips, rotations_about_z(yaws), seed)
 
@@ -139,10 +127,7 @@ class Arm:
         return bool(np.isfinite(path).all() and ((path >= self.low - 1e-6) & (path <= self.high + 1e-6)).all())
 
     def gap(self, path: FloatArray) -> Collision | None:
-        """Where along joint positions (N, dof) the arm first meets the table or itself; None: it keeps clear.
-
-        Samples are at most ``_NEAR`` radians of any joint apart.
-        """
+        """Where the arm first meets the table or itself along joint positions (N, dof), seen every ``_NEAR`` rad."""
         travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).max(axis=1))])
         count = max(2, int(np.ceil(travel[-1] / _NEAR)) + 1)
         rows = evenly_spaced_rows(travel, count)

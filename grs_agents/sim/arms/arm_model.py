@@ -35,12 +35,7 @@ class Collision:
 
 
 class ArmModel:
-    """A compiled arm with nothing but the table.
-
-    Args:
-        add: adds the arm to a world.
-        apart: pairs of bodies that touch by design.
-    """
+    """A compiled arm with nothing but the table; ``apart`` are pairs of bodies that touch by design."""
 
     def __init__(self, add: Callable[[Any], None], apart: Sequence[tuple[str, str]] = ()) -> None:
         spec = mujoco.MjSpec()
@@ -83,15 +78,10 @@ class ArmModel:
     def solve(
         self, tip: FloatArray, tool: FloatArray, start: FloatArray, rest: FloatArray, iterations: int
     ) -> FloatArray | None:
-        """Joint positions (dof,) within limits that bring the tip to a pose, or None.
+        """Joint positions (dof,) within limits that bring the tip to a pose (position in m, rotation (3, 3)), or None.
 
-        Damped least squares from ``start``; what freedom the pose leaves draws the joints towards ``rest``.
-
-        Args:
-            tip: (3,) metres.
-            tool: rotation (3, 3) of the tip; its z axis points out of the cup.
-            start, rest: (dof,).
-            iterations: after so many it gives up.
+        Damped least squares from ``start``; what freedom the pose leaves draws the joints towards ``rest``. The z axis
+        of the tip points out of the cup.
         """
         model, data, jacobian = self._model, self._data, self._jacobian
         joints = np.clip(start, self.low, self.high)

@@ -26,11 +26,7 @@ _ROOM: Final = np.pi / 2
 
 
 def load_arm(path: Path) -> Arm:
-    """The arm in an MJCF file.
-
-    Raises:
-        InputError: it cannot be read, has no serial arm, or cannot point its tool down over the table.
-    """
+    """The arm in an MJCF file; raises ``InputError`` for no serial arm, or one that cannot point down at the table."""
     spec = _parse(path)
     chain = _chain(spec, path)
     guess = _home(spec, chain, path)
@@ -127,10 +123,7 @@ def _home(spec: Any, chain: list[Any], path: Path) -> FloatArray:
 
 
 def _attach(world: Any, spec: Any, path: Path, turn: float) -> None:
-    """Add the arm to a world: limits, no weight, position actuators, the cup; what is off the chain stands still.
-
-    The cup is turned by ``turn`` (radians) about its own axis.
-    """
+    """Add the arm without weight, its cup turned by ``turn`` (rad); what is off the chain stands still."""
     chain = _chain(spec, path)
     carrier, site = _tip_body_and_site(spec, path)
     names = [str(joint.name) for joint in chain]

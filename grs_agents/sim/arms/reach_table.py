@@ -19,15 +19,10 @@ _EXPLORING: Final = 25
 
 @dataclass(frozen=True)
 class ReachTable:
-    """Reach on a grid about the base axis.
+    """Reach on a grid about the base axis."""
 
-    Attributes:
-        served: (bearings, radii, heights); a single bearing stands for all.
-        bearings: lowest and highest that a base which turns allows, radians.
-    """
-
-    served: npt.NDArray[np.bool_]
-    bearings: tuple[float, float]
+    served: npt.NDArray[np.bool_]  # (bearings, radii, heights); a single bearing stands for all
+    bearings: tuple[float, float]  # lowest and highest that a base which turns allows, radians
 
     @property
     def span(self) -> tuple[float, float]:

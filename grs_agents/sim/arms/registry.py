@@ -18,9 +18,7 @@ DEFAULT: Final = "ur5e"
 def get_arm(robot: str = DEFAULT) -> Arm:
     """The arm of a name, or of a path to an MJCF file; made once in a process.
 
-    Raises:
-        UnknownNameError: no arm has the name, and it is no path to a ``.xml`` file.
-        InputError: the file cannot be used; the message says what is missing.
+    Raises ``UnknownNameError`` for an unknown name, ``InputError`` for a file that cannot be used.
     """
     if robot in ROBOTS:
         return ROBOTS[robot]()

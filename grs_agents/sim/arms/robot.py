@@ -26,31 +26,20 @@ Capsule = tuple[Vec3, Vec3, float]
 
 @dataclass(frozen=True)
 class Link:
-    """One moving link of a serial arm and the hinge about its z axis that moves it.
-
-    Attributes:
-        name: of the body, its joint and its actuator.
-        position, roll: of its frame in that of the link before: metres, and radians about x.
-        limits: lowest and highest joint angle, radians.
-        torque: greatest the joint exerts, N m.
-        stiffness: of the position actuator, N m/rad.
-        mass, center: kg, and the centre of mass (m) in the frame of the link.
-        inertia: about the centre of mass, (xx, yy, zz, xy, xz, yz), kg m^2, axes of the link.
-        capsules: what it looks like and is touched by.
-        touches: whether it meets objects; the links at the base do not.
-    """
+    """One moving link of a serial arm and the hinge about its z axis that moves it."""
 
     name: str
-    position: Vec3
-    roll: float
-    limits: tuple[float, float]
-    torque: float
-    stiffness: float
-    mass: float
-    center: Vec3
+    position: Vec3  # metres, in the frame of the link before
+    roll: float  # radians about x, in the frame of the link before
+    limits: tuple[float, float]  # lowest and highest joint angle, radians
+    torque: float  # greatest the joint exerts, N m
+    stiffness: float  # of the position actuator, N m/rad
+    mass: float  # kg
+    center: Vec3  # of mass, metres, frame of the link
+    # about the centre of mass, (xx, yy, zz, xy, xz, yz), kg m^2
     inertia: tuple[float, float, float, float, float, float]
     capsules: tuple[Capsule, ...]
-    touches: bool = True
+    touches: bool = True  # whether it meets objects; the links at the base do not
 
 
 def add_chain(spec: Any, links: Sequence[Link], flange: Vec3) -> None:

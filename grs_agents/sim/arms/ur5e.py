@@ -41,10 +41,7 @@ LINKS: Final = (
 
 
 def solve(tips: FloatArray, yaws: FloatArray) -> FloatArray:
-    """Joint angles (N, 6) that bring the tip to ``tips`` (N, 3), tool down, turned by ``yaws`` (N,) radians.
-
-    Rows that the arm cannot reach are NaN. Successive rows of a continuous path give continuous angles.
-    """
+    """Joint angles (N, 6) for tips (N, 3) and yaws (N,), tool down: continuous where the path is, NaN out of reach."""
     x, y = tips[:, 0], tips[:, 1]
     height = tips[:, 2] + TOOL_LENGTH + D6 - D1
     radius = np.hypot(x, y)

@@ -41,11 +41,7 @@ AGENT_CAMERAS: tuple[CameraConfig, ...] = tuple(config_of(view) for view in (FRO
 
 
 def render_config(sight: rendering.VisibleScene, config: Mapping[str, Any]) -> rendering.Picture:
-    """What a configured camera sees.
-
-    Raises:
-        SimulationError: the configuration lacks an entry or does not fit.
-    """
+    """What a configured camera sees; raises ``SimulationError`` where the configuration does not fit."""
     try:
         height, width = (int(count) for count in config["image_size"])
         fx, _, cx, _, fy, cy, *_ = (float(number) for number in config["intrinsics"])
@@ -74,11 +70,7 @@ def top_down_maps(
 ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
     """Colour (H, W, 3), height above the table (H, W; m), object id (H, W; 0 = none); rows along y, columns along x.
 
-    Args:
-        objects: what stands there; the arm is not seen.
-        library: 3D assets.
-        bounds: (3, 2) lowest and highest x, y, z.
-        pixel: metres a pixel.
+    ``bounds`` (3, 2) are metres, ``pixel`` is metres a pixel; the arm is not seen.
     """
     columns, rows = (round(float(extent) / pixel) for extent in bounds[:2, 1] - bounds[:2, 0])
     cells: FloatArray = np.indices((rows, columns)).astype(np.float64) + 0.5

@@ -14,22 +14,14 @@ class Spatula:
 
 
 class PickPlace:
-    """The primitive that picks with suction at one pose and places at another.
-
-    Args:
-        height, speed: accepted as CLIPort has them; the arm chooses its own.
-    """
+    """Picks with suction at one pose and places at another; ``height`` and ``speed`` are CLIPort's, and not used."""
 
     def __init__(self, height: float = 0.32, speed: float = 0.01) -> None:
         self.height, self.speed = height, speed
 
 
 def push(*_: Any, **__: Any) -> None:
-    """The primitive that pushes along the table: ``task.primitive = push`` makes ``env.step(action)`` do so.
-
-    Raises:
-        UnsupportedError: it was called; the environment does what it stands for.
-    """
+    """Stands for pushing along the table, ``task.primitive = push``; ``env.step`` does it, a call is refused."""
     raise UnsupportedError("the push primitive was called as a function", "use env.step({'pose0': ..., 'pose1': ...})")
 
 

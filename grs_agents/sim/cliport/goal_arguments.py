@@ -21,13 +21,9 @@ def make_goal(
     step_max_reward: float,
     symmetries: Any,
 ) -> tuple[Goal, list[str]]:
-    """Check the arguments of ``Task.add_goal`` and bring them into one shape.
+    """The goal that arguments of ``Task.add_goal`` state, and a sentence for each assumption made about them.
 
-    Returns:
-        The goal, and a sentence for each argument that does not quite fit: what was assumed about it.
-
-    Raises:
-        SimulationError: an argument does not fit; the message says which, and what would.
+    Raises ``SimulationError``, which says what argument does not fit, and what would.
     """
     reward = _reward(step_max_reward)
     if isinstance(objs, Goal):
@@ -67,11 +63,7 @@ def _notes(goal: Goal, matches: Any, zones: Sequence[Any], symmetries: Any) -> I
 
 
 def as_goal(fields: Any) -> Goal:
-    """A goal, or what a program appended to ``task.goals`` as CLIPort's tuple of eight.
-
-    Raises:
-        SimulationError: it is not such a tuple.
-    """
+    """A goal, or CLIPort's tuple of eight that a program put in ``task.goals``; others are a ``SimulationError``."""
     if isinstance(fields, Goal):
         return fields
     if not isinstance(fields, tuple | list) or len(cast(Sequence[Any], fields)) != 8:

@@ -70,11 +70,7 @@ class _Refusal(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """None for other packages.
-
-        Raises:
-            ModuleNotFoundError: a module of CLIPort or PyBullet that this runtime does not answer.
-        """
+        """None for other packages; raises ``ModuleNotFoundError`` for what this runtime does not answer of these."""
         del path, target
         if fullname.split(".", maxsplit=1)[0] not in PACKAGES:
             return None

@@ -34,11 +34,7 @@ _shapes: list[PlainShape] = []
 
 
 def add_shape(kind: int, radius: float, half_extents: Sequence[float], length: float, color: Any = None) -> int:
-    """Note a shape; returns its number.
-
-    Raises:
-        UnsupportedError: it is no box, sphere or cylinder.
-    """
+    """Note a box, sphere or cylinder and return its number; others are an ``UnsupportedError``."""
     if kind not in _TEMPLATES:
         raise UnsupportedError(
             f"p: a shape of type {kind} is not there", "use p.GEOM_BOX, GEOM_SPHERE or GEOM_CYLINDER"
@@ -93,10 +89,9 @@ def changeVisualShape(objectUniqueId: int, linkIndex: int = -1, rgbaColor: Any =
 
 
 def getVisualShapeData(objectUniqueId: int, *_: Any, **__: Any) -> tuple[tuple[Any, ...], ...]:
-    """One entry for each visual shape of an object, in PyBullet's order.
+    """``(id, link, GEOM_*, dimensions, mesh file, position, rotation, rgba)`` of each visual shape of an object.
 
-    ``(id, link, GEOM_*, dimensions, mesh file, position, rotation, rgba)``: dimensions (m) are the full extents of a
-    box, (length, radius, 0) of a cylinder, the radius three times of a sphere, the scale of a mesh.
+    Dimensions (m): extents of a box, (length, radius, 0) of a cylinder, thrice a sphere's radius, scale of a mesh.
     """
     env = _environment()
     own = env.object(objectUniqueId).color
@@ -151,8 +146,7 @@ def createConstraint(
 ) -> int:
     """Tie two objects together at a point of either's frame (m): a ball joint, or fixed; returns its number.
 
-    Raises:
-        UnsupportedError: a joint of another kind, or to the world (a child of -1).
+    Raises ``UnsupportedError`` for a joint of another kind, or to the world (a child of -1).
     """
     del parentLinkIndex, childLinkIndex, jointAxis
     if jointType not in _JOINTS or childBodyUniqueId < 0:
@@ -204,12 +198,9 @@ def createMultiBody(
     *_: Any,
     **__: Any,
 ) -> int:
-    """Add a body of one shape; returns its id. Without mass it is fixed, without a collision shape a mark.
+    """Add a body of one shape, with its template's mass; returns its id.
 
-    The mass is the template's.
-
-    Raises:
-        SimulationError: there is no such shape.
+    Without mass it is fixed, without a collision shape a mark.
     """
     env, collision, visual = _environment(), baseCollisionShapeIndex, baseVisualShapeIndex
     for number in (collision, visual):

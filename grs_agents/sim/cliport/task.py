@@ -76,10 +76,7 @@ class Task(TaskKit):
         self.progress = 0.0
 
     def additional_reset(self) -> None:
-        """What GenSim derives from the words of ``lang_template``.
-
-        "bowl" widens ``pos_eps`` to 5 cm, "rope" to 2 cm; "piles" makes pushing with a spatula the way to act.
-        """
+        """Act on ``lang_template``: "bowl" widens ``pos_eps`` to 5 cm, "rope" to 2 cm, "piles" means pushing."""
         if "bowl" in self.lang_template:
             self.pos_eps = 0.05
         if "rope" in self.lang_template:
@@ -196,12 +193,7 @@ class Task(TaskKit):
     ) -> tuple[list[tuple[int, tuple[float, None]]], list[FloatArray]]:
         """Put ``n_objects`` kitting shapes at free places: ``(objects, matches)`` for ``add_goal``.
 
-        Args:
-            env: the environment.
-            targets: target poses, one for each shape.
-            obj_shapes: numbers 0..19, as ``get_kitting_shapes`` draws them.
-            n_objects: how many of them.
-            colors: one for each, (r, g, b) or a name.
+        There is a target pose and a colour ((r, g, b) or a name) for each shape, a number 0..19.
         """
         shapes = [int(shape) for shape in obj_shapes[:n_objects]]
         return kitting_objects(env, lambda size: self.get_random_pose(env, size), targets, shapes, colors)
@@ -248,11 +240,7 @@ def _obstacles(env: Environment) -> list[Prism]:
 
 
 def task_class(module: ModuleType) -> type[Task]:
-    """The last ``Task`` subclass that a program defines.
-
-    Raises:
-        SimulationError: it defines none.
-    """
+    """The last ``Task`` subclass that a program defines; raises ``SimulationError`` without one."""
     classes = [
         value
         for value in vars(module).values()
@@ -266,10 +254,9 @@ def task_class(module: ModuleType) -> type[Task]:
 
 
 def names_task(tree: ast.Module) -> bool:
-    """Whether the source of a program has a class that derives from ``Task``, directly or through others in it.
+    """Whether source has a class that derives from ``Task``, directly, through others, or imported under another name.
 
-    This reads the source alone, so that the program cannot change the answer. The class may stand under ``if``,
-    ``try`` or ``with``, and ``Task`` may be imported under another name.
+    This reads the source alone, so that the program cannot change the answer.
     """
     nodes = list(ast.walk(tree))
     imported = {

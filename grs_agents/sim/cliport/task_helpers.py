@@ -31,12 +31,7 @@ _TRIES: Final = 12
 def add_rope(
     env: Tabletop, bounds: FloatArray, corners: Any, radius: float, n_parts: int, color_name: str
 ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], FloatArray]:
-    """Add a rope; see ``Task.make_ropes``.
-
-    Raises:
-        SimulationError: fewer than two beads, or beads that would not fit side by side.
-        NoFreeSpaceError: there is no room for it.
-    """
+    """Add a rope as ``Task.make_ropes`` does; raises ``SimulationError`` for beads that are too few or do not fit."""
     first, last = (_corner_point(corner) for corner in corners)
     step = (last - first) / max(n_parts, 1)
     spacing = float(np.linalg.norm(step))
@@ -149,10 +144,7 @@ class TaskKit:
     def get_true_image(
         self, env: Environment
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
-        """Colour (H, W, 3), height (H, W; m) and object id (H, W; 0 = none) of the workspace seen from above.
-
-        Rows run along y, columns along x, ``pix_size`` metres each: ``utils.pix_to_xyz`` reads them.
-        """
+        """Colour (H, W, 3), height (H, W; m) and object id (H, W; 0 = none) from above, ``pix_size`` metres a pixel."""
         return cameras.top_down_maps(env.objects, env.library, self.bounds, self.pix_size)
 
     def add_corner_anchor_for_pose(self, env: Environment, pose: Any) -> int:
@@ -237,17 +229,7 @@ class TaskKit:
     def get_target_sample_surface_points(
         self, model: str, scale: Sequence[float], pose: Pose, num_points: int = 50
     ) -> list[tuple[tuple[float, float, float], Quat]]:
-        """``num_points`` poses spread evenly over a library mesh as seen from above, scaled and placed.
-
-        Args:
-            model: file name of the mesh, e.g. ``"kitting/03.obj"``; what precedes that does not matter.
-            scale: factors of its x, y, z.
-            pose: where the mesh lies, robot frame.
-            num_points: how many.
-
-        Raises:
-            InputError: the mesh cannot be read.
-        """
+        """``num_points`` poses spread over a library mesh (``kitting/03.obj``), scaled, placed, seen from above."""
         import trimesh
 
         library, name = self.grs.env.library, "/".join(PurePosixPath(model.replace("\\", "/")).parts[-2:])
@@ -284,21 +266,10 @@ def kitting_objects(
     shapes: Sequence[int],
     colors: Sequence[Any],
 ) -> tuple[list[tuple[int, tuple[float, None]]], list[FloatArray]]:
-    """Put one object of each shape at a free place.
+    """Put one object of each shape (0..19) where ``place`` gives a free pose for its size (m).
 
-    Args:
-        env: where they are put.
-        place: gives a free pose for a size (m).
-        targets: target poses, one for each of ``shapes``.
-        shapes: numbers 0..19.
-        colors: one for each shape, (r, g, b) or a name.
-
-    Returns:
-        ``[(id, (symmetry, None)), ...]``, and for each object its row of ``matches``: 1 at targets of its own shape.
-
-    Raises:
-        SimulationError: a shape does not exist, or there are too few colours.
-        NoFreeSpaceError: there is no room.
+    Returns ``[(id, (symmetry, None)), ...]``, and for each object its row of ``matches``: 1 at targets of its shape.
+    Raises ``SimulationError`` for an unknown shape or too few colours, ``NoFreeSpaceError`` where there is no room.
     """
     unknown = [shape for shape in shapes if not 0 <= shape < len(SYMMETRIES)]
     if unknown or len(colors) < len(shapes):

@@ -76,11 +76,8 @@ class Workcell(Tabletop):
     def solve_ik(self, pose: Any) -> FloatArray:
         """Joint positions (dof,), near the present ones, that bring the cup's tip to a pose.
 
-        Args:
-            pose: position (m) of the tip, and how the tool is turned (xyzw) from pointing straight down; it may tilt.
-
-        Raises:
-            UnreachableError: the arm cannot, within the limits of its joints and clear of the table and itself.
+        The pose is a position (m) and how the tool is turned (xyzw) from pointing straight down; it may tilt. Raises
+        ``UnreachableError`` where limits, the table or the arm itself are in the way.
         """
         position, rotation = as_pose(pose, "solve_ik")
         _, tilt = tool_paths.split_yaw_tilt(rotation)
@@ -105,19 +102,9 @@ class Workcell(Tabletop):
         return joints[0]
 
     def movej(self, targj: Sequence[float] | FloatArray, speed: float = 0.01, timeout: float = 20) -> bool:
-        """Move the arm to joint positions (dof,), radians, in a straight line of joint space.
+        """Move the arm straight to joint positions (dof,), within ``timeout`` seconds; True if it failed to arrive.
 
-        Args:
-            targj: the positions.
-            speed: accepted; the arm chooses its own.
-            timeout: simulated seconds it may take.
-
-        Returns:
-            Whether it failed to arrive, as CLIPort has it: True = not there.
-
-        Raises:
-            UnreachableError: beyond a joint's limits, or the arm would hit the table or itself on the way; it has not
-                moved.
+        Raises ``UnreachableError``, before it moves, beyond a joint's limits or where it would hit the table or itself.
         """
         del speed
         physics, target = self.physics, np.asarray(targj, dtype=np.float64)
@@ -161,11 +148,7 @@ class Workcell(Tabletop):
         return picture.color, picture.depth, picture.owner
 
     def render(self, mode: str = "rgb_array") -> npt.NDArray[np.uint8]:
-        """What the front camera sees (480, 640, 3).
-
-        Raises:
-            UnsupportedError: ``mode`` is not ``'rgb_array'``; there is no window.
-        """
+        """What the front camera sees (480, 640, 3); there is no window, so other modes are an ``UnsupportedError``."""
         if mode != "rgb_array":
             raise UnsupportedError(f"render(mode={mode!r}): there is no window", "use mode='rgb_array'")
         return self.render_camera(cameras.AGENT_CAMERAS[0])[0]
@@ -178,10 +161,7 @@ class Workcell(Tabletop):
         self._recording = (str(video_filename), Recording(physics, {item.id: item.id for item in self.objects}))
 
     def end_rec(self) -> Path:
-        """End the recording and write it as ``<save_video_path>/<name>.npz``; returns the file.
-
-        ``save_video_path`` is of ``record_cfg``, else the working folder.
-        """
+        """End the recording and return its file, ``<save_video_path>/<name>.npz``, by default in the working folder."""
         if self._recording is None:
             raise SimulationError("end_rec: nothing is being recorded", "call env.start_rec(name) first")
         (name, recording), self._recording = self._recording, None

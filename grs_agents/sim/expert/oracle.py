@@ -37,10 +37,7 @@ def _rope_target_orders(goal: Goal) -> list[FloatArray]:
 
 
 class RopePlanner:
-    """Remembers from which end each rope is to be laid.
-
-    A rope is taken for a chain of rods on a rough table: what is not held follows the bead before it.
-    """
+    """Remembers from which end each rope is laid: a chain of rods on a rough table, each following the one before."""
 
     def __init__(self) -> None:
         self._chosen: dict[tuple[int, ...], FloatArray] = {}

@@ -36,14 +36,9 @@ class Planner:
         self._relations = RelationPlanner()
 
     def target(self, goal: Goal, row: int, task: ScoredTask, view: SceneView, lift: float) -> Target:
-        """Where the object of one row of a goal should go, or why nowhere.
+        """Where the object of one row of a goal should go, or why nowhere; it may share a zone with later goals.
 
-        Args:
-            goal: the current goal.
-            row: of the object.
-            task: whose later goals may share a zone.
-            view: the scene.
-            lift: from the object's lowest point to where the cup holds it, metres.
+        ``lift`` is from the object's lowest point to where the cup holds it, metres.
         """
         if goal.relation is not None:
             return self._relations.target(goal, row, task, view, lift)

@@ -101,16 +101,13 @@ def _at_pose(goal: Goal, index: int, row: int, task: ScoredTask, view: SceneView
 
 @dataclass(frozen=True)
 class _Fit:
-    """A way to put an object: turned by ``angle``, its ``parts`` at ``offset`` (1, 2), at rest at a ``height``.
+    """A way to put an object."""
 
-    ``stands``: it does not tip there.
-    """
-
-    angle: float
+    angle: float  # it is turned by, radians
     parts: list[Prism]
-    offset: FloatArray
+    offset: FloatArray  # of its parts, (1, 2)
     height: float
-    stands: bool = True
+    stands: bool = True  # whether it does not tip there
 
 
 def _best_fit(number: int, target: Pose, symmetry: float, wanted: float, task: ScoredTask, view: SceneView) -> _Fit:

@@ -25,25 +25,16 @@ _LANES: Final = 11
 
 @dataclass(frozen=True)
 class Pieces:
-    """What may be pushed, seen from above.
-
-    Attributes:
-        ids: of the objects.
-        places: (N, 2) their centres, metres.
-        radii: (N,) half of their mean widths, metres.
-    """
+    """What may be pushed, seen from above."""
 
     ids: tuple[int, ...]
-    places: FloatArray
-    radii: FloatArray
+    places: FloatArray  # (N, 2) their centres, metres
+    radii: FloatArray  # (N,) half of their mean widths, metres
 
 
 @dataclass(frozen=True)
 class Strokes:
-    """Many strokes: the blade's front goes from ``start_points`` to ``end_points`` (S, 2), metres.
-
-    The two points of a stroke differ.
-    """
+    """Ways of the blade's front between two different points each, (S, 2), metres."""
 
     start_points: FloatArray
     end_points: FloatArray

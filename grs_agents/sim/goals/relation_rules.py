@@ -20,13 +20,9 @@ _POINT: Final = np.zeros((1, 2))
 
 
 def shortfall(goal: Goal, number: int, view: SceneView, rot_eps: float = ROTATION_TOLERANCE) -> str:
-    """Why a typed goal does not hold for one of its objects, in one clause; "" where it holds.
+    """Why a typed goal does not hold for one of its objects in a scene, in one clause; "" where it holds.
 
-    Args:
-        goal: a typed goal.
-        number: the object.
-        view: the scene, as it is or as a plan supposes it.
-        rot_eps: how much more tilted than at the start an object may be, radians.
+    ``rot_eps`` (rad) is how much more tilted than at the start the object may be.
     """
     if not is_at_rest(number, view):
         return "does not lie still"

@@ -38,20 +38,7 @@ def tilt_of(pose: Pose) -> float:
 
 
 class SceneView:
-    """What the oracle looks at when it plans one action.
-
-    Args:
-        table: as it stands.
-        stated: every goal of the episode, met or not.
-        open_goals: those that are not met yet.
-
-    Attributes:
-        arm: the robot.
-        bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
-        places: where every object stood when the scene had settled, by id.
-        ties: what keeps objects together.
-        prisms: of every object's colliders.
-    """
+    """What the oracle looks at when it plans one action; ``stated`` are all goals, ``open_goals`` those not met yet."""
 
     def __init__(self, table: Tabletop, stated: Sequence[Goal], open_goals: Sequence[Goal]) -> None:
         self._table, self.physics = table, table.physics

@@ -49,13 +49,7 @@ class StrictScore:
 
 
 class StrictScorer:
-    """Scores a scene strictly, by how it stands and how it stood before anything acted.
-
-    Args:
-        task: its goals are scored.
-        table: with the objects, after a reset.
-        places: where every object stood when the scene had settled.
-    """
+    """Scores how a scene stands, strictly, against ``places``, where every object stood before anything acted."""
 
     def __init__(self, task: ScoredTask, table: Tabletop, places: Mapping[int, Pose]) -> None:
         self.task, self.table = task, table

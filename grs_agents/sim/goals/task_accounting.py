@@ -43,23 +43,14 @@ def pose_matches(
 
 
 class ScoredTask(Protocol):
-    """What scores and oracles read of a task; programs may override each of these.
+    """What scores and oracles read of a task; programs may override each of these."""
 
-    Attributes:
-        goals: those that are not met yet.
-        lang_goals: a sentence for each of them.
-        lang_template: the sentence for goals without one.
-        pos_eps, rot_eps: tolerance of ``pose`` goals, metres and radians.
-        zone_bounds: (3, 2) lowest and highest x, y, z that count as in a zone, metres.
-        grs: the runtime's own accounts.
-    """
-
-    goals: list[Goal]
-    lang_goals: list[str]
-    lang_template: str
-    pos_eps: float
-    rot_eps: float
-    zone_bounds: npt.NDArray[np.float64]
+    goals: list[Goal]  # not met yet
+    lang_goals: list[str]  # a sentence for each of them
+    lang_template: str  # for goals without a sentence
+    pos_eps: float  # tolerance of ``pose`` goals, metres
+    rot_eps: float  # the same, radians
+    zone_bounds: npt.NDArray[np.float64]  # (3, 2) lowest and highest x, y, z that count as in a zone, metres
     grs: "TaskAccounting"
 
     def is_match(self, pose0: Pose, pose1: Pose, symmetry: float) -> bool:
@@ -68,29 +59,18 @@ class ScoredTask(Protocol):
 
 
 class TaskAccounting:
-    """The accounts of one task: a program may call its own things ``count`` or ``scores`` without harm.
-
-    Attributes:
-        reset_in: the environment of the last reset, None before.
-        stated: every goal of this episode, met or not.
-        total: the reward so far.
-        rng: random numbers of the program's own, None for the environment's.
-    """
+    """The accounts of one task, apart from it, so that a program may use any name of its own."""
 
     def __init__(self, task: ScoredTask) -> None:
         self._task = task
         self.reset_in: Tabletop | None = None
-        self.stated: tuple[Goal, ...] = ()
+        self.stated: tuple[Goal, ...] = ()  # every goal of this episode, met or not
         self.total = 0.0
-        self.rng: np.random.Generator | None = None
+        self.rng: np.random.Generator | None = None  # the program's own, None for the environment's
 
     @property
     def env(self) -> Tabletop:
-        """The environment of the last reset.
-
-        Raises:
-            SimulationError: there was none.
-        """
+        """The environment of the last reset; raises ``SimulationError`` before."""
         if self.reset_in is None:
             raise SimulationError("the task was not reset yet", "call env.set_task(task) and env.reset()")
         return self.reset_in

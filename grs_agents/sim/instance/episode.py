@@ -65,52 +65,30 @@ class UnsupportedError(SimulationError):
 
 
 class ActionRecord(Frozen):
-    """One pick-and-place, or one push.
+    """One pick-and-place, or one push."""
 
-    Attributes:
-        object, asset: id and name of what was picked, or was pushed the farthest; None and "" when nothing was.
-        pick, place: the positions of the action's two poses, metres.
-        reward: what the action added.
-        note: what the primitive reports, e.g. ``"placed"`` or ``"nothing to grasp at (0.50, 0.10, 0.02)"``.
-        pushed: ids of everything that a push moved, farthest first.
-    """
-
-    object: int | None
+    object: int | None  # what was picked, or was pushed the farthest
     asset: str
-    pick: Vec3
+    pick: Vec3  # positions of the action's two poses, metres
     place: Vec3
     reward: float
-    note: str
-    pushed: tuple[int, ...] = ()
+    note: str  # what the primitive reports, e.g. "placed" or "nothing to grasp at (0.50, 0.10, 0.02)"
+    pushed: tuple[int, ...] = ()  # ids of everything that a push moved, farthest first
 
 
 class Episode(Frozen):
-    """How an episode ended.
-
-    Attributes:
-        outcome: why it ended.
-        reward: total, 0..1, as published: height and tilt do not count, what was met once stays met.
-        strict: 0..1, every goal judged on the scene as it stood at the end: height, support, upright, each target
-            claimed once, nothing else knocked over.
-        weakest: the strict score of the goal that holds least, whatever its share of the reward; 0 where something else
-            was knocked over.
-        steps, max_steps: actions taken and allowed.
-        detail: one sentence with names, numbers and bounds.
-        objects: asset names concerned.
-        actions: what was done.
-        shortfalls: for each object that the strict score misses, one clause that says why.
-    """
+    """How an episode ended."""
 
     outcome: Outcome
-    reward: float
-    strict: float = 0.0
-    weakest: float = 0.0
+    reward: float  # 0..1, as published: height and tilt do not count, what was once met stays met
+    strict: float = 0.0  # 0..1, every goal judged on the scene at the end; knocked over objects lower it
+    weakest: float = 0.0  # strict score of the goal that holds least; 0 where something else was knocked over
     steps: int
     max_steps: int
-    detail: str
-    objects: tuple[str, ...] = ()
+    detail: str  # one sentence with names, numbers and bounds
+    objects: tuple[str, ...] = ()  # asset names concerned
     actions: tuple[ActionRecord, ...] = ()
-    shortfalls: tuple[str, ...] = ()
+    shortfalls: tuple[str, ...] = ()  # for each object that the strict score misses, one clause that says why
 
 
 @dataclass(frozen=True)
@@ -129,10 +107,7 @@ def stop_from_error(error: GrsError) -> Stop:
 
 @dataclass
 class Recorder:
-    """Gathers one environment's current episode.
-
-    ``look`` measures how the scene stands; it is asked only when somebody wants to know.
-    """
+    """Gathers one environment's current episode."""
 
     actions: list[ActionRecord] = field(default_factory=list[ActionRecord])
     stop: Stop | None = None
@@ -144,7 +119,7 @@ class Recorder:
     placed: int = 0
     wanted: int = 0
     complete: bool = False
-    look: "Callable[[Recorder], None] | None" = None
+    look: "Callable[[Recorder], None] | None" = None  # measures how the scene stands, when somebody wants to know
 
     def episode(self) -> Episode:
         """The episode so far."""

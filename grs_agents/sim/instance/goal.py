@@ -41,16 +41,12 @@ class Zone(Frozen):
 
 
 class Relation(Frozen):
-    """How the objects of a typed goal are to lie; what each kind means strictly is in ``sim.goals.relation_rules``.
-
-    Attributes:
-        kind: which relation.
-        reference: id of the container, support, zone or neighbour, if the kind has one.
-        distance: ``near``: largest gap; ``aligned``: spacing of centres, None = any; metres.
-    """
+    """How the objects of a typed goal are to lie; what each kind means strictly is in ``sim.goals.relation_rules``."""
 
     kind: Kind
+    # id of the container, support, zone or neighbour, if the kind has one
     reference: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    # ``near``: largest gap; ``aligned``: spacing of centres, None = any; metres
     distance: Annotated[float, Field(allow_inf_nan=False, gt=0, le=1)] | None = None
 
     @model_validator(mode="after")
@@ -65,33 +61,22 @@ class Goal(Frozen):
 
     While a program runs, goals are made without the checks of this model (``model_construct``): their rewards are not
     scaled yet, and what is out of range is refused when the task becomes an instance.
-
-    Attributes:
-        objects: ids of the objects it speaks of; for ``stacked`` from the bottom up.
-        matches: for each object, for each target, 1 where that target will do.
-        targets: target poses.
-        replace: several objects may share a target.
-        rotations: the yaw of the target is asked for.
-        metric: ``pose`` (xy within ``pos_eps``, yaw within ``rot_eps``), ``zone`` (share of volume inside) or
-            ``relation``.
-        zones: for metric ``zone``.
-        max_reward: reward for the whole goal.
-        symmetries: for each object, the angle (rad) after which it looks the same; 0 = any yaw.
-        language: what a person would say.
-        relation: for metric ``relation``; such a goal has no targets.
     """
 
-    objects: Annotated[tuple[int, ...], Field(min_length=1, max_length=200)]
+    objects: Annotated[tuple[int, ...], Field(min_length=1, max_length=200)]  # for ``stacked`` from the bottom up
+    # for each object, for each target, 1 where that target will do
     matches: tuple[tuple[Annotated[int, Field(ge=0, le=1)], ...], ...]
     targets: Annotated[tuple[Placed, ...], Field(max_length=200)]
-    replace: bool
-    rotations: bool
+    replace: bool  # several objects may share a target
+    rotations: bool  # the yaw of the target is asked for
+    # ``pose``: xy within ``pos_eps``, yaw within ``rot_eps``; ``zone``: share of volume inside
     metric: Literal["pose", "zone", "relation"]
     zones: Annotated[tuple[Zone, ...], Field(max_length=50)] = ()
     max_reward: Annotated[float, Field(allow_inf_nan=False, ge=0, le=1.0001)]
+    # for each object, the angle (rad) after which it looks the same; 0 = any yaw
     symmetries: tuple[Annotated[float, Field(allow_inf_nan=False, ge=0, le=6.3)], ...]
     language: Annotated[str, Field(max_length=LONGEST_SENTENCE)] = ""
-    relation: Relation | None = None
+    relation: Relation | None = None  # for its metric; such a goal has no targets
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
@@ -143,11 +128,7 @@ class Goal(Frozen):
         )
 
     def check_relation(self) -> None:
-        """Refuse a typed goal that makes no sense.
-
-        Raises:
-            SimulationError: an object occurs twice, there are too few, or a distance is out of range.
-        """
+        """Refuse with a ``SimulationError`` a typed goal that makes no sense."""
         relation, count = self.relation, len(self.objects)
         if relation is None:
             return

@@ -38,23 +38,16 @@ Fill = dict[Annotated[str, Field(max_length=20)], Annotated[tuple[Value, ...], F
 
 
 class InstanceObject(Frozen):
-    """One object of the scene.
-
-    Attributes:
-        id: the number that goals use.
-        asset: library-relative URDF name, e.g. ``"HOPE/Milk.urdf"``.
-        fill: values of a template's placeholders; trusted code fills them in. Empty for an ordinary asset.
-        pose: position (m) of its origin and rotation (xyzw), robot frame, before settling.
-        category: ``fixed`` (cannot move), ``rigid``, or ``deformable``, which moves as ``rigid`` does.
-        color: rgba 0..1 laid over the asset's own, or None.
-    """
+    """One object of the scene."""
 
     id: Annotated[int, Field(ge=0, le=100_000)]
-    asset: Annotated[str, Field(min_length=1, max_length=300)]
+    asset: Annotated[str, Field(min_length=1, max_length=300)]  # library-relative URDF name, e.g. "HOPE/Milk.urdf"
+    # values of a template's placeholders; empty for an ordinary asset
     fill: Annotated[Fill, Field(max_length=12)] = Field(default_factory=dict)
-    pose: Placed
+    pose: Placed  # of its origin, metres, robot frame, before settling
+    # ``fixed`` cannot move; ``deformable`` moves as ``rigid`` does
     category: Literal["fixed", "rigid", "deformable"] = "rigid"
-    color: RGBA | None = None
+    color: RGBA | None = None  # 0..1, laid over the asset's own
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
@@ -68,19 +61,13 @@ class InstanceObject(Frozen):
 
 
 class InstanceTie(Frozen):
-    """What keeps two objects together: a point that both share (a joint of a rope), or all of their relative pose.
+    """What keeps two objects together: a point that both share (a joint of a rope), or all of their relative pose."""
 
-    Attributes:
-        kind: ``point`` leaves them free to turn, ``fixed`` does not.
-        parent, child: object ids.
-        parent_frame, child_frame: the shared place, in the frame of either object, metres.
-    """
-
-    kind: Literal["point", "fixed"]
+    kind: Literal["point", "fixed"]  # ``point`` leaves them free to turn
     parent: int
     child: int
-    parent_frame: Placed
-    child_frame: Placed
+    parent_frame: Placed  # the shared place in the frame of the parent, metres
+    child_frame: Placed  # and of the child
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
@@ -90,37 +77,24 @@ class InstanceTie(Frozen):
 
 
 class TaskInstance(Frozen):
-    """A simulated task for one seed: everything a trusted process needs to build, run and score it.
-
-    Attributes:
-        version: of this format.
-        task: class name of the program it came from.
-        seed: the seed it was drawn with.
-        max_steps: pick-and-place actions allowed.
-        timestep: of the physics, seconds.
-        hz: the rate that the program asked for; recorded, not used.
-        primitive: what an action does.
-        sixdof: the program's flag.
-        pos_eps, rot_eps: tolerances of ``pose`` goals, metres and radians.
-        objects, ties, goals: the scene and what is to be done.
-        background: library name of what stands fixed around the robot, as it was photographed; trusted code names it.
-        warnings: what the runtime had to assume.
-    """
+    """A simulated task for one seed: everything a trusted process needs to build, run and score it."""
 
     version: Literal[2] = 2
-    task: Annotated[str, Field(max_length=200)]
+    task: Annotated[str, Field(max_length=200)]  # class name of the program it came from
     seed: Annotated[int, Field(ge=0, lt=2**32)]
     max_steps: Annotated[int, Field(ge=1, le=200)]
-    timestep: Annotated[float, Field(ge=0.0005, le=0.01)]
-    hz: Annotated[int, Field(ge=1, le=100_000)] = 240
+    timestep: Annotated[float, Field(ge=0.0005, le=0.01)]  # of the physics, seconds
+    hz: Annotated[int, Field(ge=1, le=100_000)] = 240  # that the program asked for; recorded, not used
     primitive: Literal["pick_place", "push"] = "pick_place"
     sixdof: bool = False
-    pos_eps: Annotated[float, Field(gt=0, le=LARGEST_POS_EPS)] = POSITION_TOLERANCE
-    rot_eps: Annotated[float, Field(gt=0, le=LARGEST_ROT_EPS)] = ROTATION_TOLERANCE
+    pos_eps: Annotated[float, Field(gt=0, le=LARGEST_POS_EPS)] = POSITION_TOLERANCE  # of ``pose`` goals, metres
+    rot_eps: Annotated[float, Field(gt=0, le=LARGEST_ROT_EPS)] = ROTATION_TOLERANCE  # radians
     objects: Annotated[tuple[InstanceObject, ...], Field(max_length=200)]
     ties: Annotated[tuple[InstanceTie, ...], Field(max_length=400)] = ()
     goals: Annotated[tuple[Goal, ...], Field(max_length=200)]
+    # library name of what stands fixed around the robot, as photographed; trusted code names it
     background: Annotated[str, Field(min_length=1, max_length=300)] | None = None
+    # what the runtime had to assume
     warnings: Annotated[tuple[Annotated[str, Field(max_length=500)], ...], Field(max_length=500)] = ()
 
     @model_validator(mode="after")
@@ -165,15 +139,7 @@ class InstanceError(InputError):
 
 
 def read_instance(text: str | bytes, objects: int = 200) -> TaskInstance:
-    """The task instance that ``text`` holds.
-
-    Args:
-        text: JSON.
-        objects: the most objects it may have.
-
-    Raises:
-        InstanceError: it is too long, not JSON, off the schema or out of range; the message names what is wrong.
-    """
+    """The task instance that JSON holds; raises ``InstanceError``, which names what is wrong."""
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     if len(data) > MAX_BYTES:
         raise InstanceError(f"the instance has {len(data)} bytes, {MAX_BYTES} are the most", "make it smaller")

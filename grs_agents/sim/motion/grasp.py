@@ -44,27 +44,14 @@ def sealed_share(physics: Physics, number: int) -> float:
 
 @dataclass(frozen=True)
 class Grasp:
-    """What looking down on an object finds.
+    """What looking down on an object finds."""
 
-    Attributes:
-        point: where the cup should touch, metres; None if the object is covered.
-        covered_by: ids of what is seen in its place.
-    """
-
-    point: Vec3 | None
-    covered_by: tuple[int, ...] = ()
+    point: Vec3 | None  # where the cup should touch, metres; None if the object is covered
+    covered_by: tuple[int, ...] = ()  # ids of what is seen in its place
 
 
 def find_grasp(physics: Physics, number: int, center: Vec3, outline: Prism, others: Sequence[Prism] = ()) -> Grasp:
-    """The flattest open point near the centre of an object.
-
-    Args:
-        physics: the running world.
-        number: the object's id.
-        center: of the object, metres.
-        outline: around the whole object.
-        others: prisms of what else there is, thin things among it that rays would miss.
-    """
+    """The flattest open point near the centre of an object; ``others`` are thin things that rays would miss."""
     best: tuple[float, Vec3 | None] = (np.inf, None)
     covered: Counter[int] = Counter()
     around = nearby(outline, others, (0.0, 0.0), _BODY + _SWAY)

@@ -48,27 +48,15 @@ _TURNS: Final = tuple(turn * np.pi / 2 for turn in (0, 1, -1, 2, -2, 3, -3, 4, -
 
 @dataclass(frozen=True)
 class PickPlaceResult:
-    """What a pick-and-place did.
+    """What a pick-and-place did."""
 
-    Attributes:
-        grasped: id of the object that was picked, None if nothing was.
-        placed: it was brought to the place pose and let go there.
-        note: one clause; ``"placed"`` when all went well.
-    """
-
-    grasped: int | None
-    placed: bool
-    note: str
+    grasped: int | None  # id of the object that was picked
+    placed: bool  # it was brought to the place pose and let go there
+    note: str  # one clause; "placed" when all went well
 
 
 class PickPlace:
-    """Picks with the suction cup, tool pointing down, and places, the tool tilted if the poses ask for it.
-
-    Args:
-        physics: the running world.
-        obstacles: outlines of every object.
-        names: object id to asset name, for the notes.
-    """
+    """Picks with the suction cup, tool pointing down, and places, the tool tilted if the poses ask for it."""
 
     def __init__(self, physics: Physics, obstacles: Sequence[Prism], names: dict[int, str]) -> None:
         self.physics, self.obstacles, self.names = physics, obstacles, names
@@ -77,7 +65,7 @@ class PickPlace:
         self._hindrance = ""
 
     def run(self, pick: Pose, place: Pose) -> PickPlaceResult:
-        """Do it. ``pick`` is where the cup touches; ``place`` is where the cup is to be, lowered until contact.
+        """Pick where the cup touches, and place with the cup lowered at its place pose until contact.
 
         What is held is turned, and tilted, as ``place`` is against ``pick``.
         """
@@ -213,18 +201,10 @@ class PickPlace:
         speed: float,
         clearance: float = _CLEARANCE,
     ) -> bool:
-        """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` of it.
+        """Go over the table to a pose and down to it, each leg just above what lies within ``radius`` (m) of it.
 
-        Args:
-            end: where the tool is to be.
-            radius: of what must pass, about the tip, metres.
-            drop: how far what hangs from the cup reaches below it, metres.
-            obstacles: what to pass over.
-            speed: of the tip, m/s.
-            clearance: to what it passes over, metres.
-
-        Returns:
-            Whether it got there; if there was no way, the arm has not moved. It stops where the cup lets go.
+        ``drop`` (m) is how far what hangs from the cup reaches below it. False if there was no way (the arm has not
+        moved) or the cup let go, where it stops.
         """
         tip, held, self._hindrance = self.physics.tip, self.physics.held, ""
         for route in candidate_routes(tip, end.point):

@@ -31,16 +31,7 @@ def random_pose(
     arm: Arm,
     gap: float = 0.01,
 ) -> Pose | None:
-    """A pose on the table where a box of ``size`` (m) stands free and the arm reaches it, or None.
-
-    Args:
-        size: full extents; signs are ignored.
-        bounds: (3, 2) lowest and highest x, y, z.
-        obstacles: what is there already.
-        rng: drawn from.
-        arm: that is to reach it.
-        gap: free space asked for around it, metres.
-    """
+    """A free pose on the table, in reach, for a box of ``size`` (m; signs ignored) with ``gap`` around it, or None."""
     x, y, z = (max(abs(float(extent)), 0.001) for extent in size)
     for _ in range(_BATCHES):
         yaw = float(rng.uniform(-np.pi, np.pi))
@@ -128,17 +119,9 @@ def find_spot(
 ) -> Spot | None:
     """A place inside a region where an object rests on the lowest level there is, clear of its neighbours.
 
-    Args:
-        body: outline of the object as it is now.
-        center: of the object now.
-        yaws: turns to try, in order of preference.
-        region: must hold the outline.
-        obstacles: what is there, without the object itself.
-        gap: free space around it, metres.
-        suits: given offsets (N, 2) and rest heights (N,), which the arm can serve.
-        spread: prefer places far from the edge and from others; else pack from the far corner.
-        stack: accept any level, not the lowest alone.
-        near: with ``spread``, the point (m) to stay near to, else the region's centre.
+    ``yaws`` are tried in order; ``suits`` says which offsets (N, 2) and rest heights (N,) the arm can serve. With
+    ``spread``, places far from the edge and from others but close to ``near`` are preferred, else the far corner; with
+    ``stack``, any level will do.
     """
     spacing = float(np.clip(min(region.size) / 24, 0.003, 0.015))
     offsets = region.grid(spacing)
@@ -200,17 +183,11 @@ _APPROACH: Final = 0.04
 
 @dataclass(frozen=True)
 class Blocked:
-    """The target is taken by something that can be moved away first.
-
-    Attributes:
-        blocker: its id.
-        keep_free: where it must not be put.
-        otherwise: the target all the same, if the blocker cannot be moved; None if it must be.
-    """
+    """The target is taken by something that can be moved away first."""
 
     blocker: int
-    keep_free: tuple[Prism, ...] = ()
-    otherwise: Spot | None = None
+    keep_free: tuple[Prism, ...] = ()  # where it must not be put
+    otherwise: Spot | None = None  # the target all the same, if the blocker cannot be moved; None if it must be
 
 
 Target = Spot | Blocked | Stop

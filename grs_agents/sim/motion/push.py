@@ -26,15 +26,10 @@ _MOVED: Final = 0.01
 
 @dataclass(frozen=True)
 class PushResult:
-    """What a push did.
+    """What a push did."""
 
-    Attributes:
-        pushed: ids of what it moved, farthest first.
-        note: one clause; ``"pushed"`` when all went well.
-    """
-
-    pushed: tuple[int, ...]
-    note: str
+    pushed: tuple[int, ...]  # ids of what it moved, farthest first
+    note: str  # one clause; "pushed" when all went well
 
 
 def stroke_endpoints(pose0: Pose, pose1: Pose) -> tuple[FloatArray, FloatArray] | None:
@@ -100,7 +95,7 @@ class Push(PickPlace):
         )
 
     def _over(self, start: FloatArray, end: FloatArray, points: FloatArray) -> float | None:
-        """Go above the start; the yaw of the blade there, which may be turned end for end, None if there is no way.
+        """Go above the start; the yaw of the blade there, None if there is no way.
 
         Stroke after stroke in one sense would wind the wrist up to its limit, so the next best turns are tried too.
         """

@@ -111,14 +111,7 @@ def motion_profile(length: float, gait: Pace) -> FloatArray:
 
 
 def plan_joint_path(arm: Arm, start: ToolPose, end: ToolPose, gait: Pace, seed: FloatArray) -> FloatArray:
-    """Joint positions (N, dof), one a time step, from one pose to another, NaN if impossible.
-
-    Args:
-        arm: the robot.
-        start, end: of the tool.
-        gait: how fast.
-        seed: joint positions (dof,) near which the path begins.
-    """
+    """Joint positions (N, dof) of a path that begins near ``seed``, one a time step, NaN if impossible."""
     tilting = np.array([start.tilt, end.tilt])
     leaning = float(np.linalg.norm(tilting[1] - tilting[0]))
     turning = abs(end.yaw - start.yaw) + leaning

@@ -61,11 +61,7 @@ class Budget:
         self.limit = self.left = steps
 
     def spend(self, steps: int) -> None:
-        """Take ``steps``.
-
-        Raises:
-            SimulationBudgetError: there are not so many left, and from now on none.
-        """
+        """Take ``steps``; raises ``SimulationBudgetError`` if not so many are left, and from then on always."""
         _spend_for_the_call(steps)
         self.left -= steps
         if self.left < 0:
@@ -90,22 +86,14 @@ def _spend_for_the_call(steps: int) -> None:
 
 
 def check_objects(count: int) -> None:
-    """See that so many objects may be on the table.
-
-    Raises:
-        ObjectLimitError: they may not.
-    """
+    """Raise ``ObjectLimitError`` if so many objects may not be on the table."""
     most = _call.limits.objects
     if count > most:
         raise _record(ObjectLimitError(f"{count} objects are on the table, {most} are the most", "add fewer objects"))
 
 
 def add_vertices(count: int, shapes: ObjectModel, library: Library) -> int:
-    """How many vertices the meshes on the table have with one more object, if they may.
-
-    Raises:
-        VertexLimitError: they may not.
-    """
+    """Vertices of the meshes on the table with one more object; raises ``VertexLimitError`` for too many."""
     count += _vertices_of(shapes, library)
     most = _call.limits.mesh_vertices
     if count > most:

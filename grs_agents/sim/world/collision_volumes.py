@@ -36,11 +36,7 @@ _shares: dict[tuple[int, Pose, tuple[Zone, ...], float], tuple[Volume, float]] =
 
 @cached_per_model
 def volume_of(model: ObjectModel, library: Library) -> Volume:
-    """The collision volume of an object; a mark without colliders is one point.
-
-    Raises:
-        InputError: the file of a mesh cannot be read.
-    """
+    """The collision volume of an object; a mark without colliders is one point."""
     if not model.colliders:
         return Volume(np.zeros((3, 1)), np.ones(1))
     solids = [_Solid.of(shape, library) for shape in model.colliders]

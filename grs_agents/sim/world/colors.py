@@ -6,11 +6,7 @@ from grs_agents.sim.instance import SimulationError
 
 
 def rgba(color: str | Sequence[float]) -> tuple[float, float, float, float]:
-    """Red, green, blue, alpha, each 0..1, of a name of ``utils.COLORS`` or of three or four numbers.
-
-    Raises:
-        SimulationError: it is neither.
-    """
+    """Red, green, blue, alpha, 0..1, of a name or three or four numbers; others are a ``SimulationError``."""
     if isinstance(color, str):
         if color not in COLORS:
             raise SimulationError(f"colour {color!r} is unknown", f"use one of {', '.join(sorted(COLORS))}")

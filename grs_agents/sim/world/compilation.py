@@ -70,40 +70,25 @@ LARGEST, SMALLEST = 2.0, 1e-4
 
 @dataclass(frozen=True)
 class World:
-    """A compiled model, its state, and where the objects are in it.
+    """A compiled model, its state, and where the objects are in it."""
 
-    Attributes:
-        model, data: the ``mujoco.MjModel`` and its one ``mujoco.MjData``.
-        bodies: object id to body id.
-        welds: id of a rigid object to the id of its suction weld.
-        addresses: id of a rigid object to the start of its 7 positions in ``qpos``.
-        owners: geom id to object id, -1 for the table and the robot.
-        cup_geom, cup_body, tip_site: of the suction cup, or of the spatula in its place.
-        limp: ids of what a point ties to another, as ropes: it gives way to the cup, and hangs freely.
-        beads: those of them that are so small that the cup always seals.
-        arm: whose joints are the first positions, speeds and controls.
-    """
-
-    model: Any
-    data: Any
-    bodies: dict[int, int]
-    welds: dict[int, int]
-    addresses: dict[int, int]
-    owners: tuple[int, ...]
-    cup_geom: int
+    model: Any  # ``mujoco.MjModel``
+    data: Any  # its one ``mujoco.MjData``
+    bodies: dict[int, int]  # object id to body id
+    welds: dict[int, int]  # id of a rigid object to the id of its suction weld
+    addresses: dict[int, int]  # id of a rigid object to the start of its 7 positions in ``qpos``
+    owners: tuple[int, ...]  # geom id to object id, -1 for the table and the robot
+    cup_geom: int  # of the suction cup, or of the spatula in its place
     cup_body: int
     tip_site: int
-    arm: Arm
+    arm: Arm  # its joints are the first positions, speeds and controls
+    # ids of what a point ties to another, as ropes: it gives way to the cup, and hangs freely
     limp: frozenset[int] = frozenset()
-    beads: frozenset[int] = frozenset()
+    beads: frozenset[int] = frozenset()  # those of them that are so small that the cup always seals
 
 
 def model_of(item: InstanceObject, library: Library) -> ObjectModel:
-    """The shapes of an object: a template filled with its values, or the library's asset as it is.
-
-    Raises:
-        SimulationError: a filled template is too large, or too thin.
-    """
+    """The shapes of an object or filled template; one too large, or too thin, is a ``SimulationError``."""
     if not item.fill:
         return library.model(item.asset)
     return templates.cached_filling(library, "model", item.asset, item.fill, lambda: _filled_template(item, library))
@@ -172,19 +157,9 @@ def build(
 ) -> World:
     """Compile a world. It does not depend on where the objects stand: ``place`` says that to each new state of it.
 
-    Args:
-        objects: what stands on the table.
-        library: where assets are looked up.
-        timestep: of the physics, seconds.
-        visuals: also add what is only seen (meshes, marks on the table); the physics does not need it.
-        ties: what keeps objects together.
-        tool: at the end of the arm; a spatula takes nothing up, so there are no suction welds beside it.
-        arm: the robot, None for the default one.
-        background: library name of what stands fixed around the robot.
-
-    Raises:
-        UnknownNameError: an asset is not in the library.
-        SimulationError: a filled template is too large or too thin, or MuJoCo takes the scene for impossible.
+    ``visuals`` adds what is only seen (meshes, marks on the table); a spatula takes nothing up, so there are no suction
+    welds beside it. Raises ``UnknownNameError`` for an asset that the library has not, ``SimulationError`` for a filled
+    template that is too large or too thin, or a scene that MuJoCo takes for impossible.
     """
     spec = new_spec(timestep)
     arm = arm or get_arm()
@@ -265,12 +240,7 @@ def _add_suction(spec: Any, graspable: Sequence[int], timestep: float) -> None:
 
 
 def place(built: World, objects: Sequence[InstanceObject]) -> None:
-    """Set a world back to its beginning, with every object at its pose, at rest.
-
-    Args:
-        built: the world; its ``model`` holds the poses of what cannot move.
-        objects: those that the world was built from, wherever they stand.
-    """
+    """Set a world back to its beginning, with the objects it was built from at their poses, at rest."""
     # What cannot move is placed first: a state works out once, when it begins, where such bodies are.
     for item in objects:
         if item.id not in built.addresses:
@@ -352,15 +322,7 @@ def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -
 
 
 def arm_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
-    """(N, 4) spheres, centre and radius (m, robot frame), around each part of an arm at its home position.
-
-    Args:
-        robot: ``ur5e``, ``panda`` or the path of an MJCF file.
-        library: 3D assets.
-
-    Raises:
-        InputError: its file cannot be read or holds no arm.
-    """
+    """(N, 4) spheres, centre and radius (m, robot frame), around each part of an arm at its home position."""
     arm = get_arm(robot)
     built = build((), library, arm=arm)
     built.data.qpos[: arm.dof] = arm.home

@@ -175,10 +175,7 @@ def _normals(outline: FloatArray) -> FloatArray:
 
 
 def signed_gaps(moving: FloatArray, still: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Signed gap (N,) between two convex outlines, with ``moving`` shifted by each of ``offsets`` (N, 2).
-
-    Positive: at least that far apart along some axis. Negative: they overlap.
-    """
+    """Gaps (N,) of two convex outlines, ``moving`` at each of ``offsets`` (N, 2); negative where they overlap."""
     if len(moving) < 3 or len(still) < 3:
         return np.full(len(offsets), np.inf)
     axes = np.vstack([_normals(moving), _normals(still)])

@@ -40,14 +40,7 @@ _SOLID: Final = np.array([1, 0, 0, 1, 0, 0], dtype=np.uint8)
 
 
 class Physics:
-    """One running world.
-
-    Args:
-        world: the compiled model.
-        budget: shared by the worlds of one environment.
-        objects: where everything stands.
-        joints: joint positions (dof,) to start from, None for home.
-    """
+    """One running world; its arm starts at ``joints`` (dof,), None for home."""
 
     def __init__(
         self, world: World, budget: Budget, objects: Sequence[InstanceObject], joints: FloatArray | None = None
@@ -99,11 +92,7 @@ class Physics:
         return (x, y, z), transforms.quat((i, j, k, w))
 
     def _refuse_tangles(self) -> None:
-        """Many bodies one inside another would take minutes a step.
-
-        Raises:
-            SimulationError: there are too many contacts.
-        """
+        """Refuse too many contacts: many bodies one inside another would take minutes a step."""
         if len(self.world.addresses) <= _CROWD:
             return
         mujoco.mj_kinematics(self.model, self.data)
@@ -116,10 +105,9 @@ class Physics:
             )
 
     def check(self) -> None:
-        """See that the simulation so far is to be trusted; MuJoCo itself would start anew from where nothing stood.
+        """Raise ``SimulationError`` if the simulation has diverged, or there were more contacts than fit.
 
-        Raises:
-            SimulationError: it has diverged, or there were more contacts than fit.
+        MuJoCo itself would start anew from where nothing stood.
         """
         counts = self.data.warning.number
         if counts.any():
@@ -269,15 +257,7 @@ class Physics:
         return (0.0, -1) if distance < 0 else (top - distance, owner)
 
     def ray(self, start: Sequence[float] | FloatArray, direction: Sequence[float] | FloatArray) -> tuple[float, int]:
-        """How far off a ray first meets something that can be touched, and its object's id or -1.
-
-        Args:
-            start: metres.
-            direction: of unit length.
-
-        Returns:
-            (metres, id); (-1, -1) where it meets nothing.
-        """
+        """(metres, object id or -1) of what a ray with a unit ``direction`` first touches; (-1, -1) for nothing."""
         geom = np.array([-1], dtype=np.int32)
         distance = float(
             mujoco.mj_ray(self.model, self.data, np.asarray(start), np.asarray(direction), _SOLID, 1, -1, geom)

@@ -14,12 +14,7 @@ RATE: Final = 30.0
 
 
 class Recording:
-    """Watches an environment's physics from now on.
-
-    Args:
-        physics: of a reset environment.
-        ids: the id to record by the environment's id: ``{recorded: environment's}``.
-    """
+    """Watches an environment's physics from now on; ``ids`` maps the id to record to the environment's."""
 
     def __init__(self, physics: Physics, ids: dict[int, int]) -> None:
         self._physics = physics

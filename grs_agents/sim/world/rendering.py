@@ -49,25 +49,15 @@ class Picture:
 
 @dataclass(frozen=True)
 class VisibleScene:
-    """What there is to see.
-
-    Attributes:
-        objects: what stands there.
-        library: 3D assets.
-        joints: joint positions (dof,) of the arm; None leaves the arm out.
-        arm: None for the default.
-        tool: at the end of the arm.
-        poses: of the objects, where they do not stand as they say.
-        background: library name of what stands fixed around the robot.
-    """
+    """What there is to see."""
 
     objects: Sequence[InstanceObject]
     library: Library
-    joints: FloatArray | None = None
-    arm: Arm | None = None
+    joints: FloatArray | None = None  # positions (dof,); None leaves the arm out
+    arm: Arm | None = None  # None for the default
     tool: compilation.Tool = "suction"
-    poses: Sequence[Pose] | None = None
-    background: str | None = None
+    poses: Sequence[Pose] | None = None  # of the objects, where they do not stand as they say
+    background: str | None = None  # library name of what stands fixed around the robot
 
 
 def camera_rays(view: View) -> FloatArray:

@@ -24,19 +24,13 @@ class Slip:
 
 
 class Cup:
-    """The suction of one running world.
-
-    Attributes:
-        held: id of the object on the cup.
-        slip: how the last object that was held came off, if it was torn off.
-        due: time steps until the load is to be looked at.
-    """
+    """The suction of one running world."""
 
     def __init__(self, world: World, data: Any) -> None:
         self._world, self._data = world, data
-        self.held: int | None = None
-        self.slip: Slip | None = None
-        self.due = WATCHED
+        self.held: int | None = None  # id of the object on the cup
+        self.slip: Slip | None = None  # how the last object that was held was torn off
+        self.due = WATCHED  # time steps until the load is to be looked at
         self._strained = False
         self._touching(True)
 

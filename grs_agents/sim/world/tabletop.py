@@ -32,25 +32,13 @@ _Outline = tuple[Pose, list[footprints.Prism], footprints.Prism]
 
 
 class Tabletop:
-    """Objects on a table, compiled into a world when they have changed.
-
-    Args:
-        library: 3D assets.
-        steps: simulated steps that its worlds may use together.
-        arm: the robot behind it.
-        seed: of ``rng``; None for the process's default.
-
-    Attributes:
-        bounds: (3, 2) lowest and highest x, y, z of the workspace, metres.
-        recorder: of the current episode.
-        places: where every object stood when the scene had settled, by id.
-    """
+    """Objects on a table, compiled into a world when they have changed."""
 
     def __init__(self, library: Library, steps: budget.Budget, arm: Arm, seed: int | None = None) -> None:
         self.library, self.budget, self.arm = library, steps, arm
-        self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])
+        self.bounds: FloatArray = np.array([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]])  # metres
         self.recorder = Recorder()
-        self.places: dict[int, Pose] = {}
+        self.places: dict[int, Pose] = {}  # of every object when the scene had settled
         self.seed(seed)
         self.timestep = compilation.TIMESTEP
         self.tool: compilation.Tool = "suction"
@@ -130,11 +118,7 @@ class Tabletop:
         )
 
     def insert(self, item: InstanceObject) -> int:
-        """Add a typed object; returns the id it has here.
-
-        Raises:
-            SimulationError: the table is too full for it, or it is too large, or too thin.
-        """
+        """Add a typed object and return the id it has here; refuse what is too large, too thin or one too many."""
         budget.check_objects(len(self._objects) + 1)
         number, shapes = self._next, compilation.model_of(item, self.library)
         self._vertices = budget.add_vertices(self._vertices, shapes, self.library)
@@ -148,11 +132,7 @@ class Tabletop:
         return max(self._objects, default=0) + 1
 
     def tie(self, tie: InstanceTie) -> int:
-        """Keep two objects together; returns the number of the tie.
-
-        Raises:
-            SimulationError: there is no such object.
-        """
+        """Keep two objects together; returns the number of the tie."""
         for number in (tie.parent, tie.child):
             self.object(number)
         self._ties.append(tie)
@@ -190,11 +170,7 @@ class Tabletop:
         return {kind: [item.id for item in self._objects.values() if item.category == kind] for kind in CATEGORIES}
 
     def object(self, obj: Any) -> InstanceObject:
-        """The object with an id.
-
-        Raises:
-            SimulationError: there is none.
-        """
+        """The object with an id; raises ``SimulationError`` if there is none."""
         item = self._objects.get(obj) if obj.__hash__ else None  # a list has no hash
         if item is None:
             ids = ", ".join(map(str, list(self._objects)[:20])) or "none yet"
@@ -324,11 +300,7 @@ def is_vector(value: Any, *lengths: int) -> bool:
 
 
 def as_pose(value: Any, what: str) -> Pose:
-    """A pose from a pair of position (m) and quaternion (xyzw), or from a position alone.
-
-    Raises:
-        SimulationError: it is not such a pair of finite numbers.
-    """
+    """A pose from a position (m) and perhaps a quaternion (xyzw); else a ``SimulationError``."""
     if (plain := transforms.plain_pose(value)) is not None:
         return plain
     try:

@@ -54,10 +54,8 @@ def configure(
 ) -> None:
     """Say which library, seed and robot an ``Environment`` uses when its caller, e.g. a test program, names none.
 
-    Args:
-        library, seed, robot: those to use.
-        limits: what all environments of this process may cost together from now on; None leaves that as it is.
-        background: library name of what stands fixed around the robot in all of them.
+    ``limits`` bound all environments of this process together from now on; None leaves them. ``background`` is the
+    library name of what stands fixed around the robot in all of them.
     """
     defaults.library, defaults.seed, defaults.robot, defaults.background = library, seed, robot, background
     if limits is not None:
@@ -111,9 +109,7 @@ def _is_exact(value: Any) -> bool:
 def fill(library: Library, template: str, replace: Mapping[str, Any]) -> str:
     """Fill a template and give the result a name that ``filling_of`` knows; what is no template keeps its own name.
 
-    Raises:
-        UnknownNameError: the library has no such template.
-        InputError: a value is not a finite number of reasonable size, a colour or a file name.
+    Raises ``UnknownNameError`` for no such template, ``InputError`` for a bad number, colour or file name.
     """
     base, before = asset_name(template, library), {}
     if base in _filled:  # a program that overwrites the template's name with the result fills that again
@@ -183,11 +179,7 @@ def _has_negative(values: Any) -> bool:
 
 
 def _array(values: Any) -> npt.NDArray[Any]:
-    """A row of a template's values.
-
-    Raises:
-        InputError: it is no row: lists of several lengths inside it.
-    """
+    """A row of a template's values; raises ``InputError`` for lists of several lengths inside it."""
     try:
         return np.asarray(values)
     except ValueError as error:
