@@ -61,7 +61,7 @@ class Arm:
         guesses = [
             self._guess,
             posture.middle,
-            *posture.low + (posture.high - posture.low) * _unit_samples(posture.dof),
+            *posture.low + (posture.high - posture.low) * np.random.default_rng(0).random((60, posture.dof)),
         ]
         for point in _HOMES:
             for guess in guesses:
@@ -132,8 +132,3 @@ class Arm:
         count = max(2, int(np.ceil(travel[-1] / _NEAR)) + 1)
         rows = evenly_spaced_rows(travel, count)
         return self._model.first_gap(path[rows])
-
-
-def _unit_samples(dof: int) -> FloatArray:
-    """A few dozen points (K, dof) spread over the unit cube, always the same."""
-    return np.random.default_rng(0).random((60, dof))

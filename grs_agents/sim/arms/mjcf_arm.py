@@ -1,6 +1,6 @@
 """A user's own arm: an MJCF file with a serial chain of hinges and slides, to whose end the suction cup is fixed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,7 +34,7 @@ def load_arm(path: Path) -> Arm:
     best: Arm | None = None
     refusal: InputError | None = None
     for turn in _QUARTERS:
-        arm = Arm(str(path), _arm_adder(path, turn), guess)
+        arm = Arm(str(path), lambda world, turn=turn: _attach(world, _parse(path), path, turn), guess)
         try:
             arm.home.setflags(write=False)  # looked for now, so that an arm of no use is refused before it is used
         except InputError as error:
@@ -48,10 +48,6 @@ def load_arm(path: Path) -> Arm:
         assert refusal is not None, "an arm was neither found nor refused"
         raise refusal
     return best
-
-
-def _arm_adder(path: Path, turn: float) -> Callable[[Any], None]:
-    return lambda world: _attach(world, _parse(path), path, turn)
 
 
 def _last_joint_margin(arm: Arm) -> float:

@@ -31,7 +31,10 @@ _TRIES: Final = 12
 def add_rope(
     env: Tabletop, bounds: FloatArray, corners: Any, radius: float, n_parts: int, color_name: str
 ) -> tuple[list[tuple[int, tuple[float, None]]], list[Pose], FloatArray]:
-    """Add a rope as ``Task.make_ropes`` does; raises ``SimulationError`` for beads that are too few or do not fit."""
+    """Add a rope as ``Task.make_ropes`` does.
+
+    Raises ``SimulationError`` for beads that are too few or do not fit, ``NoFreeSpaceError`` where there is no room.
+    """
     first, last = (_corner_point(corner) for corner in corners)
     step = (last - first) / max(n_parts, 1)
     spacing = float(np.linalg.norm(step))

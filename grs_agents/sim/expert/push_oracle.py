@@ -3,7 +3,7 @@
 The expectation is a quick guess: pieces in the spatula's way end up ahead of it, one behind the other.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -90,11 +90,6 @@ def predict_places(strokes: Strokes, pieces: Pieces) -> FloatArray:
         pushed = active & (here > ahead[rows, piece])
         front[rows[pushed], strip[pushed]] = full[pushed]
     return pieces.places[None] + (moved - ahead)[..., None] * strokes.along[:, None]
-
-
-def join_strokes(parts: Sequence[Strokes]) -> Strokes:
-    """Several sets of strokes as one."""
-    return Strokes(np.vstack([part.start_points for part in parts]), np.vstack([part.end_points for part in parts]))
 
 
 _DIRECTIONS: Final = 16
@@ -237,7 +232,9 @@ class _Scene:
         ]
         if not parts:
             return Strokes(np.zeros((0, 2)), np.zeros((0, 2))), np.zeros(0)
-        strokes = join_strokes(parts)
+        strokes = Strokes(
+            np.vstack([part.start_points for part in parts]), np.vstack([part.end_points for part in parts])
+        )
         strokes = strokes.only(starts_clear_of_pieces(strokes, self.pieces))
         pairs = sum(len(rows) * len(wanted) for rows, wanted in self._groups)
         count, most = len(strokes.start_points), max(_FEWEST, _PAIRS // max(1, pairs))

@@ -54,27 +54,14 @@ def _inside(goal: Goal, number: int, view: SceneView) -> str:
     if inside_margin(own.outline, rim.outline, _POINT)[0] < -_FLUSH:
         return f"reaches over the outline of {view.name(container)}"
     below = objects_below(number, view)
-    if container in below or (not below and _in_frame(container, number, view)):
+    in_bottomless_frame = not below and own.low < _FLUSH and view.over(container, view.pose(number)[0])
+    if container in below or in_bottomless_frame:
         return ""
     if below and all(
-        view.over(container, view.pose(other)[0]) and _below_rim(other, container, view) for other in below
+        view.over(container, view.pose(other)[0]) and view.outline(other).low <= rim.high - _RIM for other in below
     ):
         return ""
     return f"is held neither by {view.name(container)} nor by what lies in it"
-
-
-def _below_rim(other: int, container: int, view: SceneView) -> bool:
-    """Whether an object lies in a container with its underside."""
-    return view.outline(other).low <= view.outline(container).high - _RIM
-
-
-def _in_frame(container: int, number: int, view: SceneView) -> bool:
-    """Whether a frame without a bottom has the object on the table."""
-    return view.outline(number).low < _FLUSH and view.over(container, view.pose(number)[0])
-
-
-def _on(goal: Goal, number: int, view: SceneView) -> str:
-    return _rests_on(number, goal.reference, view)
 
 
 def _rests_on(number: int, support: int, view: SceneView) -> str:
@@ -169,7 +156,7 @@ def _all_wanted_in_zone(numbers: set[int], goal: Goal, view: SceneView) -> bool:
 
 _RULES: Final[dict[Kind, Callable[[Goal, int, SceneView], str]]] = {
     "inside": _inside,
-    "on": _on,
+    "on": lambda goal, number, view: _rests_on(number, goal.reference, view),
     "stacked": _stacked,
     "near": _near,
     "aligned": _aligned,

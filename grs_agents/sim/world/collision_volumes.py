@@ -36,7 +36,7 @@ _shares: dict[tuple[int, Pose, tuple[Zone, ...], float], tuple[Volume, float]] =
 
 @cached_per_model
 def volume_of(model: ObjectModel, library: Library) -> Volume:
-    """The collision volume of an object; a mark without colliders is one point."""
+    """Collision volume of an object, one point for a mark; raises ``InputError`` for a mesh that cannot be read."""
     if not model.colliders:
         return Volume(np.zeros((3, 1)), np.ones(1))
     solids = [_Solid.of(shape, library) for shape in model.colliders]

@@ -322,7 +322,10 @@ def _add_geom(spec: Any, body: Any, shape: Shape, library: Library, name: str) -
 
 
 def arm_at_home(robot: str, library: Library) -> npt.NDArray[np.float64]:
-    """(N, 4) spheres, centre and radius (m, robot frame), around each part of an arm at its home position."""
+    """(N, 4) spheres, centre and radius (m, robot frame), around each part of an arm at its home position.
+
+    Raises ``InputError`` where the arm's file cannot be read or holds no arm.
+    """
     arm = get_arm(robot)
     built = build((), library, arm=arm)
     built.data.qpos[: arm.dof] = arm.home

@@ -221,15 +221,7 @@ class Physics:
         return self.cup.held
 
     def follow(self, path: FloatArray, stop: Callable[[], bool] | None = None) -> bool:
-        """Drive the arm through joint positions (N, dof), one row a time step.
-
-        Args:
-            path: finite joint positions, one for each time step.
-            stop: asked after each command; the arm halts where it is as soon as it is true.
-
-        Returns:
-            Whether ``stop`` halted the arm.
-        """
+        """Drive the arm through joint positions (N, dof), one a time step; True if ``stop`` (asked each time) held."""
         rate = joint_paths.joint_speeds(path, self.timestep)
         # A free hand is content with half the rate; what is held would be shaken off by its coarser steps.
         stride = 2 if self.cup.held is None else 1

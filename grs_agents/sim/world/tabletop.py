@@ -132,7 +132,7 @@ class Tabletop:
         return max(self._objects, default=0) + 1
 
     def tie(self, tie: InstanceTie) -> int:
-        """Keep two objects together; returns the number of the tie."""
+        """Keep two objects together; returns the number of the tie; raises ``SimulationError`` for no such object."""
         for number in (tie.parent, tie.child):
             self.object(number)
         self._ties.append(tie)

@@ -192,11 +192,7 @@ def describe_values(values: Values) -> str:
 
 
 def _format_row(row: Sequence[float | str]) -> str:
-    return f"({', '.join(_format_value(value) for value in row)})"
-
-
-def _format_value(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.4g}"
+    return f"({', '.join(value if isinstance(value, str) else f'{value:.4g}' for value in row)})"
 
 
 def filling_of(name: str) -> Filling | None:
