@@ -27,5 +27,6 @@ from .wire import FrameReader as FrameReader
 from .wire import Order as Order
 from .wire import decode as decode
 from .wire import encode as encode
+from .wire import marks as marks
 from .wire import new_key as new_key
 from .wire import seal as seal
