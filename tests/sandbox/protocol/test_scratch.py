@@ -49,7 +49,9 @@ def test_locked_folders_are_opened() -> None:
 
 
 def test_a_missing_folder_is_no_error(tmp_path: Path) -> None:
+    (tmp_path / "other").write_text("x")
     remove_folder(tmp_path / "missing")
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]
 
 
 def test_sweep_takes_only_what_a_dead_host_left(tmp_path: Path) -> None:
