@@ -82,11 +82,7 @@ class Agents:
         return self._models[key]
 
     def ask(
-        self,
-        role: str,
-        values: Mapping[str, str],
-        parse: Callable[[str], Parsed],
-        images: Sequence[str] = (),
+        self, role: str, values: Mapping[str, str], parse: Callable[[str], Parsed], images: Sequence[str] = ()
     ) -> Parsed | NoReply:
         """Ask ``role`` and parse its reply; a reply that does not parse is asked for again with the error.
 

@@ -68,11 +68,7 @@ def author_tests(agents: Agents, task: TaskDefinition, code: str, api: str) -> s
 
 def route(agents: Agents, task: TaskDefinition, results: str, history: Sequence[str]) -> RouterReply | NoReply:
     """Decide between fixing the program and fixing the tests."""
-    values = {
-        "task": _json(task.as_json()),
-        "test_results": results,
-        "history": "\n".join(history) or "(no fixes yet)",
-    }
+    values = {"task": _json(task.as_json()), "test_results": results, "history": "\n".join(history) or "(no fixes yet)"}
     return agents.ask("route", values, parse_verdict)
 
 

@@ -22,10 +22,7 @@ def measurements(record: CandidateRecord) -> dict[str, object]:
 
 
 def match_candidates(
-    records: Sequence[CandidateRecord],
-    described: Mapping[int, Description],
-    state: RunState,
-    services: Services,
+    records: Sequence[CandidateRecord], described: Mapping[int, Description], state: RunState, services: Services
 ) -> MatchResult:
     """What stands for each candidate; one that its describer calls no object is not asked about."""
     config = services.config

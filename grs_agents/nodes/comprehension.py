@@ -136,10 +136,7 @@ def describe(state: RunState, services: Services) -> Update:
         for record in pending
     }
     services.log.append(SceneStage(stage="described", summary=descriptions))
-    return {
-        "descriptions": {**state.get("descriptions", {}), **descriptions},
-        "notes": [*state["notes"], *warnings],
-    }
+    return {"descriptions": {**state.get("descriptions", {}), **descriptions}, "notes": [*state["notes"], *warnings]}
 
 
 @node

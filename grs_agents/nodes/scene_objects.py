@@ -160,12 +160,7 @@ def size_mismatch(item: SceneObject, services: Services) -> str:
 
 
 def replace_by_proxy(
-    item: SceneObject,
-    why: str,
-    record: CandidateRecord,
-    taken: Sequence[str],
-    photo: Photo,
-    services: Services,
+    item: SceneObject, why: str, record: CandidateRecord, taken: Sequence[str], photo: Photo, services: Services
 ) -> SceneObject | DroppedCandidate:
     """An object with a proxy instead of its asset; or, without proxies, why it is none."""
     reason = f"{item.asset} was matched ({item.evidence}), but {why}"

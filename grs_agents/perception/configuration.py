@@ -131,6 +131,7 @@ class SegmentFilter:
     smallest: float = 0.0004  # of the picture: an object covers at least so much
     flattest: tuple[float, float] = (0.007, 0.012)  # what is lower, from a good sensor and from a bad one, is no object
     deviations: float = 5.0  # in between, so many standard deviations of the table's points
+    flying: float = 2.0  # sides of a square of its pixels: flying pixels are deeper than so many
     border: int = 3  # pixels: what is within so many of the picture's border is cut by it
     fewest: int = 10  # pixels: fewer at the border say nothing
     clear: float = 0.05  # at the border an arm is higher than this above the table
@@ -210,6 +211,7 @@ RULES = {
     "solid": "what is highest in its middle is an object of its own, neither a wall nor an inside",
     "occluded": "flat pieces of one colour and height with something nearer between them are one object",
     "sensor_noise": "what is as flat as the sensor's noise is no object",
+    "flying_pixels": "what is small and much deeper than it looks large is mixed of two surfaces, and no object",
     "entering": "what comes in from above, or from beyond the picture high over the table, is an arm, and no object",
     "hollow_floor": "the table seen inside a hollow object is its floor",
 }

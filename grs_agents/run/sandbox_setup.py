@@ -10,10 +10,4 @@ TOOLS = ("run_tests", "instantiate", "rollout", "render")
 
 def open_sandbox(config: Config) -> Sandbox:
     """A sandbox with the simulation imported ahead; close it after use."""
-    return Sandbox(
-        PRELOAD,
-        tools=TOOLS,
-        backend=config.sandbox,
-        workers=config.workers,
-        limits=config.limits,
-    )
+    return Sandbox(PRELOAD, tools=TOOLS, backend=config.sandbox, workers=config.workers, limits=config.limits)

@@ -3,11 +3,14 @@
 What comes in from above, or from beyond the picture high over the table (arms, hands, lamps), is no object.
 """
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
 from grs_agents.perception.configuration import DEFAULT, Segmentation
 from grs_agents.perception.image_geometry import (
+    Index,
     Labels,
     hull_of,
     inside_hull,
@@ -45,10 +48,14 @@ def objects_of(
     """
     smallest = int(config.filter.smallest * labels.size)
     flattest = float(np.clip(config.filter.deviations * table.residual, *config.filter.flattest))
-    heights = [points[..., 2].take(pixels) for pixels in pixels_of(labels)]
+    segments = pixels_of(labels)
+    heights = [points[..., 2].take(pixels) for pixels in segments]
     kept = [label for label, own in enumerate(heights, 1) if len(own) >= smallest]
     if "sensor_noise" in config.rules:
         kept = [label for label in kept if not _is_sensor_noise(heights[label - 1], 4 * smallest, flattest)]
+    if "flying_pixels" in config.rules:
+        mixed = _flying_pixels(smooth, segments, 4 * smallest, config.filter.flying)
+        kept = sorted(set(kept) - mixed)
     if "entering" in config.rules:
         kept = [label for label in kept if not enters_from_outside(labels == label, points, config)]
     numbers = np.zeros(len(heights) + 1, np.int32)
@@ -56,7 +63,7 @@ def objects_of(
     labels = numbers[labels]
     if "occluded" in config.rules:
         labels = join_occluded(labels, smooth, points, config.occluded)
-    return _with_hollow_floors(labels, points, config) if "hollow_floor" in config.rules else labels
+    return _with_hollow_floors(labels, points, config)
 
 
 def enters_from_outside(mask: Mask, points: Array, config: Segmentation) -> bool:
@@ -91,8 +98,22 @@ def _is_sensor_noise(heights: Array, small: int, flattest: float) -> bool:
     return top < flattest or (top < 2 * flattest and len(heights) < small)
 
 
+def _flying_pixels(frame: RGBDFrame, segments: Sequence[Index], small: int, bound: float) -> set[int]:
+    """The labels, from 1, of small segments that mix two surfaces: much deeper than they look large."""
+    mixed: set[int] = set()
+    for label, pixels in enumerate(segments, 1):
+        depth = frame.depth.take(pixels)
+        if 0 < len(depth) <= small and (depth > 0).any():
+            low, middle, high = np.percentile(depth[depth > 0], (5, 50, 95))
+            if high - low > bound * np.sqrt(len(depth)) * middle / frame.camera.fx:
+                mixed.add(label)
+    return mixed
+
+
 def _with_hollow_floors(labels: Labels, points: Array, config: Segmentation) -> Labels:
     """The labels, with the table that is seen inside a hollow object given to it: that is its floor."""
+    if "hollow_floor" not in config.rules:
+        return labels
     result = labels.copy()
     low = (labels == 0) & (np.abs(points[..., 2]) < config.filter.floor)
     for label in range(1, int(labels.max()) + 1):

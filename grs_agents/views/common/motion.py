@@ -13,13 +13,7 @@ from grs_agents.sim.instance import MAX_BYTES, InstanceError, TaskInstance, read
 
 Array = npt.NDArray[np.float32]
 _REMEDY = "restore the file or run again"
-_ARRAYS = {
-    "times": "seconds",
-    "names": "of the bodies",
-    "positions": "metres",
-    "quaternions": "xyzw",
-    "tool": "metres",
-}
+_ARRAYS = {"times": "seconds", "names": "of the bodies", "positions": "metres", "quaternions": "xyzw", "tool": "metres"}
 _MOST_BYTES = 96 << 20
 """Of a recording in memory: that of the sample scene takes 0.3 MiB, the longest episode of 60 bodies about 90."""
 _LONGEST = 36_000.0

@@ -1,5 +1,6 @@
 """Whole segmentations, against the truth of synthetic and real scenes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,12 @@ def test_a_tab_in_front_of_a_box_is_part_of_it_and_a_smaller_box_is_not(depth: f
     box = Thing("box", (0.5, 0.0), (0.1, 0.12, 0.16))
     front = Thing("box", (0.45 - depth / 2, 0.0), (depth, 0.05, 0.08))
     assert _segment(render((box, front), calibrated=True).frame).max() == objects
+
+
+def test_a_veil_of_mixed_pixels_is_no_thing(rendered: Rendered) -> None:
+    depth = rendered.frame.depth.copy()
+    depth[60:72, 200:214] *= np.linspace(0.85, 1, 14, dtype=np.float32)
+    assert _segment(replace(rendered.frame, depth=depth)).max() == 4
 
 
 def test_an_empty_table_has_no_segments() -> None:
